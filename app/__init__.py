@@ -1,0 +1,1 @@
+"""The MarsExplorer playground: server, storage and command."""

@@ -1,0 +1,1 @@
+"""MarsExplorer: explore unknown terrain with a lidar rover (Koutras et al. 2021)."""

@@ -1,0 +1,154 @@
+"""What an episode is played on: levels by name, sizes, and the frozen configuration with its canonical hash.
+
+Koutras et al. 2021, section 2 (rules), table 1 (radius, beta) and section 3.3 (the 12 difficulty levels).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any
+
+CORE_VERSION = "1"
+"""Rises whenever the same (config, terrain, actions) would give another trajectory, or the same seed another terrain."""
+
+ACTIONS = ("north", "east", "south", "west")
+"""Action codes 0..3 in words: row-1, col+1, row+1, col-1."""
+
+OUTCOMES = ("running", "explored", "collided", "out_of_bounds", "timed_out", "abandoned")
+"""Outcome codes 0..5 in words; everything but `running` ends the episode."""
+
+UNKNOWN, FREE, ROVER, OBSTACLE = range(4)
+"""Codes of the occupancy grid as the rover knows it."""
+
+MAX_SEED = 2**53 - 1
+MIN_SIDE, MAX_SIDE = 5, 1024
+MAX_RADIUS = 31
+
+
+@dataclass(frozen=True)
+class Level:
+    """A recipe for terrains.
+
+    topology    0 for `random`; else d_t of section 3.3, the largest shift of an obstacle from its lattice point (cells)
+    morphology  0 for `random`; else d_m, sides are 1..2 cells for 1 and 1..4 for 2
+    pays_bonus  d_b of section 3.3: True (1) when completion and failure are paid, False (2) when neither is
+    """
+
+    name: str
+    topology: int
+    morphology: int
+    pays_bonus: bool
+    summary: str
+
+
+def _levels() -> dict[str, Level]:
+    levels = {
+        "random": Level("random", 0, 0, True, "rectangles of 1 to 3 cells a side anywhere (section 3.2)"),
+    }
+    for t in (1, 2, 3):
+        for m in (1, 2):
+            for b in (1, 2):
+                sides = "1 to 2" if m == 1 else "1 to 4"
+                pay = "with bonus and penalty" if b == 1 else "without bonus and penalty"
+                summary = f"a lattice moved by up to {t}, rectangles of {sides} cells a side, {pay} (section 3.3)"
+                levels[f"{t}-{m}-{b}"] = Level(f"{t}-{m}-{b}", t, m, b == 1, summary)
+    return levels
+
+
+LEVELS: MappingProxyType[str, Level] = MappingProxyType(_levels())
+
+
+def _check_whole(name: str, value: object, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    if not low <= value <= high:
+        bound = f"at least {low}" if value < low else f"at most {high}"
+        raise ValueError(f"{name} must be {bound}, got {value}")
+
+
+def check_seed(seed: object) -> int:
+    """Return the seed when it is a whole number in 0..2^53-1; TypeError or ValueError otherwise."""
+    _check_whole("seed", seed, 0, MAX_SEED)
+    assert isinstance(seed, int)
+    return seed
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """Everything besides the terrain that fixes an episode.
+
+    level          a name in LEVELS
+    rows, cols     cells, 5..1024 each
+    sensor_radius  d of eq. 4, cells, 1..31
+    beta           share of all cells to discover, in (0, 1] (eq. 8)
+    max_steps      moves until truncation, at least 1; None means n = rows * cols
+    """
+
+    level: str = "random"
+    rows: int = 21
+    cols: int = 21
+    sensor_radius: int = 6
+    beta: float = 0.99
+    max_steps: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.level not in LEVELS:
+            raise ValueError(f"no level {self.level!r}; choose one of: {', '.join(LEVELS)}")
+        _check_whole("rows", self.rows, MIN_SIDE, MAX_SIDE)
+        _check_whole("cols", self.cols, MIN_SIDE, MAX_SIDE)
+        _check_whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS)
+        if isinstance(self.beta, bool) or not isinstance(self.beta, (int, float)) or not 0 < self.beta <= 1:
+            raise ValueError(f"beta must be a number above 0 and at most 1, got {self.beta!r}")
+        if self.max_steps is None:
+            object.__setattr__(self, "max_steps", self.rows * self.cols)
+        _check_whole("max_steps", self.max_steps, 1, 2**31 - 1)
+
+    @classmethod
+    def of(cls, level: str = "random", size: int | tuple[int, int] = 21, **rest: Any) -> EnvConfig:
+        """Return the configuration of a level at a size: one side for a square, or (rows, cols)."""
+        if isinstance(size, int) and not isinstance(size, bool):
+            return cls(level, size, size, **rest)
+        if isinstance(size, (tuple, list)) and len(size) == 2:
+            return cls(level, size[0], size[1], **rest)
+        raise TypeError(f"size must be a whole number or (rows, cols), got {size!r}")
+
+    @property
+    def n(self) -> int:
+        """Number of cells (eq. 1)."""
+        return self.rows * self.cols
+
+    @property
+    def limit(self) -> int:
+        """`max_steps` as a plain int (moves)."""
+        assert self.max_steps is not None
+        return self.max_steps
+
+    @property
+    def target(self) -> int:
+        """Fewest discovered cells k with k / n >= beta (eq. 8)."""
+        k = max(0, int(self.beta * self.n) - 2)
+        while k / self.n < self.beta:
+            k += 1
+        return k
+
+    @property
+    def r_bonus(self) -> int:
+        """Reward for discovering beta of the cells: n, or 0 on levels that do not pay (section 3.3, d_b = 2)."""
+        return self.n if LEVELS[self.level].pays_bonus else 0
+
+    @property
+    def r_invalid(self) -> int:
+        """Penalty of an invalid move: n, or 0 on levels that do not pay."""
+        return self.r_bonus
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON-ready values; `EnvConfig(**d)` gives an equal configuration."""
+        return asdict(self)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 (hex) of the canonical JSON: keys sorted, no spaces."""
+        return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,0 +1,18 @@
+"""The normalized score of section 3.2 and the count of steps to 99 % that always stands beside it."""
+
+from __future__ import annotations
+
+from marsexplorer.config import EnvConfig
+
+
+def score(config: EnvConfig, episode_return: float) -> float:
+    """Return the normalized score: 0 is an invalid first move, 1 the theoretical maximum; never clipped.
+
+    (return + r_invalid) / (r_invalid + r_bonus + n), Koutras et al. 2021, section 3.2.
+    """
+    return (episode_return + config.r_invalid) / (config.r_invalid + config.r_bonus + config.n)
+
+
+def steps_to_target(config: EnvConfig, outcome: str, steps: int) -> int:
+    """Return the moves an explored episode took; any other finished episode counts `max_steps`."""
+    return steps if outcome == "explored" else config.limit
