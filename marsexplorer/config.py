@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 CORE_VERSION = "1"
-"""Rises whenever the same (config, terrain, actions) would give another trajectory, or the same seed another terrain."""
+"""Rises whenever the same config, terrain and actions would give another trajectory, or a seed another terrain."""
 
 ACTIONS = ("north", "east", "south", "west")
 """Action codes 0..3 in words: row-1, col+1, row+1, col-1."""
@@ -22,6 +22,9 @@ OUTCOMES = ("running", "explored", "collided", "out_of_bounds", "timed_out", "ab
 
 UNKNOWN, FREE, ROVER, OBSTACLE = range(4)
 """Codes of the occupancy grid as the rover knows it."""
+
+VALUES = (0.0, 0.3, 0.6, 1.0)
+"""What the state matrix holds for those codes (eq. 2 and 6)."""
 
 MAX_SEED = 2**53 - 1
 MIN_SIDE, MAX_SIDE = 5, 1024

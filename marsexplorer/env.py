@@ -1,0 +1,151 @@
+"""`gymnasium.make("MarsExplorer-v0")`: a thin adapter on the rules."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from marsexplorer.config import MAX_SEED, OUTCOMES, VALUES, EnvConfig
+from marsexplorer.score import score
+from marsexplorer.terrain import next_seed
+from marsexplorer.world import DISCOVERED, NO_SEED, SEED, Worlds, check_action, positions, totals
+
+STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
+COLOURS: NDArray[np.uint8] = np.array([[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8)
+GLYPHS = "?.@#"
+CELL_PIXELS = 12
+
+
+class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
+    """Explore an unknown terrain with a lidar rover (Koutras et al. 2021, section 2).
+
+    level          `random` or `t-m-b`, see config.LEVELS
+    size           cells a side, or (rows, cols)
+    sensor_radius  reach of the lidar, cells
+    beta           share of cells to discover
+    max_steps      moves until truncation, rows * cols by default
+    observation    "float32": Box(0, 1, (rows, cols)), eq. 6; "uint8": codes 0 unknown, 1 free, 2 rover, 3 obstacle
+
+    Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of seed s; without a seed the
+    terrain of the seed that follows the last. `reset(options={"terrain": bool[rows, cols], "start": (row, col)})` plays a
+    given terrain. `info`: position, discovered (cells), coverage, score, outcome (None while running), terrain_seed.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own convention
+
+    def __init__(
+        self,
+        level: str = "random",
+        size: int | tuple[int, int] = 21,
+        sensor_radius: int = 6,
+        beta: float = 0.99,
+        max_steps: int | None = None,
+        render_mode: str | None = None,
+        observation: str = "float32",
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f'render_mode must be None, "rgb_array" or "ansi", got {render_mode!r}')
+        self.render_mode = render_mode
+        self.config = EnvConfig.of(level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps)
+        self.observation_space = observation_space(self.config, observation)
+        self.action_space = spaces.Discrete(4)
+        self._raw = observation == "uint8"
+        self._worlds = Worlds(self.config)
+        self._action = np.zeros(1, np.int64)
+        self._seed: int | None = None
+        self._running = False
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Start an episode and return its first observation and info."""
+        super().reset(seed=seed)
+        options = options or {}
+        unknown = set(options) - {"terrain", "start"}
+        if unknown:
+            raise ValueError(f"options may hold terrain and start, got {', '.join(sorted(map(str, unknown)))}")
+        if "terrain" in options:
+            self._worlds.start_on(0, options["terrain"], tuple(options.get("start", (0, 0))))
+        elif "start" in options:
+            raise ValueError("a start needs a terrain beside it: options={'terrain': ..., 'start': (row, col)}")
+        else:
+            self._seed = following(self._seed) if seed is None else seed
+            self._worlds.start_one(0, self._seed)
+        self._running = True
+        return self._observe(), self._info()
+
+    def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Make one move; see the class for what comes back."""
+        if not self._running:
+            raise RuntimeError("no episode is running: call reset() first")
+        self._action[0] = check_action(action)
+        reward = float(self._worlds.step(self._action)[0])
+        outcome = int(self._worlds.outcomes[0])
+        self._running = outcome == 0
+        return self._observe(), reward, 0 < outcome < 4, outcome == 4, self._info()
+
+    @property
+    def terrain(self) -> NDArray[np.bool_]:
+        """The true map: bool[rows, cols], True where blocked."""
+        return self._worlds.terrain(0)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return bool[4]: which moves stay on the grid and off known obstacles."""
+        masks: NDArray[np.bool_] = valid_moves(self._worlds.codes, positions(self._worlds.scalars))[0]
+        return masks
+
+    def render(self) -> Any:
+        """Return what the rover knows as an RGB picture (12 pixels a cell) or as text, or None without a render mode."""
+        codes = self._worlds.codes[0]
+        if self.render_mode == "ansi":
+            return "\n".join("".join(GLYPHS[code] for code in row) for row in codes) + "\n"
+        if self.render_mode == "rgb_array":
+            return COLOURS[codes].repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
+        return None
+
+    def _observe(self) -> NDArray[Any]:
+        codes = self._worlds.codes[0]
+        observation: NDArray[Any] = codes.copy() if self._raw else STATE[codes]
+        return observation
+
+    def _info(self) -> dict[str, Any]:
+        scalars = self._worlds.scalars
+        packed, discovered, seed = int(scalars[0, 0]), int(scalars[0, DISCOVERED]), scalars[0, SEED]
+        outcome = int(self._worlds.outcomes[0])
+        return {
+            "position": (packed >> 32, packed & 0xFFFFFFFF),
+            "discovered": discovered,
+            "coverage": discovered / self.config.n,
+            "score": score(self.config, float(totals(self.config, scalars)[0])),
+            "outcome": OUTCOMES[outcome] if outcome else None,
+            "terrain_seed": None if seed == NO_SEED else int(seed),
+        }
+
+
+def observation_space(config: EnvConfig, observation: str) -> spaces.Box:
+    """Return the space of one observation, by its name."""
+    if observation == "float32":
+        return spaces.Box(0.0, 1.0, (config.rows, config.cols), np.float32)
+    if observation == "uint8":
+        return spaces.Box(0, 3, (config.rows, config.cols), np.uint8)
+    raise ValueError(f'observation must be "float32" or "uint8", got {observation!r}')
+
+
+def following(seed: int | None) -> int:
+    """Return the seed that follows the last one, or a fresh one from the operating system when there was none."""
+    return secrets.randbelow(MAX_SEED + 1) if seed is None else next_seed(seed)
+
+
+def valid_moves(codes: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return bool[num, 4]: which moves stay on the grid and off known obstacles.
+
+    codes   uint8[num, rows, cols]
+    places  int64[num, 2], (row, col) of each rover
+    """
+    padded = np.pad(codes, ((0, 0), (1, 1), (1, 1)), constant_values=3)
+    which, row, col = np.arange(len(codes)), places[:, 0] + 1, places[:, 1] + 1
+    steps = ((-1, 0), (0, 1), (1, 0), (0, -1))
+    return np.stack([padded[which, row + down, col + right] != 3 for down, right in steps], axis=1)

@@ -1,0 +1,208 @@
+"""An episode as it runs, the record it leaves, and the replay of a record.
+
+A record is the cause of an episode: configuration, terrain, start and actions. Everything else follows from it by replay;
+its totals and trajectory hash are there to be checked against.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.config import ACTIONS, CORE_VERSION, OUTCOMES, VALUES, EnvConfig
+from marsexplorer.score import score
+from marsexplorer.world import DISCOVERED, NO_SEED, POSITION, SEED, STEPS, Worlds, check_action
+
+STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
+ABANDONED = OUTCOMES.index("abandoned")
+
+
+@dataclass(frozen=True)
+class Record:
+    """The cause of an episode, with what it came to.
+
+    terrain          bool[rows, cols] packed by numpy.packbits, row-major
+    actions          one byte a move, codes 0..3
+    outcome          in words, `running` for an unfinished episode
+    total            the return
+    trajectory_hash  SHA-256 (hex) over configuration, terrain, start and each step's position, discovered cells and reward
+    """
+
+    config: EnvConfig
+    seed: int | None
+    terrain: bytes
+    start: tuple[int, int]
+    actions: bytes
+    outcome: str
+    total: float
+    steps: int
+    discovered: int
+    trajectory_hash: str
+    core_version: str = CORE_VERSION
+
+    def terrain_map(self) -> NDArray[np.bool_]:
+        """Return the true map: bool[rows, cols], True where blocked."""
+        return unpack_terrain(self.terrain, self.config)
+
+
+def unpack_terrain(packed: bytes, config: EnvConfig) -> NDArray[np.bool_]:
+    """Return bool[rows, cols] from packed bits; ValueError when the length does not fit the configuration."""
+    if len(packed) != (config.n + 7) // 8:
+        raise ValueError(f"a terrain of {config.rows}x{config.cols} takes {(config.n + 7) // 8} bytes, got {len(packed)}")
+    bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=config.n)
+    return bits.reshape(config.rows, config.cols).astype(np.bool_)
+
+
+class Episode:
+    """One running episode: begin it, step through it, record it."""
+
+    def __init__(self, worlds: Worlds, start: tuple[int, int]) -> None:
+        self._worlds = worlds
+        self._scalars = worlds.scalars[0]
+        self._action = np.zeros(1, np.int64)
+        self.config = worlds.config
+        self.start = start
+        seed = self._scalars[SEED]
+        self.seed = None if seed == NO_SEED else int(seed)
+        self.terrain: NDArray[np.bool_] = worlds.terrain(0)
+        self.actions = bytearray()
+        self.path: list[tuple[int, int]] = [start]
+        self.discoveries: list[int] = [int(self._scalars[DISCOVERED])]
+        self.reward = 0.0
+        self.total = 0.0
+        self.outcome = OUTCOMES[0]
+        self._packed = np.packbits(self.terrain).tobytes()
+        cause = f"{self.config.hash}|{start[0]},{start[1]}|{self.discoveries[0]}|".encode()
+        self._hash = hashlib.sha256(cause + self._packed)
+
+    @classmethod
+    def begin(
+        cls,
+        config: EnvConfig,
+        seed: int | None = None,
+        terrain: NDArray[np.bool_] | None = None,
+        start: tuple[int, int] = (0, 0),
+    ) -> Episode:
+        """Return an episode at its start, on the terrain of a seed or on a given terrain (exactly one of them)."""
+        if (seed is None) == (terrain is None):
+            raise ValueError("an episode begins on a seed or on a terrain; give exactly one of them")
+        worlds = Worlds(config)
+        if seed is not None:
+            worlds.start_one(0, seed)
+            return cls(worlds, (0, 0))
+        assert terrain is not None
+        worlds.start_on(0, terrain, start)
+        return cls(worlds, (int(start[0]), int(start[1])))
+
+    def step(self, action: int) -> float:
+        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
+        if self.ended:
+            raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
+        self._action[0] = check_action(action)
+        self.reward = float(self._worlds.step(self._action)[0])
+        self.total += self.reward
+        self.outcome = OUTCOMES[self._worlds.outcomes[0]]
+        self.actions.append(int(action))
+        self.path.append(self.position)
+        self.discoveries.append(self.discovered)
+        row, col = self.path[-1]
+        self._hash.update(f"{row},{col},{self.discoveries[-1]},{self.reward!r}|".encode())
+        return self.reward
+
+    def abandon(self) -> None:
+        """Give up: the episode ends at its return so far minus r_invalid."""
+        if self.ended:
+            raise RuntimeError(f"the episode has ended ({self.outcome}); there is nothing to abandon")
+        self.reward = -float(self.config.r_invalid)
+        self.total += self.reward
+        self.outcome = OUTCOMES[ABANDONED]
+
+    @property
+    def codes(self) -> NDArray[np.uint8]:
+        """The occupancy grid as known, uint8[rows, cols]: a read-only view that changes with each step."""
+        view: NDArray[np.uint8] = self._worlds.codes[0].view()
+        view.flags.writeable = False
+        return view
+
+    def observation(self) -> NDArray[np.float32]:
+        """Return the state matrix of eq. 6: float32[rows, cols] of 0 unknown, 0.3 free, 0.6 rover, 1 obstacle."""
+        observation: NDArray[np.float32] = STATE[self._worlds.codes[0]]
+        return observation
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """(row, col) of the rover."""
+        packed = int(self._scalars[POSITION])
+        return packed >> 32, packed & 0xFFFFFFFF
+
+    @property
+    def discovered(self) -> int:
+        """Cells discovered so far."""
+        return int(self._scalars[DISCOVERED])
+
+    @property
+    def coverage(self) -> float:
+        """Discovered cells over all cells, 0..1."""
+        return self.discovered / self.config.n
+
+    @property
+    def steps(self) -> int:
+        """Moves made so far, an invalid one included."""
+        return int(self._scalars[STEPS])
+
+    @property
+    def score(self) -> float:
+        """The normalized score so far (section 3.2)."""
+        return score(self.config, self.total)
+
+    @property
+    def heading(self) -> str:
+        """Direction of the last move in words, `east` before the first."""
+        return ACTIONS[self.actions[-1]] if self.actions else "east"
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self.outcome != OUTCOMES[0]
+
+    def record(self) -> Record:
+        """Return the episode's cause and totals as they stand."""
+        return Record(
+            config=self.config,
+            seed=self.seed,
+            terrain=self._packed,
+            start=self.start,
+            actions=bytes(self.actions),
+            outcome=self.outcome,
+            total=self.total,
+            steps=self.steps,
+            discovered=self.discovered,
+            trajectory_hash=self._hash.hexdigest(),
+        )
+
+
+def replay(record: Record) -> Episode:
+    """Return the episode that a record's cause gives, move by move; the caller compares what it comes to.
+
+    The terrain is taken as recorded, never drawn again. ValueError when the actions go on after the end or the record was
+    made by another core version.
+    """
+    if record.core_version != CORE_VERSION:
+        raise ValueError(
+            f"the record was made by core version {record.core_version}, this is version {CORE_VERSION}; "
+            "install the release that made it to replay it"
+        )
+    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    episode.seed = record.seed
+    for number, action in enumerate(record.actions):
+        if episode.ended:
+            raise ValueError(
+                f"the record goes on after its end: {len(record.actions)} actions, {episode.outcome} after {number}"
+            )
+        episode.step(action)
+    if record.outcome == OUTCOMES[ABANDONED] and not episode.ended:
+        episode.abandon()
+    return episode
