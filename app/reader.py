@@ -63,6 +63,11 @@ class Reader:
         """Return the number of finished episodes."""
         return next(iter(self._db.query(f"SELECT count(*) AS n FROM ({_SELECT}{_FILTER[who]})")))["n"]  # type: ignore[no-any-return]
 
+    def totals(self, who: Who = "all") -> list[dict[str, Any]]:
+        """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
+        sql = f"SELECT owner_id, config, outcome, steps, score FROM ({_SELECT}{_FILTER[who]}) ORDER BY started_ms, id"
+        return list(self._db.query(sql))
+
     def finished(self, who: Who = "all") -> Iterator[dict[str, Any]]:
         """Return finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
         return self._db.query(f"{_SELECT}{_FILTER[who]} ORDER BY e.started_ms, e.id")

@@ -1,0 +1,143 @@
+"""Finished episodes as CSV or JSON Lines, one row an episode or one row a step, each episode replayed on its way out.
+
+Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
+marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import hmac
+import io
+import json
+import secrets
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from app.reader import Reader, Who, config_of, record_of
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Episode, replay
+from marsexplorer.score import steps_to_target
+
+Table = Literal["episodes", "steps"]
+Format = Literal["csv", "jsonl"]
+
+EPISODE_COLUMNS = (
+    "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
+    "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
+    "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
+    "return", "score", "steps_to_target", "actions", "trajectory_hash", "verified",
+)  # fmt: skip
+STEP_COLUMNS = (
+    "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
+    "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver", "verified",
+)  # fmt: skip
+COLUMNS: dict[Table, tuple[str, ...]] = {"episodes": EPISODE_COLUMNS, "steps": STEP_COLUMNS}
+
+
+def new_key() -> bytes:
+    """Return the key of one export's pseudonyms; give the same one to both tables so that they agree."""
+    return secrets.token_bytes(32)
+
+
+def rows(source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None) -> Iterator[bytes]:
+    """Return the table in pieces, the header first, one piece an episode.
+
+    source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
+    who      "all", or "human" for the episodes that count for the human score
+    """
+    columns = _checked(table, fmt, who)
+    reader = Reader.open(source.path if isinstance(source, Reader) else source)
+    return _stream(reader, table, fmt, who, columns, key or new_key())
+
+
+def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:
+    for name, value, known in (
+        ("table", table, tuple(COLUMNS)),
+        ("format", fmt, ("csv", "jsonl")),
+        ("who", who, ("all", "human")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
+    return COLUMNS["episodes" if table == "episodes" else "steps"]
+
+
+def _stream(reader: Reader, table: Table, fmt: Format, who: Who, columns: tuple[str, ...], key: bytes) -> Iterator[bytes]:
+    try:
+        if fmt == "csv":
+            yield (",".join(columns) + "\n").encode()
+        with reader.snapshot():
+            for row in reader.finished(who):
+                found = _rows_of(row, reader.steps(row["id"]), table, key)
+                if found:
+                    yield _encoded(found, fmt)
+    finally:
+        reader.close()
+
+
+def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: Table, key: bytes) -> list[tuple[Any, ...]]:
+    episode, verified = _replayed(row, steps)
+    common = (row["id"], _pseudonym(row["owner_id"], key))
+    if table == "episodes":
+        return [(*common, *_episode_values(row, steps), verified)]
+    return [(*common, *_step_values(row, step, episode), verified) for step in steps]
+
+
+def _replayed(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Episode | None, bool]:
+    """Return the replayed episode (None where there is none) and whether it comes to what is stored."""
+    try:
+        record = record_of(row, steps)
+        episode = replay(record)
+    except (ValueError, TypeError, RuntimeError):
+        return None, False
+    same_moves = episode.discoveries[1:] == [step["discovered"] for step in steps] and _paid(episode, steps) == row["total"]
+    same_totals = episode.record() == record and episode.score == row["score"]
+    return episode, same_moves and same_totals and row["config_hash"] == record.config.hash
+
+
+def _paid(episode: Episode, steps: list[dict[str, Any]]) -> float:
+    """Return the sum of the stored rewards in the order they were paid, with the price of abandoning."""
+    total = 0.0
+    for step in steps:
+        total += step["reward"]
+    return total - episode.config.r_invalid if episode.outcome == "abandoned" else total
+
+
+def _pseudonym(player_id: str | None, key: bytes) -> str | None:
+    return None if player_id is None else "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]
+
+
+def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Any, ...]:
+    config = config_of(row)
+    flags = (bool(row[name]) for name in ("assisted", "seed_chosen", "terrain_met_before", "counts"))
+    shape = (config.level, config.rows, config.cols, config.sensor_radius, config.beta, config.max_steps)
+    cause = (row["config_hash"], row["seed"], row["start_row"], row["start_col"], row["terrain"].hex())
+    times = (row["policy_seed"], row["core_version"], row["started_ms"], row["ended_ms"])
+    totals = (row["outcome"], row["steps"], row["discovered"], row["discovered"] / config.n, row["total"], row["score"])
+    to_target = steps_to_target(config, row["outcome"], row["steps"])
+    actions = " ".join(ACTIONS[step["action"]] for step in steps)
+    return (row["driver"], *flags, *shape, *cause, *times, *totals, to_target, actions, row["trajectory_hash"])
+
+
+def _step_values(row: dict[str, Any], step: dict[str, Any], episode: Episode | None) -> tuple[Any, ...]:
+    here = step["step"] + 1
+    position: Sequence[int | None] = episode.path[here] if episode else (None, None)
+    coverage = episode.discoveries[here] / episode.config.n if episode else None
+    seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
+    times = (step["client_ms"], step["key_down_ms"], step["key_up_ms"], step["input"], step["driver"])
+    return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
+
+
+def _encoded(values: list[tuple[Any, ...]], fmt: Format) -> bytes:
+    out = io.StringIO()
+    if fmt == "csv":
+        words = {True: "true", False: "false"}
+        plain = ([words[v] if isinstance(v, bool) else v for v in line] for line in values)
+        csv.writer(out, lineterminator="\n").writerows(plain)
+        return out.getvalue().encode()
+    names = EPISODE_COLUMNS if len(values[0]) == len(EPISODE_COLUMNS) else STEP_COLUMNS
+    for line in values:
+        out.write(json.dumps(dict(zip(names, line, strict=True)), ensure_ascii=False) + "\n")
+    return out.getvalue().encode()
