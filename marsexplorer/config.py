@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -118,7 +119,7 @@ class EnvConfig:
             return cls(level, size[0], size[1], **rest)
         raise TypeError(f"size must be a whole number or (rows, cols), got {size!r}")
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of cells (eq. 1)."""
         return self.rows * self.cols
@@ -129,7 +130,7 @@ class EnvConfig:
         assert self.max_steps is not None
         return self.max_steps
 
-    @property
+    @cached_property
     def target(self) -> int:
         """Fewest discovered cells k with k / n >= beta (eq. 8)."""
         k = max(0, int(self.beta * self.n) - 2)
@@ -137,12 +138,12 @@ class EnvConfig:
             k += 1
         return k
 
-    @property
+    @cached_property
     def r_bonus(self) -> int:
         """Reward for discovering beta of the cells: n, or 0 on levels that do not pay (section 3.3, d_b = 2)."""
         return self.n if LEVELS[self.level].pays_bonus else 0
 
-    @property
+    @cached_property
     def r_invalid(self) -> int:
         """Penalty of an invalid move: n, or 0 on levels that do not pay."""
         return self.r_bonus
@@ -151,7 +152,7 @@ class EnvConfig:
         """Return the fields as JSON-ready values; `EnvConfig(**d)` gives an equal configuration."""
         return asdict(self)
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """SHA-256 (hex) of the canonical JSON: keys sorted, no spaces."""
         return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":")).encode()).hexdigest()

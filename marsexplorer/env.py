@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import MAX_SEED, OUTCOMES, VALUES, EnvConfig
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import DISCOVERED, NO_SEED, SEED, Worlds, check_action, positions, totals
+from marsexplorer.world import NO_SEED, OUTCOME, RUNNING, TIMED_OUT, Worlds, check_action, positions
 
 STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
 COLOURS: NDArray[np.uint8] = np.array([[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8)
@@ -58,6 +58,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self._worlds = Worlds(self.config)
         self._action = np.zeros(1, np.int64)
         self._seed: int | None = None
+        self._scalars = self._worlds.head(0)
+        self._total = 0.0
         self._running = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -74,7 +76,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         else:
             self._seed = following(self._seed) if seed is None else seed
             self._worlds.start_one(0, self._seed)
-        self._running = True
+        self._running, self._total = True, 0.0
         return self._observe(), self._info()
 
     def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
@@ -83,9 +85,10 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
             raise RuntimeError("no episode is running: call reset() first")
         self._action[0] = check_action(action)
         reward = float(self._worlds.step(self._action)[0])
-        outcome = int(self._worlds.outcomes[0])
-        self._running = outcome == 0
-        return self._observe(), reward, 0 < outcome < 4, outcome == 4, self._info()
+        self._total += reward
+        outcome = self._scalars[OUTCOME]
+        self._running = outcome == RUNNING
+        return self._observe(), reward, RUNNING < outcome < TIMED_OUT, outcome == TIMED_OUT, self._info()
 
     @property
     def terrain(self) -> NDArray[np.bool_]:
@@ -112,16 +115,14 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         return observation
 
     def _info(self) -> dict[str, Any]:
-        scalars = self._worlds.scalars
-        packed, discovered, seed = int(scalars[0, 0]), int(scalars[0, DISCOVERED]), scalars[0, SEED]
-        outcome = int(self._worlds.outcomes[0])
+        packed, _, discovered, _, seed, outcome = self._scalars
         return {
             "position": (packed >> 32, packed & 0xFFFFFFFF),
             "discovered": discovered,
             "coverage": discovered / self.config.n,
-            "score": score(self.config, float(totals(self.config, scalars)[0])),
+            "score": score(self.config, self._total),
             "outcome": OUTCOMES[outcome] if outcome else None,
-            "terrain_seed": None if seed == NO_SEED else int(seed),
+            "terrain_seed": None if seed == NO_SEED else seed,
         }
 
 

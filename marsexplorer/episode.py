@@ -61,16 +61,16 @@ class Episode:
 
     def __init__(self, worlds: Worlds, start: tuple[int, int]) -> None:
         self._worlds = worlds
-        self._scalars = worlds.scalars[0]
+        self._scalars = worlds.head(0)
         self._action = np.zeros(1, np.int64)
         self.config = worlds.config
         self.start = start
         seed = self._scalars[SEED]
-        self.seed = None if seed == NO_SEED else int(seed)
+        self.seed = None if seed == NO_SEED else seed
         self.terrain: NDArray[np.bool_] = worlds.terrain(0)
         self.actions = bytearray()
         self.path: list[tuple[int, int]] = [start]
-        self.discoveries: list[int] = [int(self._scalars[DISCOVERED])]
+        self.discoveries: list[int] = [self._scalars[DISCOVERED]]
         self.reward = 0.0
         self.total = 0.0
         self.outcome = OUTCOMES[0]
@@ -135,13 +135,13 @@ class Episode:
     @property
     def position(self) -> tuple[int, int]:
         """(row, col) of the rover."""
-        packed = int(self._scalars[POSITION])
+        packed: int = self._scalars[POSITION]
         return packed >> 32, packed & 0xFFFFFFFF
 
     @property
     def discovered(self) -> int:
         """Cells discovered so far."""
-        return int(self._scalars[DISCOVERED])
+        return self._scalars[DISCOVERED]
 
     @property
     def coverage(self) -> float:
@@ -151,7 +151,7 @@ class Episode:
     @property
     def steps(self) -> int:
         """Moves made so far, an invalid one included."""
-        return int(self._scalars[STEPS])
+        return self._scalars[STEPS]
 
     @property
     def score(self) -> float:

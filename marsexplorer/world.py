@@ -32,7 +32,7 @@ POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
 """Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave, seed (NO_SEED for a given
 terrain), outcome code of `config.OUTCOMES`."""
 
-NO_SEED = np.uint64(2**64 - 1)
+NO_SEED = 2**64 - 1
 RUNNING, EXPLORED, COLLIDED, OUT_OF_BOUNDS, TIMED_OUT = range(5)
 LIMIT, BONUS = SHAPE, SHAPE + 1
 """Places in the rules array, after those of terrain.shape_of: max_steps and r_bonus (= r_invalid)."""
@@ -199,7 +199,7 @@ def start_all(state, record, codes, sight, rules, masks, seeds):
 def start_given(state, base, codes, cbase, sight, rules, masks, row, col):
     """Start one world on the obstacles that stand in its record."""
     begin(state, base, codes, cbase, sight, rules, masks, row, col)
-    state[base + SEED] = NO_SEED
+    state[base + SEED] = np.uint64(NO_SEED)
 
 
 @kernel
@@ -330,6 +330,10 @@ class Worlds:
     def scalars(self) -> NDArray[np.uint64]:
         """uint64[num, HEAD]: POSITION, STEPS, DISCOVERED, AT_START, SEED and OUTCOME of each world; read-only by custom."""
         return self._scalars
+
+    def head(self, index: int) -> memoryview:
+        """Return the scalars of one world as a live view of plain ints, in the order of POSITION..OUTCOME."""
+        return memoryview(self._scalars[index])
 
     @property
     def last_scalars(self) -> NDArray[np.uint64]:
