@@ -1,0 +1,108 @@
+// @ts-check
+// The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
+
+/** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
+export const SHADES = { "?": "#151012", ".": "#57483f", "#": "#f4e9dc" };
+const EDGE = "#3a2d28";
+
+/**
+ * The largest whole number of device pixels per cell that fits.
+ * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr
+ */
+export function cellSize(width_px, height_px, rows, cols, dpr) {
+  return Math.max(1, Math.floor(Math.min((width_px * dpr) / cols, (height_px * dpr) / rows)));
+}
+
+/**
+ * Maximal runs of equal characters: [start, length, character].
+ * @param {string} line @returns {[number, number, string][]}
+ */
+export function runs(line) {
+  /** @type {[number, number, string][]} */
+  const found = [];
+  for (let col = 0; col < line.length; col++) {
+    const last = found[found.length - 1];
+    if (last && last[2] === line[col]) last[1] += 1;
+    else found.push([col, 1, line[col]]);
+  }
+  return found;
+}
+
+/**
+ * Paints one board to fill its frame, crisp at any pixel ratio.
+ * @param {HTMLCanvasElement} canvas @param {{frame: import("./protocol.js").Frame, trail: import("./protocol.js").Cell[]}} board
+ * @param {{accent: string, width_px: number, height_px: number, dpr: number}} look
+ */
+export function paintBoard(canvas, board, look) {
+  const { frame, trail } = board;
+  const size = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
+  const width = size * frame.cols;
+  const height = size * frame.rows;
+  if (canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
+    canvas.style.width = `${width / look.dpr}px`;
+    canvas.style.height = `${height / look.dpr}px`;
+  }
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
+  paintCells(context, frame, size);
+  paintTrail(context, trail, size, look.accent);
+  paintRover(context, frame, size, look.accent);
+}
+
+/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Frame} frame @param {number} size */
+function paintCells(context, frame, size) {
+  const gap = size >= 7 ? 1 : 0;
+  context.fillStyle = SHADES["?"];
+  context.fillRect(0, 0, frame.cols * size, frame.rows * size);
+  frame.grid.forEach((line, row) => {
+    for (const [col, length, mark] of runs(line)) {
+      if (mark === "?") continue;
+      context.fillStyle = mark === "#" ? SHADES["#"] : SHADES["."];
+      context.fillRect(col * size, row * size, length * size, size);
+      if (gap === 0) continue;
+      context.fillStyle = mark === "#" ? "#cdbfb0" : EDGE;
+      for (let k = 1; k <= length; k++) context.fillRect((col + k) * size - gap, row * size, gap, size);
+      context.fillRect(col * size, (row + 1) * size - gap, length * size, gap);
+    }
+  });
+}
+
+/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Cell[]} trail @param {number} size @param {string} accent */
+function paintTrail(context, trail, size, accent) {
+  if (trail.length < 2) return;
+  context.beginPath();
+  trail.forEach(([row, col], step) => {
+    const x = (col + 0.5) * size;
+    const y = (row + 0.5) * size;
+    if (step === 0) context.moveTo(x, y);
+    else context.lineTo(x, y);
+  });
+  context.strokeStyle = accent;
+  context.globalAlpha = 0.8;
+  context.lineWidth = Math.max(1.5, size * 0.16);
+  context.lineJoin = context.lineCap = "round";
+  context.stroke();
+  context.globalAlpha = 1;
+}
+
+const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI };
+
+/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Frame} frame @param {number} size @param {string} accent */
+function paintRover(context, frame, size, accent) {
+  const [row, col] = frame.position;
+  context.save();
+  context.translate((col + 0.5) * size, (row + 0.5) * size);
+  context.fillStyle = accent;
+  context.fillRect(-size / 2, -size / 2, size, size);
+  if (size >= 7) {
+    context.rotate(TURN[frame.heading] ?? 0);
+    context.fillStyle = "#0e0b0d";
+    context.beginPath();
+    context.moveTo(size * 0.32, 0);
+    context.lineTo(-size * 0.22, size * 0.26);
+    context.lineTo(-size * 0.22, -size * 0.26);
+    context.fill();
+  }
+  context.restore();
+}

@@ -1,0 +1,115 @@
+// @ts-check
+// Coverage over moves, both curves on one canvas; the step axis grows with the longer of the two.
+
+/** @typedef {{name: string, colour: string, isDashed: boolean, discovered: number[], cells: number}} Curve */
+
+/**
+ * The right end of the step axis: a round number with a little room, at least 40.
+ * @param {number} steps of the longest curve
+ */
+export function axisEnd(steps) {
+  const wanted = Math.max(40, steps * 1.12);
+  const unit = wanted <= 200 ? 20 : wanted <= 1000 ? 100 : 500;
+  return Math.ceil(wanted / unit) * unit;
+}
+
+/** Distances between labels: at most six of them. @param {number} end */
+export function tickStep(end) {
+  return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 6) ?? 10000;
+}
+
+/** Indices to draw: all of a short curve, an even choice of a long one, always the last. @param {number} count @param {number} most */
+export function sampled(count, most) {
+  const stride = Math.max(1, Math.ceil(count / most));
+  const chosen = [];
+  for (let index = 0; index < count; index += stride) chosen.push(index);
+  if (count > 0 && chosen[chosen.length - 1] !== count - 1) chosen.push(count - 1);
+  return chosen;
+}
+
+/**
+ * @param {HTMLCanvasElement} canvas @param {Curve[]} curves
+ * @param {{width_px: number, height_px: number, dpr: number, font: string}} look
+ */
+export function paintChart(canvas, curves, look) {
+  const { width_px: width, height_px: height, dpr } = look;
+  if (width < 40 || height < 30) return;
+  canvas.width = Math.round(width * dpr);
+  canvas.height = Math.round(height * dpr);
+  canvas.style.width = `${width}px`;
+  canvas.style.height = `${height}px`;
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  context.scale(dpr, dpr);
+  context.font = `11px ${look.font}`;
+  const end = axisEnd(Math.max(0, ...curves.map((curve) => curve.discovered.length - 1)));
+  const box = { left: 38, right: width - 14, top: 8, bottom: height - 20 };
+  const at = {
+    /** @param {number} step */
+    x: (step) => box.left + ((box.right - box.left) * step) / end,
+    /** @param {number} share */
+    y: (share) => box.bottom - (box.bottom - box.top) * share,
+  };
+  paintAxes(context, box, at, end, height);
+  for (const curve of curves) paintCurve(context, curve, at);
+}
+
+/** @typedef {{x: (step: number) => number, y: (share: number) => number}} Scale */
+
+/**
+ * @param {CanvasRenderingContext2D} context @param {{left: number, right: number, top: number, bottom: number}} box
+ * @param {Scale} at @param {number} end @param {number} height
+ */
+function paintAxes(context, box, at, end, height) {
+  context.textBaseline = "middle";
+  context.lineWidth = 1;
+  for (const share of height > 120 ? [0, 0.25, 0.5, 0.75] : [0, 0.5]) {
+    context.strokeStyle = share === 0 ? "#5a453a" : "#2a2023";
+    line(context, box.left, at.y(share), box.right, at.y(share));
+    context.fillStyle = "#a8988d";
+    context.textAlign = "right";
+    context.fillText(`${share * 100}`, box.left - 8, at.y(share));
+  }
+  context.setLineDash([2, 4]);
+  context.strokeStyle = "#e8ddd3";
+  line(context, box.left, at.y(0.99), box.right, at.y(0.99));
+  context.setLineDash([]);
+  context.fillStyle = "#e8ddd3";
+  context.fillText("99 %", box.left - 6, at.y(0.99) + 2);
+  context.fillStyle = "#a8988d";
+  context.textBaseline = "alphabetic";
+  for (let step = 0, gap = tickStep(end); step <= end; step += gap) {
+    context.textAlign = step === 0 ? "left" : step === end ? "right" : "center";
+    context.fillText(step === 0 ? "0 moves" : `${step}`, at.x(step), height - 5);
+  }
+}
+
+/** @param {CanvasRenderingContext2D} context @param {number} x1 @param {number} y1 @param {number} x2 @param {number} y2 */
+function line(context, x1, y1, x2, y2) {
+  context.beginPath();
+  context.moveTo(x1, Math.round(y1) + 0.5);
+  context.lineTo(x2, Math.round(y2) + 0.5);
+  context.stroke();
+}
+
+/** @param {CanvasRenderingContext2D} context @param {Curve} curve @param {Scale} at */
+function paintCurve(context, curve, at) {
+  const { discovered, cells } = curve;
+  if (discovered.length === 0) return;
+  context.beginPath();
+  for (const step of sampled(discovered.length, 600)) {
+    const x = at.x(step);
+    const y = at.y(discovered[step] / cells);
+    if (step === 0) context.moveTo(x, y);
+    else context.lineTo(x, y);
+  }
+  context.strokeStyle = context.fillStyle = curve.colour;
+  context.lineWidth = 2;
+  context.lineJoin = "round";
+  context.setLineDash(curve.isDashed ? [6, 4] : []);
+  context.stroke();
+  context.setLineDash([]);
+  const last = discovered.length - 1;
+  context.beginPath();
+  context.arc(at.x(last), at.y(discovered[last] / cells), 3.5, 0, 7);
+  context.fill();
+}

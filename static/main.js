@@ -1,0 +1,224 @@
+// @ts-check
+// Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
+import { createApi } from "./api.js";
+import { paintBoard } from "./board.js";
+import { paintChart } from "./chart.js";
+import { startControls } from "./controls.js";
+import { createJourney, sessionInHash } from "./journey.js";
+import { createLinks } from "./links.js";
+import * as panel from "./panels.js";
+import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "./pipeline.js";
+import { act } from "./protocol.js";
+import { createSheet } from "./sheet.js";
+import { startPulse } from "./pulse.js";
+import { apply, initialState } from "./state.js";
+import { createViews } from "./views.js";
+import { announcement } from "./words.js";
+
+/** @typedef {import("./state.js").Event} Event @typedef {import("./state.js").Seat} Seat */
+const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
+const SEATS = /** @type {const} */ (["player", "rival"]);
+const style = getComputedStyle(document.documentElement);
+const colours = { player: style.getPropertyValue("--accent").trim(), rival: style.getPropertyValue("--rival").trim() };
+const font = style.getPropertyValue("--figures").trim();
+
+let state = initialState();
+let line = emptyPipeline();
+/** @type {{step: number, sent: number}[]} answered moves that wait for their repaint */
+let unpainted = [];
+/** @type {import("./state.js").State | null} */
+let painted = null;
+let isScheduled = false;
+let actedAt_ms = performance.now();
+/** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
+const latencies = [];
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
+
+const panels = Object.fromEntries(SEATS.map((seat) => [seat, panel.createPanel(
+  /** @type {HTMLElement} */ (document.querySelector(`[data-seat=${seat}]`)), by("board-template"))]));
+const api = createApi((path, options) => fetch(path, options));
+const views = createViews({ page: document, panels: SEATS.map((seat) => panels[seat]), storage: localStorage, onChange: () => repaint(true) });
+
+const sheet = createSheet(by("sheet"), {
+  onStart: (wish) => journey.start(state.mode, wish),
+  onWrong: (text) => dispatch({ kind: "notice", text }),
+  onPad: (isShown) => { localStorage.setItem("mars.pad", String(isShown)); document.body.dataset.pad = String(isShown); },
+});
+const journey = createJourney({
+  api, dispatch, wish: sheet.wish,
+  recall: () => sessionInHash(location.hash) ?? sessionStorage.getItem("mars.session"),
+  remember(session) {
+    sessionStorage.setItem("mars.session", session);
+    history.replaceState(null, "", `#s=${session}`);
+  },
+  onBegun(about) {
+    sheet.show(about);
+    sheet.forgetSeed();
+  },
+});
+const links = createLinks({
+  base: document.baseURI,
+  onMessage(seat, message) {
+    if (seat === "player") settle(message);
+    dispatch({ kind: "received", seat, message });
+  },
+  onLink(seat, link) {
+    if (link === "lost") line = dropped(line);
+    if (seat === "player") dispatch({ kind: "link", link });
+  },
+  async beforeRetry(seat, session) {
+    try {
+      const about = await api.about(session);
+      if (seat === "player") dispatch({ kind: "begun", about });
+      return true;
+    } catch (error) {
+      if (/** @type {any} */ (error).status !== 404) throw error;
+      if (seat === "player") journey.restore();
+      return false;
+    }
+  },
+});
+
+/** Moves that this message answers leave the line. @param {import("./protocol.js").FromServer} message */
+function settle(message) {
+  if (message.kind === "refused" || message.kind === "error") line = dropped(line);
+  if (message.kind !== "frame") return;
+  const { line: rest, answered } = answeredBy(line, message);
+  line = rest;
+  unpainted.push(...answered);
+}
+
+/** The one door to the state. @param {Event} event */
+function dispatch(event) {
+  const before = state;
+  state = apply(state, event);
+  if (state === before) return;
+  if (event.kind === "begun") line = dropped(line);
+  links.sync(state);
+  const frame = state.player?.frame;
+  if (frame && frame !== before.player?.frame) {
+    const said = announcement(before.player?.frame ?? null, frame);
+    if (said) by("announcer").textContent = said;
+    if (state.mode === "ranked" && frame.outcome) journey.replay(state);
+    if (frame.outcome && !before.player?.frame.outcome) loadHumanLevel();
+  }
+  repaint();
+}
+
+/** Schedules the one repaint. @param {boolean} [isAll] also what did not change: the page was resized */
+function repaint(isAll = false) {
+  if (isAll) painted = null;
+  if (isScheduled) return;
+  isScheduled = true;
+  requestAnimationFrame(() => { isScheduled = false; paint(); });
+}
+
+function paint() {
+  const before = painted;
+  painted = state;
+  const dpr = window.devicePixelRatio || 1;
+  for (const seat of SEATS) {
+    const board = state[seat];
+    const { part, canvas } = panels[seat];
+    if (board && board !== before?.[seat]) paintBoard(canvas, board, { accent: colours[seat], ...views.size(part.matrix), dpr });
+  }
+  const now_ms = performance.now();
+  for (const move of unpainted.splice(0)) latencies.push(now_ms - move.sent);
+  latencies.splice(0, latencies.length - 1000);
+  for (const seat of SEATS) {
+    if (before && state[seat] === before[seat] && state.mode === before.mode) continue;
+    const brief = `Alone with the terrain. After the end, ${sheet.wish().rival || "a policy"} explores the same one here.`;
+    panel.paintPanel(panels[seat], state[seat], brief);
+    panel.paintPace(panels[seat], state[seat], seat === "rival" && !state.rival?.isReplay);
+    views.load(panels[seat], state[seat]?.session ?? null);
+  }
+  if (!before || state.player !== before.player || state.rival !== before.rival) paintCurves(dpr);
+  panel.paintBar(state, document);
+  if (panel.paintEnd(panels.player, state) && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
+  if (state.notices !== before?.notices) panel.paintNotices(by("notices"), state.notices, (id) => dispatch({ kind: "dismiss", id }));
+}
+
+/** @param {number} dpr */
+function paintCurves(dpr) {
+  const curves = SEATS.flatMap((seat) => {
+    const board = state[seat];
+    return board ? [{ name: board.name, colour: colours[seat], isDashed: seat === "rival", discovered: board.discovered, cells: board.frame.rows * board.frame.cols }] : [];
+  }).reverse();
+  paintChart(by("chart"), curves, { ...views.size(by("chart").parentElement), dpr, font });
+  by("chart").setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
+    `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
+}
+
+const goNext = () => state.player && journey.next(state.player.session, null);
+/** Enter means "next terrain" once the episode is over, unless it belongs to another button. */
+function onEnter() {
+  const focused = document.activeElement;
+  if (!state.player?.frame.outcome || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;
+  goNext();
+  return true;
+}
+
+startControls({
+  page: window, pad: by("dock"), frames: SEATS.map((seat) => panels[seat].viewer), onEnter,
+  onAct(action, timing, pressedAt_ms) {
+    actedAt_ms = performance.now();
+    if (!state.player || state.mode === "watch") return;
+    const { episode } = state.player.frame;
+    const step = nextStep(line, state.player.frame);
+    if (step !== null && links.send("player", act(episode, step, action, timing))) line = sent(line, { episode, step, sent: pressedAt_ms });
+  },
+});
+startPulse({
+  silence_ms: links.silence_ms, idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
+  onSuccess: () => state.link === "lost" && links.restart(),
+  onFailure: () => { line = dropped(line); dispatch({ kind: "link", link: "lost" }); },
+});
+window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
+window.addEventListener("online", () => links.restart());
+window.addEventListener("pointerdown", () => { actedAt_ms = performance.now(); });
+
+for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
+  button.addEventListener("click", () => journey.start(/** @type {import("./state.js").Mode} */ (button.dataset.mode)));
+}
+by("open-sheet").addEventListener("click", sheet.open);
+panels.player.part.next.addEventListener("click", goNext);
+panels.player.part.again.addEventListener("click", () => state.player && journey.again(state.player.session, state.player.frame.episode));
+
+for (const seat of SEATS) {
+  const { pace } = panels[seat].part;
+  const slider = /** @type {HTMLInputElement} */ (pace.querySelector("input"));
+  const ask = (/** @type {Record<string, unknown>} */ wish) => {
+    const session = state[seat]?.session;
+    if (session) api.setPace(session, wish).then((message) => dispatch({ kind: "received", seat, message }), (error) => dispatch({ kind: "notice", text: error.message }));
+  };
+  pace.addEventListener("click", (event) => {
+    const chosen = /** @type {HTMLElement | null} */ (/** @type {Element} */ (event.target).closest("[data-pace]"))?.dataset.pace;
+    if (chosen === "timed") ask({ moves_per_second: Number(slider.value) });
+    else if (chosen) ask({ follow: { follow: true }, paused: { pause: true }, step: { step: true } }[chosen] ?? {});
+  });
+  slider.addEventListener("input", () => { slider.parentElement?.querySelector("output")?.replaceChildren(`${slider.value}/s`); });
+  slider.addEventListener("change", () => ask({ moves_per_second: Number(slider.value) }));
+  slider.addEventListener("pointerup", () => slider.blur());
+}
+for (const element of [...SEATS.map((seat) => panels[seat].part.matrix), by("chart").parentElement]) views.watch(element);
+
+async function loadHumanLevel() {
+  const answer = await api.humanLevel().catch(() => null);
+  if (answer) by("human-level").textContent = answer.sentence;
+}
+async function begin() {
+  const isPadShown = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
+  document.body.dataset.pad = isPadShown;
+  sheet.showPad(isPadShown === "true");
+  try {
+    sheet.offer(...await Promise.all([api.levels(), api.policies()]));
+  } catch (error) {
+    dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
+    dispatch({ kind: "link", link: "lost" });
+    setTimeout(begin, 1000);
+    return;
+  }
+  await journey.restore();
+  loadHumanLevel();
+}
+begin();

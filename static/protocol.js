@@ -1,0 +1,55 @@
+// @ts-check
+// Every message in both directions: the twin of app/protocol.py (a test compares them).
+
+/** @typedef {"north" | "east" | "south" | "west"} Action */
+/** @typedef {[number, number]} Cell  a position, (row, col), row 0 at the north edge */
+/** @typedef {"explored" | "collided" | "out_of_bounds" | "timed_out" | "abandoned"} Outcome */
+/**
+ * What a board needs, whole. `grid` holds `rows` strings of `cols` characters: ? unknown, . free, # obstacle, @ rover.
+ * @typedef {{kind: "frame", episode: string, step: number, rows: number, cols: number, grid: string[], position: Cell,
+ *   discovered: number, coverage: number, heading: Action, reward: number, return: number, score: number,
+ *   outcome: Outcome | null}} Frame
+ */
+/** @typedef {{kind: "history", episode: string, positions: Cell[], discovered: number[]}} History */
+/** @typedef {{kind: "refused", reason: string, frame: Frame}} Refused */
+/** @typedef {{kind: "error", detail: string}} Problem */
+/** @typedef {{kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second: number}} Pace */
+/** @typedef {Frame | History | Refused | Problem | Pace} FromServer */
+/**
+ * @typedef {{session: string, player: string, level: string, size: number | [number, number], counts: boolean, frame: Frame,
+ *   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}}} About  what POST api/sessions answers
+ */
+/** @typedef {{input: "key" | "touch" | null, key_down_ms: number | null, key_up_ms: number | null, client_ms: number}} Timing */
+
+export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"]);
+export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]);
+export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
+  "reward", "return", "score", "outcome"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace"];
+export const TO_SERVER = ["act", "history"];
+
+/**
+ * The act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
+ * @param {string} episode @param {number} step @param {Action} action @param {Timing} timing
+ */
+export function act(episode, step, action, timing) {
+  return { kind: "act", episode, step, action, ...timing };
+}
+
+/** The request for positions and discoveries of the whole episode. */
+export function askHistory() {
+  return { kind: "history" };
+}
+
+/**
+ * The message in `text`, or null when it is none of ours.
+ * @param {string} text @returns {FromServer | null}
+ */
+export function parse(text) {
+  try {
+    const message = JSON.parse(text);
+    return FROM_SERVER.includes(message?.kind) ? message : null;
+  } catch {
+    return null;
+  }
+}
