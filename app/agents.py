@@ -1,0 +1,168 @@
+"""A policy at the controls of a session: it waits for its turn, decides off the event loop, and moves like anyone else."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.session import Move, Session, revive
+from app.store import EpisodeRow
+from marsexplorer import policies
+from marsexplorer.policies import Policy
+
+ALONE_PER_SECOND = 8.0
+"""Moves a second of a rival whose player has ended."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A policy that may be chosen: the name, one line about it, and what `policies.load` takes."""
+
+    name: str
+    summary: str
+    source: str
+
+
+class Policies:
+    """The policies on offer, by name: those that load by name, and further ones from paths.
+
+    Loading each once at the start finds a file that is no policy before anybody chooses it, and compiles its kernels.
+    """
+
+    def __init__(self, paths: Iterable[Path] = ()) -> None:
+        self._offers: dict[str, Offer] = {}
+        for source in (*policies.names(), *map(str, paths)):
+            policy = policies.load(source)
+            self._offers[policy.name] = Offer(policy.name, _summary(policy), source)
+
+    def offers(self) -> list[Offer]:
+        """Return what may be chosen."""
+        return list(self._offers.values())
+
+    def check(self, name: str, *others: str) -> str:
+        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
+        if name not in self._offers:
+            raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *self._offers))}")
+        return name
+
+    def load(self, name: str) -> Policy:
+        """Return a policy of one's own: policies remember their episode."""
+        return policies.load(self._offers[self.check(name)].source)
+
+
+def _summary(policy: Policy) -> str:
+    told = getattr(policy, "summary", None) or inspect.getdoc(type(policy)) or policy.name
+    return str(told).strip().split("\n\n", 1)[0].replace("\n", " ")
+
+
+class Agent:
+    """Drives `session`; beside a `player` it can follow, one move for each of the player's.
+
+    It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
+    """
+
+    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy]) -> None:
+        self._session, self._player, self._load = session, player, load
+        self._policy: Policy | None = None
+        self._ready_for: EpisodeRow | None = None
+        self._woken = asyncio.Event()
+        self._singles = 0
+        self._due = 0.0
+        watched = [session] if player is None else [session, player]
+        self._leave = [board.channel.listen(self._woken.set) for board in watched]
+        self._task = asyncio.create_task(self._run(), name=f"agent of {session.id}")
+
+    def move_once(self) -> None:
+        """Let one move happen whatever the pace."""
+        self._singles += 1
+        self._woken.set()
+
+    def close(self) -> None:
+        """Let go of the controls; a decision under way is dropped."""
+        for leave in self._leave:
+            leave()
+        self._task.cancel()
+
+    async def _run(self) -> None:
+        while True:
+            delay = self._delay()
+            if delay is None or delay > 0:
+                await self._sleep(delay)
+                continue
+            try:
+                await self._move()
+            except Exception as error:
+                _log.exception("the policy %s failed", self._session.row.driver_name)
+                self._singles, self._ready_for = 0, None
+                self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
+
+    def _delay(self) -> float | None:
+        """Return seconds until the next move, 0 or less for now, None for not before something changes."""
+        episode, pace = self._session.episode, self._session.pace
+        if episode.ended or self._session.fault or pace is None:
+            return None
+        if self._singles:
+            return 0.0
+        if pace.mode == "paused":
+            return None
+        if pace.mode == "follow" and self._player is not None:
+            if episode.steps < self._player.episode.steps:
+                return 0.0
+            if not self._player.episode.ended:
+                return None
+        return self._due - asyncio.get_running_loop().time()
+
+    async def _sleep(self, delay: float | None) -> None:
+        try:
+            async with asyncio.timeout(delay):
+                await self._woken.wait()
+        except TimeoutError:
+            return
+        self._woken.clear()
+
+    async def _move(self) -> None:
+        session, row = self._session, self._session.current
+        policy = await self._prepared(row)
+        if policy is None or session.current.id != row.id:
+            return
+        step = session.episode.steps
+        action = int(await asyncio.to_thread(policy.act, session.episode.codes.copy()))
+        if session.current.id != row.id:
+            return
+        session.act(Move(row.id, step, action, f"policy:{session.row.driver_name}"))
+        self._singles = max(0, self._singles - 1)
+        self._schedule()
+
+    def _schedule(self) -> None:
+        pace, now = self._session.pace, asyncio.get_running_loop().time()
+        rate = pace.moves_per_second if pace is not None and pace.mode == "timed" else ALONE_PER_SECOND
+        self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
+
+    async def _prepared(self, row: EpisodeRow) -> Policy | None:
+        """Return the policy with the memory of the episode so far; None when the episode changed meanwhile."""
+        if self._policy is None:
+            self._policy = await asyncio.to_thread(self._load)
+        if self._ready_for is None or self._ready_for.id != row.id:
+            actions = bytes(self._session.episode.actions) if self._session.current.id == row.id else None
+            if actions is None:
+                return None
+            await asyncio.to_thread(remember, self._policy, row, actions)
+            self._ready_for = row
+        return self._policy
+
+
+def remember(policy: Policy, row: EpisodeRow, actions: bytes) -> None:
+    """Return with the policy told of the episode's start and of every observation it has decided on so far."""
+    policy.reset(row.policy_seed)
+    if not actions:
+        return
+    episode = revive(row)
+    for action in actions:
+        policy.act(episode.codes.copy())
+        episode.step(action)

@@ -1,0 +1,290 @@
+"""Every message in both directions, over HTTP and over the socket; `static/protocol.js` is its twin.
+
+Messages that come in are pydantic models and checked strictly; what goes out is built once, as text, by the functions
+at the end. `sentence` turns a failed check into one plain sentence: what was expected, what came.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    model_validator,
+)
+
+from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED, MIN_SIDE
+from marsexplorer.episode import Episode
+
+MAX_BYTES = 64 * 1024
+"""Longest message or body taken."""
+MAX_API_SIDE = 128
+"""Longest side of a board over the API (cells)."""
+CELLS = bytes.maketrans(bytes(range(4)), b"?.@#")
+"""Code of a cell -> its character in a frame's grid."""
+
+ActionName = Literal["north", "east", "south", "west"]
+PaceMode = Literal["follow", "timed", "paused"]
+Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class BadMessage(ValueError):  # noqa: N818 - the word of the protocol
+    """A message that is none of ours; its text is the sentence for whoever sent it."""
+
+
+def _check_side(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    if value < MIN_SIDE:
+        raise ValueError(f"{name} must be at least {MIN_SIDE}, got {value}")
+    if value > MAX_API_SIDE:
+        raise ValueError(f"{name} must be at most {MAX_API_SIDE} over the API, got {value}")
+    return value
+
+
+def check_size(value: object) -> tuple[int, int]:
+    """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
+    if isinstance(value, (list, tuple)):
+        if len(value) != 2:
+            raise ValueError(f"size must be a whole number or [rows, cols], got {len(value)} values")
+        return _check_side("rows", value[0]), _check_side("cols", value[1])
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
+    side = _check_side("rows", value)
+    return side, side
+
+
+def _check_level(value: str) -> str:
+    if value not in LEVELS:
+        raise ValueError(f"no level {value!r}; choose one of: {', '.join(LEVELS)}")
+    return value
+
+
+_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_API_SIDE}
+_SIZE_SCHEMA = {
+    "title": "Size",
+    "description": "One side for a square board, or [rows, cols]; cells.",
+    "anyOf": [_SIDE_SCHEMA, {"type": "array", "items": _SIDE_SCHEMA, "minItems": 2, "maxItems": 2}],
+}
+Size = Annotated[tuple[int, int], BeforeValidator(check_size), WithJsonSchema(_SIZE_SCHEMA)]
+LevelName = Annotated[str, AfterValidator(_check_level)]
+Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
+
+
+class Message(BaseModel):
+    """Anything that comes in: strict about types, and an unknown field is named, not ignored."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_every_field(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            unknown = [str(name) for name in data if name not in cls.model_fields]
+            if unknown:
+                raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {', '.join(cls.model_fields)}")
+        return data
+
+
+class Act(Message):
+    """One move. Only the current `episode` and `step` move the rover, so a repeat is harmless."""
+
+    kind: Literal["act"] = "act"
+    episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
+    step: int = Field(ge=0, description="`step` of that frame: the number of moves made so far")
+    action: ActionName = Field(description="where to go: row-1, col+1, row+1, col-1")
+    input: Literal["key", "touch"] | None = Field(default=None, description="the page's trusted event, if any")
+    key_down_ms: Milliseconds | None = Field(default=None, description="when the key went down, client clock")
+    key_up_ms: Milliseconds | None = Field(default=None, description="when the last key came up, client clock")
+    client_ms: Milliseconds | None = Field(default=None, description="when the move was sent, client clock")
+
+    @property
+    def code(self) -> int:
+        """The action as the core counts it, 0..3."""
+        return ACTIONS.index(self.action)
+
+
+class AskHistory(Message):
+    """Asks for the path so far: a follower that skipped a step does."""
+
+    kind: Literal["history"]
+
+
+class NewEpisode(Message):
+    """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
+
+    level: LevelName | None = Field(default=None, description="a name from `GET /api/levels`", examples=["random"])
+    size: Size | None = Field(default=None, examples=[21])
+    seed: Seed | None = Field(default=None, description="of the terrain; a chosen terrain never counts", examples=[7])
+
+
+class NewSession(NewEpisode):
+    """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
+
+    player: str = Field(default="human", max_length=200, description='"human" or a name from `GET /api/policies`')
+    rival: str | None = Field(
+        default=None, max_length=200, description="a policy to play the same terrain beside", examples=["frontier-cost"]
+    )
+
+
+class ChangePace(Message):
+    """Exactly one of the four."""
+
+    moves_per_second: float | None = Field(default=None, gt=0, le=60, allow_inf_nan=False, examples=[8])
+    pause: Literal[True] | None = None
+    step: Literal[True] | None = Field(default=None, description="pause and make one move")
+    follow: Literal[True] | None = Field(default=None, description="one move after each of the player's")
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> ChangePace:
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(given) != 1:
+            names = ", ".join(type(self).model_fields)
+            raise ValueError(f"a pace is exactly one of {names}; got {', '.join(given) or 'none'}")
+        return self
+
+
+class Frame(BaseModel):
+    """Everything a board needs, and nothing the rover has not discovered."""
+
+    kind: Literal["frame"]
+    episode: str
+    step: int
+    rows: int
+    cols: int
+    grid: list[str] = Field(
+        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover", examples=[["@..#?", "...??"]]
+    )
+    position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
+    discovered: int = Field(description="cells")
+    coverage: float
+    heading: ActionName
+    reward: float = Field(description="of the last move (eq. 8)")
+    return_: float = Field(alias="return", description="sum of the rewards")
+    score: float = Field(description="normalized (section 3.2)")
+    outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
+
+
+class History(BaseModel):
+    """The path so far; index 0 is the start."""
+
+    kind: Literal["history"]
+    episode: str
+    positions: list[tuple[int, int]]
+    discovered: list[int]
+
+
+class Pace(BaseModel):
+    """How a policy's session moves."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: Literal["pace"] = "pace"
+    mode: PaceMode
+    moves_per_second: float
+
+
+ClientMessage = Annotated[Act | AskHistory, Field(discriminator="kind")]
+_CLIENT: TypeAdapter[Act | AskHistory] = TypeAdapter(ClientMessage)
+
+
+def parse(text: str) -> Act | AskHistory:
+    """Return the message a socket sent; BadMessage with one sentence when it is none."""
+    size = len(text.encode())
+    if size > MAX_BYTES:
+        raise BadMessage(f"a message must be at most {MAX_BYTES} bytes, got {size}")
+    try:
+        return _CLIENT.validate_json(text)
+    except ValidationError as error:
+        raise BadMessage(sentence(error.errors(include_url=False))) from None
+
+
+_TYPES = {
+    "int": "a whole number", "float": "a number", "string": "text", "bool": "true or false",
+    "list": "a list", "dict": "an object", "model": "a JSON object", "model_attributes": "a JSON object",
+}  # fmt: skip
+
+
+def sentence(errors: Sequence[Any]) -> str:
+    """Return pydantic's findings as one sentence, the first three at most."""
+    return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
+
+
+def _clause(error: dict[str, Any]) -> str:
+    kind, context = str(error["type"]), error.get("ctx", {})
+    names = [str(part) for part in error["loc"] if part not in ("body", "query", "path", "act", "history")]
+    name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
+    bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than", "max_length": "at most"}
+    bound = next((f"{words} {context[key]}" for key, words in bounds.items() if key in context), None)
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "json_invalid":
+        return f"a message must be JSON, and this is not: {context['error']}"
+    if kind == "missing":
+        return f"{name} is missing" if names else "the body is missing: expected a JSON object"
+    if kind == "union_tag_not_found":
+        return 'kind is missing: expected "act" or "history"'
+    if kind == "union_tag_invalid":
+        return f'kind must be "act" or "history", got {context["tag"]!r}'
+    if kind == "literal_error":
+        return f"{name} must be {context['expected']}, got {came}"
+    if bound is not None:
+        return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
+    expected = _TYPES.get(kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float"))
+    return f"{name} must be {expected}, got {came}" if expected else f"{name}: {error['msg']}, got {came}"
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=repr)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def encode_frame(episode_id: str, episode: Episode) -> str:
+    """Return the frame of an episode as it stands, as JSON text."""
+    rows, cols = episode.codes.shape
+    cells = episode.codes.tobytes().translate(CELLS).decode()
+    row, col = episode.position
+    frame = {
+        "kind": "frame",
+        "episode": episode_id,
+        "step": episode.steps,
+        "rows": rows,
+        "cols": cols,
+        "grid": [cells[start : start + cols] for start in range(0, rows * cols, cols)],
+        "position": [int(row), int(col)],
+        "discovered": int(episode.discovered),
+        "coverage": float(episode.coverage),
+        "heading": episode.heading,
+        "reward": float(episode.reward),
+        "return": float(episode.total),
+        "score": float(episode.score),
+        "outcome": episode.outcome if episode.ended else None,
+    }
+    return json.dumps(frame, separators=(",", ":"))
+
+
+def encode_history(episode_id: str, episode: Episode) -> str:
+    """Return the path so far as JSON text."""
+    positions = [[int(row), int(col)] for row, col in episode.path]
+    discovered = [int(count) for count in episode.discoveries]
+    history = {"kind": "history", "episode": episode_id, "positions": positions, "discovered": discovered}
+    return json.dumps(history, separators=(",", ":"))
+
+
+def encode_error(detail: str) -> str:
+    """Return the answer to a bad message as JSON text."""
+    return json.dumps({"kind": "error", "detail": detail})
+
+
+def encode_refused(reason: str, frame: str) -> str:
+    """Return the answer to a stale act as JSON text, the current frame in it."""
+    return f'{{"kind":"refused","reason":{json.dumps(reason)},"frame":{frame}}}'

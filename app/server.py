@@ -1,0 +1,187 @@
+"""The wiring: settings in, an app out; and `run`, which serves it on a socket of its own.
+
+Nothing here is global: `create_app(settings)` makes an app with its own store, lobby and viewer, alive for its lifespan.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import socket
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI, Request, WebSocket
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from fastapi.staticfiles import StaticFiles
+
+from app import api_page, routes, sockets
+from app.agents import Policies
+from app.lobby import Lobby, Sources, UnknownSession
+from app.middleware import Guard
+from app.players import Players, has_own_origin
+from app.protocol import sentence
+from app.settings import ROOT, Settings
+from app.store import Store, StoreError
+from app.viewer import Viewer
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.episode import Episode
+
+STATIC = next(path for path in (Path(__file__).parent / "static", ROOT / "static") if path.is_dir())
+"""The page: beside this module in a wheel, at the root in a checkout."""
+
+DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
+board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
+Errors are `{"detail": "..."}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
+
+
+class ServerError(RuntimeError):
+    """The server cannot start; its text says why and what to do."""
+
+
+def create_app(settings: Settings, sources: Sources | None = None, policies: Policies | None = None) -> FastAPI:
+    """Return the app: page, API, sockets and 3-D viewer on one database. `sources` and `policies` are for tests and `run`."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        on_offer = policies if policies is not None else await asyncio.to_thread(Policies, settings.policies)
+        await asyncio.to_thread(warm_up)
+        store = Store(settings.database, settings.durable)
+        lobby = Lobby(store, on_offer, sources or Sources(), settings.idle_s)
+        viewer = Viewer()
+        app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
+        app.state.players = Players(store.secret())
+        sweeper = asyncio.create_task(lobby.sweep(), name="sweep")
+        gc.collect()
+        gc.freeze()  # what is loaded stays: collections that walk it would hold a move up for tens of milliseconds
+        try:
+            yield
+        finally:
+            sweeper.cancel()
+            lobby.close()
+            viewer.close()
+            store.close()
+
+    app = FastAPI(
+        title="MarsExplorer Playground", version=CORE_VERSION, description=DESCRIPTION,
+        lifespan=lifespan, docs_url=None, redoc_url=None,
+    )  # fmt: skip
+    app.add_middleware(Guard)
+    _add_errors(app)
+    app.include_router(routes.router)
+    app.include_router(sockets.router)
+    _add_viewer(app)
+    _add_page(app)
+    return app
+
+
+def warm_up() -> None:
+    """Return with the rules compiled: the first start takes some seconds, later ones read numba's cache."""
+    episode = Episode.begin(EnvConfig.of("random", 5), seed=0)
+    episode.step(1)
+
+
+def _add_errors(app: FastAPI) -> None:
+    def answer(status: int) -> Callable[[Request, Exception], Response]:
+        return lambda _, error: JSONResponse({"detail": str(error)}, status)
+
+    def bad_input(_: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        return JSONResponse({"detail": sentence(error.errors())}, 422)
+
+    app.add_exception_handler(UnknownSession, answer(404))
+    app.add_exception_handler(StoreError, answer(503))
+    app.add_exception_handler(RequestValidationError, bad_input)
+
+
+def _add_viewer(app: FastAPI) -> None:
+    @app.get("/viewer/{session_id}/", include_in_schema=False)
+    async def viewer_page(request: Request, session_id: str) -> Response:
+        await app.state.lobby.get(session_id)
+        viewer: Viewer = app.state.viewer
+        return viewer.html(request)
+
+    @app.websocket("/viewer/{session_id}")
+    async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
+        if has_own_origin(websocket) is False:
+            await websocket.close(sockets.FOREIGN_ORIGIN)
+            return
+        try:
+            session = await app.state.lobby.get(session_id)
+        except UnknownSession:
+            await websocket.accept()
+            await websocket.close(sockets.UNKNOWN_SESSION, "unknown session")
+            return
+        await app.state.viewer.serve(websocket, session)
+
+
+def _add_page(app: FastAPI) -> None:
+    @app.get("/", include_in_schema=False)
+    async def index() -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> Response:
+        return HTMLResponse(api_page.render(app.openapi()))
+
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a listening socket; ServerError when the port is taken or the host is none of this machine's."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    sock = socket.socket(family)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((host, port))
+        sock.listen(2048)
+    except OSError as error:
+        sock.close()
+        reason = (error.strerror or str(error)).lower()
+        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with --port") from error
+    sock.set_inheritable(True)
+    return sock
+
+
+class _Announcing(uvicorn.Server):
+    """Says where the page is once it can be opened."""
+
+    address = ""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            print(f"MarsExplorer Playground is open at {self.address} (Ctrl-C closes it)", flush=True)
+
+
+def uvicorn_config(app: FastAPI, **rest: Any) -> uvicorn.Config:
+    """Return how the app is served, here and in the tests."""
+    plain: dict[str, Any] = {
+        "ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
+        "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
+    }  # fmt: skip
+    return uvicorn.Config(app, **{**plain, **rest})
+
+
+def run(settings: Settings) -> None:
+    """Serve until Ctrl-C; ServerError or StoreError before anything starts when it cannot."""
+    with listen(settings.host, settings.port) as sock:
+        Store(settings.database, settings.durable).close()
+        print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
+        try:
+            policies = Policies(settings.policies)
+        except (LookupError, ValueError, OSError) as error:
+            raise ServerError(str(error)) from error
+        sys.setswitchinterval(0.001)  # a policy thinking in a thread lets a move through within a millisecond
+        server = _Announcing(uvicorn_config(create_app(settings, policies=policies)))
+        host, port = sock.getsockname()[:2]
+        server.address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+        try:
+            server.run(sockets=[sock])
+        except KeyboardInterrupt:
+            return

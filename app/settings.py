@@ -1,0 +1,32 @@
+"""What a server is told at its start: from the command's flags, else from MARS_* variables, else the defaults here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+ROOT = Path(__file__).resolve().parent.parent
+DEFAULT_DATABASE = ROOT / "data" / "playground.db" if (ROOT / "pyproject.toml").is_file() else Path("playground.db")
+"""In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
+
+
+class Settings(BaseSettings):
+    """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
+
+    host, port   where to listen; port 0 takes a free one
+    database     the SQLite file; made on first start
+    policies     paths of further policies to offer beside the shipped ones (`serve --policy PATH`)
+    durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
+    idle_s       seconds after which a session that nobody follows or asks for leaves memory (it is resumed on access)
+    """
+
+    model_config = SettingsConfigDict(env_prefix="MARS_", frozen=True, extra="forbid")
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    database: Path = DEFAULT_DATABASE
+    policies: tuple[Path, ...] = ()
+    durable: bool = False
+    idle_s: float = Field(default=600.0, gt=0)
