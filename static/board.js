@@ -2,7 +2,7 @@
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
 
 /** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
-export const SHADES = { "?": "#151012", ".": "#57483f", "#": "#f4e9dc" };
+export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
 const EDGE = "#3a2d28";
 
 /**

@@ -13,9 +13,9 @@ export function axisEnd(steps) {
   return Math.ceil(wanted / unit) * unit;
 }
 
-/** Distances between labels: at most six of them. @param {number} end */
+/** Distances between labels: at most eight of them. @param {number} end */
 export function tickStep(end) {
-  return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 6) ?? 10000;
+  return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
 }
 
 /** Indices to draw: all of a short curve, an even choice of a long one, always the last. @param {number} count @param {number} most */

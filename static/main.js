@@ -54,6 +54,7 @@ const journey = createJourney({
   onBegun(about) {
     sheet.show(about);
     sheet.forgetSeed();
+    loadHumanLevel();
   },
 });
 const links = createLinks({
@@ -143,7 +144,8 @@ function paintCurves(dpr) {
   const curves = SEATS.flatMap((seat) => {
     const board = state[seat];
     return board ? [{ name: board.name, colour: colours[seat], isDashed: seat === "rival", discovered: board.discovered, cells: board.frame.rows * board.frame.cols }] : [];
-  }).reverse();
+  });
+  by("legend").replaceChildren(...curves.map(({ name }) => Object.assign(document.createElement("span"), { textContent: name })));
   paintChart(by("chart"), curves, { ...views.size(by("chart").parentElement), dpr, font });
   by("chart").setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
     `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
@@ -204,7 +206,7 @@ for (const element of [...SEATS.map((seat) => panels[seat].part.matrix), by("cha
 
 async function loadHumanLevel() {
   const answer = await api.humanLevel().catch(() => null);
-  if (answer) by("human-level").textContent = answer.sentence;
+  if (answer) panel.paintHumanLevel(answer, state, document);
 }
 async function begin() {
   const isPadShown = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
@@ -219,6 +221,5 @@ async function begin() {
     return;
   }
   await journey.restore();
-  loadHumanLevel();
 }
 begin();

@@ -76,7 +76,9 @@ export function paintEnd({ part }, state) {
   const goal = words.stepsToGoal(frame);
   put(part["end-title"], words.outcomeTitle(frame.outcome));
   put(part["end-line"], words.outcomeLine(frame.outcome));
-  put(part["end-steps"], goal === null ? `not reached, counts ${frame.rows * frame.cols}` : String(goal));
+  put(part["end-steps"], String(goal ?? frame.rows * frame.cols));
+  put(part["end-missed"], " (not reached)");
+  part["end-missed"].hidden = goal !== null;
   put(part["end-score"], words.score(frame.score));
   const { rival, mode, player } = state;
   const compared = words.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
@@ -119,4 +121,14 @@ export function paintNotices(root, notices, dismiss) {
     line.append(button);
     return line;
   }));
+}
+
+/** The human level: the figure of the terrain being played, and the server's sentence. @param {{figures: any[], sentence: string}} level @param {State} state @param {Document} page */
+export function paintHumanLevel({ figures, sentence }, state, page) {
+  const frame = state.player?.frame;
+  const figure = figures.find((each) => each.level === state.level && each.rows === frame?.rows && each.cols === frame?.cols);
+  const line = /** @type {HTMLElement} */ (page.getElementById("human-figure"));
+  line.hidden = !figure;
+  if (figure) put(line, words.figure(figure));
+  put(/** @type {HTMLElement} */ (page.getElementById("human-level")), sentence);
 }

@@ -29,6 +29,9 @@ export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${si
 /** @param {number} count @param {string} one */
 const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 
+/** The human level of one configuration, short. @param {{score: {mean: number}, steps: {mean: number}}} figure */
+export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
+
 /** Moves until 99 % was known, or null when it never was. @param {Frame} frame */
 export function stepsToGoal(frame) {
   return frame.outcome === "explored" ? frame.step : null;
