@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from pathlib import Path
 from app.session import Move, Session, revive
 from app.store import EpisodeRow
 from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
 
 ALONE_PER_SECOND = 8.0
@@ -39,7 +40,9 @@ class Policies:
         self._offers: dict[str, Offer] = {}
         for source in (*policies.names(), *map(str, paths)):
             policy = policies.load(source)
-            self._offers[policy.name] = Offer(policy.name, _summary(policy), source)
+            policy.reset(0)
+            policy.act(Episode.begin(EnvConfig.of("random", 5), seed=0).codes.copy())
+            self._offers[policy.name] = Offer(policy.name, policies.describe(source), source)
 
     def offers(self) -> list[Offer]:
         """Return what may be chosen."""
@@ -54,11 +57,6 @@ class Policies:
     def load(self, name: str) -> Policy:
         """Return a policy of one's own: policies remember their episode."""
         return policies.load(self._offers[self.check(name)].source)
-
-
-def _summary(policy: Policy) -> str:
-    told = getattr(policy, "summary", None) or inspect.getdoc(type(policy)) or policy.name
-    return str(told).strip().split("\n\n", 1)[0].replace("\n", " ")
 
 
 class Agent:

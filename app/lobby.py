@@ -59,7 +59,7 @@ class Lobby:
     """All sessions of one server."""
 
     def __init__(self, store: Store, policies: Policies, sources: Sources, idle_s: float) -> None:
-        self._store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
+        self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
         self._groups: dict[str, Group] = {}
         self._waking = asyncio.Lock()
         found = store.sessions_to_resume(sources.clock_ms())
@@ -78,8 +78,8 @@ class Lobby:
         seed, episodes = await self._draw(config, wanted.seed, len(drivers))
         rows = self._session_rows(drivers, player_id)
         for row in rows:
-            self._store.add_session(row)
-        boards = [Session(row, self._store, self.sources.clock_ms) for row in rows]
+            self.store.add_session(row)
+        boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
         if len(boards) == 2:
             self._rivals[boards[0].id] = boards[1].id
         self._open(boards, episodes, seed, wanted.seed is not None)
@@ -138,7 +138,7 @@ class Lobby:
 
     def _session_rows(self, drivers: list[str], player_id: str) -> list[SessionRow]:
         now, rows = self.sources.clock_ms(), list[SessionRow]()
-        self._store.add_player(player_id, now)
+        self.store.add_player(player_id, now)
         for number, driver in enumerate(drivers):
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
             mode = "follow" if number else "paused" if driver == HUMAN else "timed"
@@ -175,7 +175,7 @@ class Lobby:
         running = [board for board in boards if board.number and not board.episode.ended]
         closing = [board.give_up() for board in running]
         try:
-            self._store.next_episode(closing, rows)
+            self.store.next_episode(closing, rows)
         except StoreError:
             for board in running:
                 board.rewind(board.episode.steps)
@@ -199,16 +199,16 @@ class Lobby:
         async with self._waking:
             if session_id in self._groups:
                 return self._groups[session_id]
-            found = self._store.resume_session(session_id, self.sources.clock_ms())
+            found = self.store.resume_session(session_id, self.sources.clock_ms())
             player_id = session_id if found is None else found.session.rival_of or session_id
             ids = [player_id, self._rivals.get(player_id)]
-            rows = [self._store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
+            rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
             if found is None or rows[0] is None:
                 raise UnknownSession(f"no session {session_id!r}; begin one with POST /api/sessions")
             kept = [row for row in rows if row is not None]
             try:
                 clock = self.sources.clock_ms
-                boards = [await asyncio.to_thread(resume, row, self._store, clock) for row in kept]
+                boards = [await asyncio.to_thread(resume, row, self.store, clock) for row in kept]
             except ValueError as error:
                 raise UnknownSession(f"session {session_id!r} cannot be resumed: {error}") from error
             return self._admit(boards)

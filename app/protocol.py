@@ -37,6 +37,9 @@ PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 
 
+NO_BODY = "expected a JSON object, sent with Content-Type: application/json"
+
+
 class BadMessage(ValueError):  # noqa: N818 - the word of the protocol
     """A message that is none of ours; its text is the sentence for whoever sent it."""
 
@@ -210,7 +213,7 @@ def parse(text: str) -> Act | AskHistory:
 
 _TYPES = {
     "int": "a whole number", "float": "a number", "string": "text", "bool": "true or false",
-    "list": "a list", "dict": "an object", "model": "a JSON object", "model_attributes": "a JSON object",
+    "list": "a list", "dict": "a JSON object", "model": "a JSON object", "model_attributes": "a JSON object",
 }  # fmt: skip
 
 
@@ -224,13 +227,15 @@ def _clause(error: dict[str, Any]) -> str:
     names = [str(part) for part in error["loc"] if part not in ("body", "query", "path", "act", "history")]
     name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
     bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than", "max_length": "at most"}
-    bound = next((f"{words} {context[key]}" for key, words in bounds.items() if key in context), None)
+    bound = next((f"{words} {context[key]:g}" for key, words in bounds.items() if key in context), None)
     if kind == "value_error":
         return str(context["error"])
     if kind == "json_invalid":
         return f"a message must be JSON, and this is not: {context['error']}"
     if kind == "missing":
-        return f"{name} is missing" if names else "the body is missing: expected a JSON object"
+        return f"{name} is missing" if names else NO_BODY
+    if kind == "model_attributes_type" and not names:
+        return f"{NO_BODY}, got {came}"
     if kind == "union_tag_not_found":
         return 'kind is missing: expected "act" or "history"'
     if kind == "union_tag_invalid":
@@ -244,7 +249,7 @@ def _clause(error: dict[str, Any]) -> str:
 
 
 def _shown(value: object) -> str:
-    text = json.dumps(value, default=repr)
+    text = repr(value) if isinstance(value, bytes) else json.dumps(value, default=repr)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -49,7 +49,7 @@ def about(lobby: Lobby, session: Session) -> dict[str, Any]:
         "player": session.row.driver_name,
         "level": config.level,
         "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
-        "counts": session.counts,
+        "counts": _counts(lobby, session),
         "frame": json.loads(session.frame),
         "rival": rival
         and {
@@ -59,6 +59,12 @@ def about(lobby: Lobby, session: Session) -> dict[str, Any]:
             "frame": json.loads(rival.frame),
         },
     }
+
+
+def _counts(lobby: Lobby, session: Session) -> bool:
+    """Return what the store says of a finished episode, and what can be said of a running one."""
+    finished = lobby.store.episode(session.current.id) if session.episode.ended else None
+    return session.counts if finished is None else bool(finished["counts"])
 
 
 @router.get("/health", tags=["server"], summary="Is the server well?")

@@ -19,13 +19,14 @@ from fastapi import FastAPI, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from fastapi.staticfiles import StaticFiles
+from starlette.exceptions import HTTPException
 
 from app import api_page, routes, sockets
 from app.agents import Policies
 from app.lobby import Lobby, Sources, UnknownSession
 from app.middleware import Guard
 from app.players import Players, has_own_origin
-from app.protocol import sentence
+from app.protocol import NO_BODY, sentence
 from app.settings import ROOT, Settings
 from app.store import Store, StoreError
 from app.viewer import Viewer
@@ -94,6 +95,13 @@ def _add_errors(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         return JSONResponse({"detail": sentence(error.errors())}, 422)
 
+    def http_error(_: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        if error.status_code == 400:  # FastAPI's word for a body that is not even text
+            return JSONResponse({"detail": f"{NO_BODY}, in UTF-8"}, 422)
+        return JSONResponse({"detail": error.detail}, error.status_code, error.headers)
+
+    app.add_exception_handler(HTTPException, http_error)
     app.add_exception_handler(UnknownSession, answer(404))
     app.add_exception_handler(StoreError, answer(503))
     app.add_exception_handler(RequestValidationError, bad_input)
