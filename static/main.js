@@ -1,12 +1,12 @@
 // @ts-check
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { createApi } from "./api.js";
-import { paintBoard } from "./board.js";
-import { paintChart } from "./chart.js";
 import { startControls } from "./controls.js";
 import { createJourney, sessionInHash } from "./journey.js";
 import { createLinks } from "./links.js";
-import * as panel from "./panels.js";
+import { createPainter } from "./painter.js";
+import { createPanel, paintHumanLevel } from "./panels.js";
+import { startPace } from "./pace.js";
 import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "./pipeline.js";
 import { act } from "./protocol.js";
 import { createSheet } from "./sheet.js";
@@ -18,26 +18,19 @@ import { announcement } from "./words.js";
 /** @typedef {import("./state.js").Event} Event @typedef {import("./state.js").Seat} Seat */
 const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 const SEATS = /** @type {const} */ (["player", "rival"]);
-const style = getComputedStyle(document.documentElement);
-const colours = { player: style.getPropertyValue("--accent").trim(), rival: style.getPropertyValue("--rival").trim() };
-const font = style.getPropertyValue("--figures").trim();
 
 let state = initialState();
 let line = emptyPipeline();
-/** @type {{step: number, sent: number}[]} answered moves that wait for their repaint */
-let unpainted = [];
-/** @type {import("./state.js").State | null} */
-let painted = null;
 let isScheduled = false;
 let actedAt_ms = performance.now();
-/** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
-const latencies = [];
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return painter.latencies(); } }) });
 
-const panels = Object.fromEntries(SEATS.map((seat) => [seat, panel.createPanel(
+const panels = Object.fromEntries(SEATS.map((seat) => [seat, createPanel(
   /** @type {HTMLElement} */ (document.querySelector(`[data-seat=${seat}]`)), by("board-template"))]));
 const api = createApi((path, options) => fetch(path, options));
 const views = createViews({ page: document, panels: SEATS.map((seat) => panels[seat]), storage: localStorage, onChange: () => repaint(true) });
+
+const painter = createPainter({ page: document, panels, views, rivalName: () => sheet.wish().rival, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
 
 const sheet = createSheet(by("sheet"), {
   onStart: (wish) => journey.start(state.mode, wish),
@@ -86,7 +79,7 @@ function settle(message) {
   if (message.kind !== "frame") return;
   const { line: rest, answered } = answeredBy(line, message);
   line = rest;
-  unpainted.push(...answered);
+  painter.answered(answered);
 }
 
 /** The one door to the state. @param {Event} event */
@@ -108,47 +101,13 @@ function dispatch(event) {
 
 /** Schedules the one repaint. @param {boolean} [isAll] also what did not change: the page was resized */
 function repaint(isAll = false) {
-  if (isAll) painted = null;
+  if (isAll) painter.forget();
   if (isScheduled) return;
   isScheduled = true;
-  requestAnimationFrame(() => { isScheduled = false; paint(); });
-}
-
-function paint() {
-  const before = painted;
-  painted = state;
-  const dpr = window.devicePixelRatio || 1;
-  for (const seat of SEATS) {
-    const board = state[seat];
-    const { part, canvas } = panels[seat];
-    if (board && board !== before?.[seat]) paintBoard(canvas, board, { accent: colours[seat], ...views.size(part.matrix), dpr });
-  }
-  const now_ms = performance.now();
-  for (const move of unpainted.splice(0)) latencies.push(now_ms - move.sent);
-  latencies.splice(0, latencies.length - 1000);
-  for (const seat of SEATS) {
-    if (before && state[seat] === before[seat] && state.mode === before.mode) continue;
-    const brief = `Alone with the terrain. After the end, ${sheet.wish().rival || "a policy"} explores the same one here.`;
-    panel.paintPanel(panels[seat], state[seat], brief);
-    panel.paintPace(panels[seat], state[seat], seat === "rival" && !state.rival?.isReplay);
-    views.load(panels[seat], state[seat]?.session ?? null);
-  }
-  if (!before || state.player !== before.player || state.rival !== before.rival) paintCurves(dpr);
-  panel.paintBar(state, document);
-  if (panel.paintEnd(panels.player, state) && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
-  if (state.notices !== before?.notices) panel.paintNotices(by("notices"), state.notices, (id) => dispatch({ kind: "dismiss", id }));
-}
-
-/** @param {number} dpr */
-function paintCurves(dpr) {
-  const curves = SEATS.flatMap((seat) => {
-    const board = state[seat];
-    return board ? [{ name: board.name, colour: colours[seat], isDashed: seat === "rival", discovered: board.discovered, cells: board.frame.rows * board.frame.cols }] : [];
+  requestAnimationFrame(() => {
+    isScheduled = false;
+    painter.paint(state);
   });
-  by("legend").replaceChildren(...curves.map(({ name }) => Object.assign(document.createElement("span"), { textContent: name })));
-  paintChart(by("chart"), curves, { ...views.size(by("chart").parentElement), dpr, font });
-  by("chart").setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
-    `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
 }
 
 const goNext = () => state.player && journey.next(state.player.session, null);
@@ -187,26 +146,16 @@ panels.player.part.next.addEventListener("click", goNext);
 panels.player.part.again.addEventListener("click", () => state.player && journey.again(state.player.session, state.player.frame.episode));
 
 for (const seat of SEATS) {
-  const { pace } = panels[seat].part;
-  const slider = /** @type {HTMLInputElement} */ (pace.querySelector("input"));
-  const ask = (/** @type {Record<string, unknown>} */ wish) => {
+  startPace(panels[seat].part.pace, (wish) => {
     const session = state[seat]?.session;
     if (session) api.setPace(session, wish).then((message) => dispatch({ kind: "received", seat, message }), (error) => dispatch({ kind: "notice", text: error.message }));
-  };
-  pace.addEventListener("click", (event) => {
-    const chosen = /** @type {HTMLElement | null} */ (/** @type {Element} */ (event.target).closest("[data-pace]"))?.dataset.pace;
-    if (chosen === "timed") ask({ moves_per_second: Number(slider.value) });
-    else if (chosen) ask({ follow: { follow: true }, paused: { pause: true }, step: { step: true } }[chosen] ?? {});
   });
-  slider.addEventListener("input", () => { slider.parentElement?.querySelector("output")?.replaceChildren(`${slider.value}/s`); });
-  slider.addEventListener("change", () => ask({ moves_per_second: Number(slider.value) }));
-  slider.addEventListener("pointerup", () => slider.blur());
 }
 for (const element of [...SEATS.map((seat) => panels[seat].part.matrix), by("chart").parentElement]) views.watch(element);
 
 async function loadHumanLevel() {
   const answer = await api.humanLevel().catch(() => null);
-  if (answer) panel.paintHumanLevel(answer, state, document);
+  if (answer) paintHumanLevel(answer, state, document);
 }
 async function begin() {
   const isPadShown = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);

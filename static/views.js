@@ -31,12 +31,12 @@ export function createViews({ page, panels, storage, onChange }) {
     button.hidden = !can3d;
     button.textContent = view === "3d" ? "Matrix" : "3-D";
     button.setAttribute("aria-label", view === "3d" ? "Show the state matrix large" : "Show the 3-D view");
-    onChange();
   }
   button.addEventListener("click", () => {
     view = view === "3d" ? "matrix" : "3d";
     storage.setItem("mars.view", view);
     show();
+    onChange();
   });
   show();
   return {

@@ -29,6 +29,13 @@ export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${si
 /** @param {number} count @param {string} one */
 const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 
+/** What stands where a rival will be. @param {{player: object | null, counts: boolean}} state @param {string} rival */
+export function emptySeat({ player, counts }, rival) {
+  if (!player) return "Preparing a terrain.";
+  const standing = counts ? "This episode counts for the human score." : "This terrain was chosen or met before, so it does not count for the human score.";
+  return `${standing} After the end, ${rival || "a policy"} explores the same terrain here.`;
+}
+
 /** The human level of one configuration, short. @param {{score: {mean: number}, steps: {mean: number}}} figure */
 export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
 
