@@ -109,3 +109,13 @@ test("a long curve is thinned, its last point kept", () => {
   assert.ok(sampled(7057, 600).length <= 601);
   assert.deepEqual(sampled(0, 10), []);
 });
+
+test("an empty seat says whether the episode counts and what follows", () => {
+  assert.equal(words.emptySeat({ player: null, counts: false }, ""), "Preparing a terrain.");
+  assert.match(words.emptySeat({ player: {}, counts: true }, "ppo"), /^This episode counts .* ppo explores/);
+  assert.match(words.emptySeat({ player: {}, counts: false }, ""), /does not count .* a policy explores/);
+});
+
+test("the human level of a configuration is one short line", () => {
+  assert.equal(words.figure({ score: { mean: 0.9391 }, steps: { mean: 81.23 } }), "81.2 steps \u00b7 score 0.939");
+});
