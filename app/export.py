@@ -11,10 +11,12 @@ import hashlib
 import hmac
 import io
 import json
+import os
 import secrets
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 from app.reader import Reader, Who, config_of, record_of
 from marsexplorer.config import ACTIONS
@@ -51,6 +53,44 @@ def rows(source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all
     columns = _checked(table, fmt, who)
     reader = Reader.open(source.path if isinstance(source, Reader) else source)
     return _stream(reader, table, fmt, who, columns, key or new_key())
+
+
+def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Callable[[int, int], None]) -> str:
+    """Return a sentence on what was written: `episodes.FMT` and `steps.FMT` in the folder, both whole or neither.
+
+    advance  called with (episodes written, of how many), both tables counted
+    """
+    reader = Reader.open(database)
+    total = 2 * reader.count(who)
+    reader.close()
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{table}.{fmt}" for table in COLUMNS]
+    key, done, lines, unverified = new_key(), 0, [0, 0], 0
+    with whole_file(paths[0]) as episodes, whole_file(paths[1]) as steps:
+        for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
+            for piece in rows(database, table, fmt, who, key):
+                file.write(piece)
+                done += 1
+                lines[number] += piece.count(b"\n")
+                unverified += number == 0 and piece.endswith((b",false\n", b'"verified": false}\n'))
+                advance(min(done, total), total)
+    count, moves = (n - (fmt == "csv") for n in lines)
+    warning = f"; {unverified} of them did not replay as recorded: see the column verified" if unverified else ""
+    return f"{count} episodes and {moves} steps are in {paths[0]} and {paths[1]}{warning}"
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """Return a file that takes its name when the block has ended well, and leaves nothing otherwise."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            yield file
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:

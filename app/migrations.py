@@ -149,6 +149,9 @@ def recognise(path: Path) -> None:
             f"{path} is a database of another program: nothing was written; "
             "give another --database (a new path makes a new one)"
         )
+    page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
+    if path.stat().st_size < (65536 if page == 1 else page):  # SQLite takes less than a page for an empty file
+        raise StoreError(f"the database {path} is damaged (cut short): restore it from a backup or give another --database")
 
 
 def check_writable(path: Path) -> None:
@@ -217,9 +220,7 @@ def open_read_only(path: Path) -> Database:
     try:
         _check_version(conn, path, len(MIGRATIONS))
         if (found := _version(conn)) < len(MIGRATIONS):
-            raise StoreError(
-                f"{path} has schema {found}, needed is {len(MIGRATIONS)}: `marsexplorer serve` on it brings it up"
-            )
+            raise StoreError(f"{path} has schema {found}, needed is {len(MIGRATIONS)}: `marsexplorer serve` on it brings it up")
         return Database(conn)
     except BaseException as error:
         conn.close()

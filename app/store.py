@@ -192,13 +192,9 @@ class Store(Reader):
         )  # fmt: skip
         with self._transaction():
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
-                raise StoreError(
-                    f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed"
-                )
+                raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
             if row.driver != "human":
-                self._conn.execute(
-                    "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,)
-                )
+                self._conn.execute("UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,))
             if closing is not None:
                 self._close(row.episode_id, closing, row.server_ms)
 
@@ -240,10 +236,7 @@ class Store(Reader):
         config = json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":"))
         self._db.table("episodes").insert(
             {
-                **{
-                    name: getattr(row, name)
-                    for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")
-                },
+                **{name: getattr(row, name) for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")},
                 **{name: getattr(row, name) for name in ("driver", "started_ms", "seed_chosen", "assisted")},
                 "level": row.config.level,
                 "config": config,
