@@ -15,6 +15,15 @@ def steps(client, session):
     return client.get(f"/api/sessions/{session}").json()["step"]
 
 
+def step_once(client, url):
+    """Ask for one move and return the frame after it; None when the episode has ended."""
+    before = client.get(url).json()
+    if before["outcome"]:
+        return None
+    client.post(f"{url}/pace", json={"step": True})
+    return eventually(lambda: (now := client.get(url).json())["step"] > before["step"] and now)
+
+
 def test_a_rival_makes_one_move_for_each_of_the_players(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"rival": "frontier-cost"}).json()
@@ -118,12 +127,7 @@ def test_a_policy_that_remembers_goes_on_where_it_stood_after_sleeping(serve):
     begun = client.post("/api/sessions", json={"player": "random", "size": 8, "seed": 3}).json()
     url = f"/api/sessions/{begun['session']}"
     client.post(f"{url}/pace", json={"pause": True})
-    for number in range(12):
-        now = eventually(lambda number=number: (frame := client.get(url).json())["step"] >= number and frame)
-        if now["outcome"]:
-            break
-        client.post(f"{url}/pace", json={"step": True})
-        eventually(lambda now=now: client.get(url).json()["step"] > now["step"])
+    while step_once(client, url) and steps(client, begun["session"]) < 12:
         server.stop()
         server = serve()
         client = server.client()
