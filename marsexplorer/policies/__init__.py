@@ -1,6 +1,7 @@
 """Policies by name: random, the frontier rules, the planner, and trained networks from files.
 
-`load(name_or_path)` returns a `Policy`; `names()` lists what loads by name, the best default first; `describe(name)` says it in a sentence.
+`load(name_or_path)` returns a `Policy`; `names()` lists what loads by name, the best default first; `describe(name)`
+says it in a sentence.
 """
 
 from __future__ import annotations

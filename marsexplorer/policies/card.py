@@ -1,7 +1,7 @@
 """Cards of shipped policies: read from a safetensors file's header without loading a weight or a library.
 
-A safetensors file begins with 8 bytes, the little-endian length of a JSON header; the header's `__metadata__` maps strings to strings,
-ours has the card, itself JSON, under "card".
+A safetensors file begins with 8 bytes, the little-endian length of a JSON header; the header's `__metadata__` maps
+strings to strings, ours has the card, itself JSON, under "card".
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every policy shares: the protocol, the errors, decoding of observations, the memory of an episode, and a small generator."""
+"""What every policy shares: protocol, errors, decoding of observations, memory of an episode, a small generator."""
 
 from __future__ import annotations
 

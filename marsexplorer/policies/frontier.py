@@ -1,12 +1,13 @@
 """The two rules of section 3.5 that need no learning: the nearest frontier, and the best yield for the way.
 
-A frontier cell is a known free cell sharing an edge or a corner with an unknown one. Candidates are the frontier cells that the rover has
-not yet stood on (it has scanned from those: they show nothing more, whatever is expected of them) and from which at least one
-unknown cell is expected to be seen.
+A frontier cell is a known free cell sharing an edge or a corner with an unknown one. Candidates are the frontier
+cells that the rover has not yet stood on (it has scanned from those: they show nothing more, whatever is expected of
+them) and from which at least one unknown cell is expected to be seen.
 
-Both rules re-plan after every move and still never wander for ever: while nothing new is seen the candidates stay as they are, and each move either takes one of
-them off the list by standing on it, or brings the nearest (the best) one nearer. And they end only when all is seen that can
-be: whatever cell a reachable cell can see, one of its free neighbours is a candidate (radius 2 or more: sight passes corners).
+Both rules re-plan after every move and still never wander for ever: while nothing new is seen the candidates stay as
+they are, and each move either takes one of them off the list by standing on it, or brings the nearest (the best) one
+nearer. And they end only when all is seen that can be: whatever cell a reachable cell can see, one of its free
+neighbours is a candidate (radius 2 or more: sight passes corners).
 """
 
 from __future__ import annotations
@@ -22,9 +23,7 @@ from marsexplorer.policies.grid import Ground, is_frontier, open_cells, spread, 
 
 
 @kernel
-def toward_nearest(  # type: ignore[no-untyped-def]
-    codes, visited, row, col, heading, radius, unknown, blocked, sight, seen, is_open, distance, queue
-):
+def toward_nearest(codes, visited, row, col, heading, radius, unknown, blocked, sight, seen, is_open, distance, queue):
     """Return the first action of a shortest way to the nearest candidate, or -1 when there is none.
 
     Of several nearest candidates and ways, the one that begins straight on, then north, east, south, west.
@@ -37,10 +36,10 @@ def toward_nearest(  # type: ignore[no-untyped-def]
         if is_open[cell]:
             r = cell // cols
             c = cell - r * cols
-            if visited[r, c] == 0 and is_frontier(codes, r, c):
-                if look(unknown, blocked, r, c, radius, sight, seen) > 0:
-                    queue[sources] = cell
-                    sources += 1
+            is_new = visited[r, c] == 0 and is_frontier(codes, r, c)
+            if is_new and look(unknown, blocked, r, c, radius, sight, seen) > 0:
+                queue[sources] = cell
+                sources += 1
     if sources == 0:
         return -1
     spread(is_open, rows, cols, distance, queue, sources)
@@ -48,9 +47,7 @@ def toward_nearest(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def toward_best(  # type: ignore[no-untyped-def]
-    codes, visited, row, col, heading, radius, unknown, blocked, sight, seen, is_open, distance, queue
-):
+def toward_best(codes, visited, row, col, heading, radius, unknown, blocked, sight, seen, is_open, distance, queue):
     """Return the first action of a shortest way to the candidate of the highest gain over squared way, or -1.
 
     Ties go to the nearer, then to the northernmost, then to the westernmost candidate; the way begins as in `toward_nearest`.
@@ -105,7 +102,7 @@ class Frontier:
         """Return the action for an episode remembered elsewhere (other policies fall back on a rule)."""
         codes = memory.codes
         if self._room is None or self._room[0].shape != codes.shape:
-            self._room = Outlook(*codes.shape, self.sensor_radius), Ground(*codes.shape)
+            self._room = Outlook(codes.shape, self.sensor_radius), Ground(codes.shape)
         outlook, ground = self._room
         row, col = memory.position
         action = self.rule(

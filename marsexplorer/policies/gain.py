@@ -1,9 +1,10 @@
 """How many unknown cells the lidar would show from a cell, judged by the map as known so far.
 
-Line of sight is lidar.py's (eq. 4 of Koutras et al. 2021). Known obstacles block; unknown cells are taken to be transparent.
+Line of sight is lidar.py's (eq. 4 of Koutras et al. 2021). Known obstacles block; unknown cells are taken to be
+transparent.
 
-A map is held as rows of bits with a margin of `radius` cells on every side that is neither unknown nor blocked, so a window needs
-no bounds test; grid cell (row, col) is bit col + radius of padded row row + radius:
+A map is held as rows of bits with a margin of `radius` cells on every side that is neither unknown nor blocked, so a
+window needs no bounds test; grid cell (row, col) is bit col + radius of padded row row + radius:
 
     unknown, blocked   uint64[rows + 2 radius, words of a row]
 
@@ -32,7 +33,7 @@ def board_shape(rows: int, cols: int, radius: int) -> tuple[int, int]:
 
 
 @kernel
-def fill_boards(codes, radius, unknown, blocked):  # type: ignore[no-untyped-def]
+def fill_boards(codes, radius, unknown, blocked):
     """Write one grid, codes uint8[rows, cols], into its bit boards."""
     unknown[:] = U(0)
     blocked[:] = U(0)
@@ -46,13 +47,13 @@ def fill_boards(codes, radius, unknown, blocked):  # type: ignore[no-untyped-def
 
 
 @inlined
-def cut(board, row, word, shift, mask):  # type: ignore[no-untyped-def]
+def cut(board, row, word, shift, mask):
     """Return a window's bits of one padded row: two neighbouring words shifted together."""
     return ((board[row, word] >> shift) | ((board[row, word + ONE] << ONE) << (LOW6 - shift))) & mask
 
 
 @kernel
-def look(unknown, blocked, row, col, radius, sight, seen):  # type: ignore[no-untyped-def]
+def look(unknown, blocked, row, col, radius, sight, seen):
     """Return how many unknown cells are visible from grid cell (row, col), left as window bits in seen.
 
     sight  `lidar.sight_table(radius)`, read only
@@ -90,7 +91,7 @@ def look(unknown, blocked, row, col, radius, sight, seen):  # type: ignore[no-un
 
 
 @kernel
-def learn(unknown, row, col, radius, sight, seen):  # type: ignore[no-untyped-def]
+def learn(unknown, row, col, radius, sight, seen):
     """Make the cells that `look` left in seen known: clear their bits in unknown."""
     side = 2 * radius + 1
     lane, words = np.int64(sight[0]), np.int64(sight[1])
@@ -110,7 +111,8 @@ def learn(unknown, row, col, radius, sight, seen):  # type: ignore[no-untyped-de
 class Outlook:
     """The bit boards and tables of one grid shape and radius, reused from move to move."""
 
-    def __init__(self, rows: int, cols: int, radius: int) -> None:
+    def __init__(self, shape: tuple[int, ...], radius: int) -> None:
+        rows, cols = shape
         self.shape, self.radius = (rows, cols), radius
         self.sight: Words = sight_table(radius)
         self.unknown: Words = np.zeros(board_shape(rows, cols, radius), np.uint64)

@@ -15,7 +15,7 @@ FAR = 2**30
 
 
 @inlined
-def neighbour(cell, action, rows, cols):  # type: ignore[no-untyped-def]
+def neighbour(cell, action, rows, cols):
     """Return the cell one move away, or -1 off the grid. action: 0 north, 1 east, 2 south, 3 west."""
     row = cell // cols
     col = cell - row * cols
@@ -35,7 +35,7 @@ def neighbour(cell, action, rows, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def open_cells(codes, bold, is_open):  # type: ignore[no-untyped-def]
+def open_cells(codes, bold, is_open):
     """Write uint8[n]: 1 where the rover may plan to go, known free cells and its own; unknown ones too when `bold`."""
     cols = codes.shape[1]
     for row in range(codes.shape[0]):
@@ -45,7 +45,7 @@ def open_cells(codes, bold, is_open):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def spread(is_open, rows, cols, distance, queue, filled):  # type: ignore[no-untyped-def]
+def spread(is_open, rows, cols, distance, queue, filled):
     """Return how many cells are reached from the first `filled` cells of the queue, whose distances are 0.
 
     distance  int32[n], rewritten: moves from the nearest source over open cells, FAR elsewhere
@@ -68,7 +68,7 @@ def spread(is_open, rows, cols, distance, queue, filled):  # type: ignore[no-unt
 
 
 @kernel
-def step_down(distance, cell, heading, rows, cols):  # type: ignore[no-untyped-def]
+def step_down(distance, cell, heading, rows, cols):
     """Return the action that goes one nearer to the sources of `distance`: straight on if that does, else the first of
     north, east, south, west that does; -1 at a source or where there is no way."""
     here = distance[cell]
@@ -83,7 +83,7 @@ def step_down(distance, cell, heading, rows, cols):  # type: ignore[no-untyped-d
 
 
 @kernel
-def is_frontier(codes, row, col):  # type: ignore[no-untyped-def]
+def is_frontier(codes, row, col):
     """Return whether a cell shares an edge or a corner with an unknown one."""
     for r in range(max(0, row - 1), min(codes.shape[0], row + 2)):
         for c in range(max(0, col - 1), min(codes.shape[1], col + 2)):
@@ -95,7 +95,8 @@ def is_frontier(codes, row, col):  # type: ignore[no-untyped-def]
 class Ground:
     """Scratch arrays for one grid shape; the queue has a word to spare."""
 
-    def __init__(self, rows: int, cols: int) -> None:
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        rows, cols = shape
         self.is_open = np.zeros(rows * cols, np.uint8)
         self.distance = np.zeros(rows * cols, np.int32)
         self.queue = np.zeros(rows * cols + 1, np.int32)

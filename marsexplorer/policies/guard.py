@@ -1,8 +1,8 @@
 """A way out of loops: a policy that decides from the map alone may go round in circles for ever.
 
-When the pair (position, cells known) comes up a second time in an episode, the guard follows the nearest frontier until something new
-has been seen, and for at least 8 moves. The frontier rule always ends in something new where there is anything, so a guarded
-policy finishes every terrain that can be finished.
+When the pair (position, cells known) comes up a second time in an episode, the guard follows the nearest frontier
+until something new has been seen, and for at least 8 moves. The frontier rule always ends in something new where
+there is anything, so a guarded policy finishes every terrain that can be finished.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""A planner that imagines whole tours: unknown cells are taken to be free, so a tour can be walked to its end on the map as known.
+"""A planner that imagines whole tours: unknown cells are taken to be free, so a tour can be walked to its end.
 
-At every move it makes some tours from where the rover stands and takes the first step of the shortest. A tour goes, until 99 % of the
-grid is known, to the cell of the highest gain / way^p (1 + noise u), looking round at every cell passed. The first tour is plain
-(p = 1, no noise); the others draw p, the noise and how corners are cut. No cell that the rover has stood on is a goal.
-Re-planning could in principle go round in circles, so the loop guard stands behind it.
+At every move it makes some tours from where the rover stands and takes the first step of the shortest. A tour goes,
+until 99 % of the grid is known, to the cell of the highest gain / way^p (1 + noise u), looking round at every cell
+passed. The first tour is plain (p = 1, no noise); the others draw p, the noise and how corners are cut. No cell that
+the rover has stood on is a goal. Re-planning could in principle go round in circles, so the loop guard stands behind
+it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ POWERS = 9
 
 
 @inlined
-def random_bits(state):  # type: ignore[no-untyped-def]
+def random_bits(state):
     """Return 64 random bits; state is uint64[1] (splitmix64)."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
@@ -38,19 +39,19 @@ def random_bits(state):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def below(state, limit):  # type: ignore[no-untyped-def]
+def below(state, limit):
     """Return a random whole number in 0..limit-1."""
     return np.int64(((random_bits(state) >> np.uint64(32)) * np.uint64(limit)) >> np.uint64(32))
 
 
 @inlined
-def uniform(state):  # type: ignore[no-untyped-def]
+def uniform(state):
     """Return a random float64 in [0, 1)."""
     return np.float64(random_bits(state) >> np.uint64(11)) / 9007199254740992.0
 
 
 @kernel
-def next_goal(  # type: ignore[no-untyped-def]
+def next_goal(
     cell, rows, cols, visited, imagined, blocked, radius, sight, seen, is_open, distance, queue, weight, noise, largest, state
 ):
     """Return the goal of the highest noisy utility from a cell, or -1; `distance` is right wherever it is nearer.
@@ -88,9 +89,7 @@ def next_goal(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def walk_back(  # type: ignore[no-untyped-def]
-    goal, lean, rows, cols, visited, imagined, blocked, radius, sight, seen, distance, first
-):
+def walk_back(goal, lean, rows, cols, visited, imagined, blocked, radius, sight, seen, distance, first):
     """Return how many cells are newly known on the way to a goal, walked from its end; first[0] becomes its first action.
 
     lean  0..3, the action preferred when several steps back are as short
@@ -115,7 +114,7 @@ def walk_back(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plan(  # type: ignore[no-untyped-def]
+def plan(
     codes,
     visited,
     start,
@@ -216,10 +215,9 @@ class Planner:
         return int(action) if action >= 0 else next(iter(valid_moves(codes, row, col)), 0)
 
     def _room_for(self, shape: tuple[int, ...]) -> tuple[Outlook, Ground, NDArray[np.uint64], NDArray[np.float64]]:
-        rows, cols = shape
-        if self._room is None or self._room[0].shape != (rows, cols):
-            outlook = Outlook(rows, cols, self.sensor_radius)
-            self._room = outlook, Ground(rows, cols), np.zeros_like(outlook.unknown), way_weights(rows * cols)
+        if self._room is None or self._room[0].shape != shape:
+            outlook, ground = Outlook(shape, self.sensor_radius), Ground(shape)
+            self._room = outlook, ground, np.zeros_like(outlook.unknown), way_weights(shape[0] * shape[1])
         return self._room
 
 
