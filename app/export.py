@@ -76,7 +76,11 @@ def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Call
                 advance(min(done, total), total)
     count, moves = (n - (fmt == "csv") for n in lines)
     warning = f"; {unverified} of them did not replay as recorded: see the column verified" if unverified else ""
-    return f"{count} episodes and {moves} steps are in {paths[0]} and {paths[1]}{warning}"
+    return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 @contextmanager

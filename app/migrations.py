@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,9 @@ APPLICATION_ID = 0x4D415253
 """`MARS` in ASCII, at byte 68 of the file."""
 
 BUSY_MS = 5_000
+_in_use: Counter[tuple[int, int]] = Counter()
+"""The files this process has open, by device and inode: see `recognise`."""
+
 Migration = Callable[[sqlite3.Connection], None]
 
 
@@ -132,11 +136,15 @@ def _check_version(conn: sqlite3.Connection, path: Path, known: int) -> None:
 
 
 def recognise(path: Path) -> None:
-    """Return when the file is absent, empty or ours; StoreError otherwise. Reads the header, not through SQLite."""
+    """Return when the file is absent, empty or ours; StoreError otherwise.
+
+    Reads the header itself: SQLite might write beside it. A file in use here was recognised before and is let be, because
+    closing any handle on it would drop SQLite's locks, and another program could take the log away.
+    """
     try:
         if path.is_dir():
             raise StoreError(f"the database must be a file, {path} is a folder: give a file's path with --database")
-        if not path.exists():
+        if not path.exists() or _in_use[_identity(path)] > 0:
             return
         with path.open("rb") as file:
             header = file.read(100)
@@ -152,6 +160,23 @@ def recognise(path: Path) -> None:
     page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
     if path.stat().st_size < (65536 if page == 1 else page):  # SQLite takes less than a page for an empty file
         raise StoreError(f"the database {path} is damaged (cut short): restore it from a backup or give another --database")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    stat = path.stat()
+    return stat.st_dev, stat.st_ino
+
+
+def hold(path: Path) -> Callable[[], None]:
+    """Return what to call when a connection to the file is closed; until then the file counts as in use here."""
+    held = [_identity(path)]
+    _in_use.update(held)
+
+    def release() -> None:
+        _in_use.subtract(held)
+        held.clear()
+
+    return release
 
 
 def check_writable(path: Path) -> None:

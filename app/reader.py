@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from sqlite_utils import Database
 
-from app.migrations import StoreError, open_read_only
+from app.migrations import StoreError, hold, open_read_only
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
@@ -40,6 +40,7 @@ class Reader:
     def __init__(self, db: Database, path: Path) -> None:
         self._db = db
         self.path = path
+        self._release = hold(path)
 
     @classmethod
     def open(cls, path: Path | str) -> Reader:
@@ -49,6 +50,7 @@ class Reader:
     def close(self) -> None:
         """Return with the connection closed."""
         self._db.close()
+        self._release()
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:

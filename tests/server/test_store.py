@@ -3,6 +3,8 @@
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 import tempfile
 import warnings
 from dataclasses import replace
@@ -425,3 +427,20 @@ def test_random_episodes_come_back_as_they_were(store):
         if record.outcome == "abandoned":
             twin.abandon()
         assert twin.record() == record
+
+
+def test_reading_in_the_servers_process_keeps_its_hold_on_the_file(path, store):
+    """Closing a file drops every lock its process has on it: another program could then take the log away."""
+    play(store, seed=1)
+    Reader.open(path).close()
+    with pytest.raises(StoreError, match="in use"):
+        Store(path)
+    log = path.with_name(path.name + "-wal")
+    before = log.stat().st_ino
+    code = "import sqlite3, sys; db = sqlite3.connect(sys.argv[1]); db.execute('SELECT 1 FROM steps').fetchone(); db.close()"
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True)
+    assert log.stat().st_ino == before
+    row = play(store, seed=2)
+    with sqlite3.connect(path) as other:
+        assert other.execute("SELECT count(*) FROM episodes WHERE id = ?", [row.id]).fetchone() == (1,)
+    other.close()
