@@ -1,23 +1,31 @@
 // @ts-check
 // 3-D or matrix: which of the two fills a board, and what the canvases measure.
 
-/** True when this browser can draw the 3-D view. @param {Document} page */
-export function hasWebGL(page) {
+/** Whether this browser can draw the 3-D view, and whether its processor has to do it. @param {Document} page */
+export function probeWebGL(page) {
   try {
     const canvas = page.createElement("canvas");
     const context = /** @type {WebGLRenderingContext | null} */ (canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
-    context?.getExtension("WEBGL_lose_context")?.loseContext();
-    return context !== null;
+    if (!context) return { can3d: false, isSoftware: false };
+    const info = context.getExtension("WEBGL_debug_renderer_info");
+    const renderer = String(context.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER));
+    context.getExtension("WEBGL_lose_context")?.loseContext();
+    return { can3d: true, isSoftware: /swiftshader|llvmpipe|softpipe|software|basic render/i.test(renderer) };
   } catch {
-    return false;
+    return { can3d: false, isSoftware: false };
   }
+}
+
+/** The address of a session's 3-D view; coarser pixels where the processor draws them, so that keys stay quick. @param {string} session @param {boolean} isSoftware */
+export function viewerUrl(session, isSoftware) {
+  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75" : ""}`;
 }
 
 /**
  * @param {{page: Document, panels: import("./panels.js").Panel[], storage: Storage, onChange: () => void}} how
  */
 export function createViews({ page, panels, storage, onChange }) {
-  const can3d = hasWebGL(page);
+  const { can3d, isSoftware } = probeWebGL(page);
   let view = can3d && storage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
   /** @type {Map<HTMLElement, {width_px: number, height_px: number}>} */
   const sizes = new Map();
@@ -49,7 +57,7 @@ export function createViews({ page, panels, storage, onChange }) {
     load({ viewer }, session) {
       if (view !== "3d" || viewer.dataset.session === (session ?? "")) return;
       viewer.dataset.session = session ?? "";
-      if (session) viewer.src = `viewer/${encodeURIComponent(session)}/`;
+      if (session) viewer.src = viewerUrl(session, isSoftware);
       else viewer.removeAttribute("src");
     },
   };

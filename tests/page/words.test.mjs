@@ -7,6 +7,7 @@ import { sessionInHash, sessionWish } from "../../static/journey.js";
 import { socketUrl } from "../../static/links.js";
 import { favourite, MAX_SEED, readWish } from "../../static/sheet.js";
 import { backoff_ms } from "../../static/socket.js";
+import { viewerUrl } from "../../static/views.js";
 import * as words from "../../static/words.js";
 
 const frame = (changes = {}) => ({ episode: "e", step: 60, rows: 3, cols: 4, grid: ["@.?#", "#.??", "????"], position: [0, 0], coverage: 0.5,
@@ -118,4 +119,9 @@ test("an empty seat says whether the episode counts and what follows", () => {
 
 test("the human level of a configuration is one short line", () => {
   assert.equal(words.figure({ score: { mean: 0.9391 }, steps: { mean: 81.23 } }), "81.2 steps \u00b7 score 0.939");
+});
+
+test("the 3-D view is asked for beside the page, in coarser pixels where the processor draws", () => {
+  assert.equal(viewerUrl("ab_c", false), "viewer/ab_c/");
+  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75");
 });
