@@ -1,0 +1,147 @@
+"""Trained networks: one small convolutional net that scores the four moves, read from a file that carries its card.
+
+A policy file is safetensors (never pickle): tensors named and shaped as `Net` has them, and the card, JSON, in its metadata.
+Files are checked before a weight is used, and whatever is not as expected is refused with a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from marsexplorer.policies.card import read_card, refuse
+from marsexplorer.policies.common import Memory, valid_moves
+from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.perception import NUMBERS, PLANES, SIDE, Perception
+
+FORMAT = "marsexplorer-network-1"
+NEVER = -1e9
+
+
+class Net(nn.Module):
+    """Scores the moves by one head shared among them, over what the convolutions see and each move's own numbers.
+
+    forward(planes uint8[b, PLANES, SIDE, SIDE], moves float32[b, 4, NUMBERS])
+        -> logits float32[b, 4] (NEVER for invalid moves), value float32[b]
+    """
+
+    def __init__(self, narrow: int = 16, wide: int = 32, hidden: int = 128) -> None:
+        super().__init__()
+        self.see = nn.Sequential(
+            nn.Conv2d(PLANES, narrow, 3, 2, 1), nn.ReLU(), nn.Conv2d(narrow, wide, 3, 2, 1), nn.ReLU(), nn.Flatten()
+        )
+        half = (SIDE + 1) // 2
+        self.gist = nn.Sequential(nn.Linear(wide * ((half + 1) // 2) ** 2, hidden), nn.ReLU())
+        self.judge = nn.Sequential(nn.Linear(hidden + NUMBERS + 4, 64), nn.ReLU(), nn.Linear(64, 1))
+        self.worth = nn.Sequential(nn.Linear(hidden + 4 * NUMBERS, 64), nn.ReLU(), nn.Linear(64, 1))
+        for module in self.modules():
+            if isinstance(module, (nn.Linear, nn.Conv2d)):
+                nn.init.orthogonal_(module.weight, 2**0.5)
+                assert module.bias is not None
+                nn.init.zeros_(module.bias)
+        last = self.judge[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.orthogonal_(last.weight, 0.01)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
+        picture = (planes.float() * (1 / 255)).contiguous(memory_format=torch.channels_last)
+        gist = self.gist(self.see(picture))
+        batch = len(planes)
+        which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
+        each = torch.cat([gist[:, None].expand(batch, 4, -1), moves, which], dim=2)
+        logits = self.judge(each).squeeze(2).float()
+        value = self.worth(torch.cat([gist, moves.flatten(1)], dim=1)).squeeze(1).float()
+        return logits.masked_fill(moves[:, :, 0] < 0.5, NEVER), value * 5
+
+
+def save_network(net: Net, path: Path, card: dict[str, Any]) -> None:
+    """Write a policy file, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(".part")
+    tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in net.state_dict().items()}
+    save_file(tensors, unfinished, metadata={"card": json.dumps({"format": FORMAT, **card}, indent=1)})
+    unfinished.replace(path)
+
+
+def load_net(path: Path) -> Net:
+    """Return the network in a policy file; PolicyFileError when the file is none of ours."""
+    card = read_card(path)
+    if card.get("format") != FORMAT:
+        raise refuse(path, f"the format {FORMAT}", repr(card.get("format"))[:60])
+    net = Net()
+    expected = {name: tuple(tensor.shape) for name, tensor in net.state_dict().items()}
+    try:
+        with safe_open(path, "pt") as file:
+            names = set(file.keys())
+            if names != set(expected):
+                raise refuse(path, f"the {len(expected)} tensors of the network", f"{len(names)} others")
+            tensors = {name: file.get_tensor(name) for name in expected}
+    except (SafetensorError, OSError) as error:
+        raise refuse(path, "a whole safetensors file", str(error)[:80]) from error
+    for name, tensor in tensors.items():
+        if tuple(tensor.shape) != expected[name] or tensor.dtype != torch.float32:
+            raise refuse(path, f"{name} float32{list(expected[name])}", f"{tensor.dtype} {list(tensor.shape)}")
+        if not bool(torch.isfinite(tensor).all()):
+            raise refuse(path, f"finite numbers in {name}", "others")
+    net.load_state_dict(tensors)
+    return net.eval()
+
+
+class NetworkPolicy:
+    """Takes the move a network scores highest, with the loop guard; remembers the cells stood on.
+
+    thought()  after `act`: probabilities float32[4] of the moves, and the value, as the network saw the last observation
+    """
+
+    def __init__(self, name: str, net: Net, sensor_radius: int) -> None:
+        self.name = name
+        self._net, self._radius = net, sensor_radius
+        self._memory, self._guard = Memory(), Guard(sensor_radius)
+        self._eyes: Perception | None = None
+        self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the episode; nothing is drawn, so the seed has no effect."""
+        del seed
+        self._memory.forget()
+        self._guard.reset()
+
+    def act(self, observation: NDArray[Any]) -> int:
+        """Return an action 0..3."""
+        memory = self._memory
+        memory.take(observation)
+        move = self._think(memory)
+        overruled = self._guard.overrule(memory)
+        if overruled is not None:
+            return overruled
+        return move if move >= 0 else next(iter(valid_moves(memory.codes, *memory.position)), 0)
+
+    def thought(self) -> tuple[NDArray[np.float32], float]:
+        """Return (probabilities float32[4], value) of the last observation."""
+        return self._thought
+
+    def _think(self, memory: Memory) -> int:
+        rows, cols = memory.codes.shape
+        if self._eyes is None or self._eyes.size != (rows, cols):
+            self._eyes = Perception(1, rows, cols, self._radius)
+        place = np.array([memory.position[0] * cols + memory.position[1]])
+        visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
+        planes, moves = self._eyes(memory.codes[None], place, visited, heading)
+        with torch.inference_mode():
+            logits, value = self._net(torch.from_numpy(planes), torch.from_numpy(moves))
+            self._thought = logits[0].softmax(0).numpy(), float(value[0])
+        return int(logits[0].argmax()) if moves[0, :, 0].any() else -1
+
+
+def load_network(path: Path, sensor_radius: int) -> NetworkPolicy:
+    """Return the policy in a file, named after the file."""
+    return NetworkPolicy(path.stem, load_net(path), sensor_radius)

@@ -1,0 +1,1 @@
+"""Training: PPO from a warm start."""
