@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,11 +63,12 @@ class Policies:
 class Agent:
     """Drives `session`; beside a `player` it can follow, one move for each of the player's.
 
-    It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
+    It counts moves and not wakes, so however late it is, it ends on the player's number of steps. All agents decide on
+    one thread: more of them would only take the interpreter from the event loop more often.
     """
 
-    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy]) -> None:
-        self._session, self._player, self._load = session, player, load
+    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy], thread: Executor) -> None:
+        self._session, self._player, self._load, self._thread = session, player, load, thread
         self._policy: Policy | None = None
         self._ready_for: EpisodeRow | None = None
         self._woken = asyncio.Event()
@@ -130,7 +132,8 @@ class Agent:
         if policy is None or session.current.id != row.id:
             return
         step = session.episode.steps
-        action = int(await asyncio.to_thread(policy.act, session.episode.codes.copy()))
+        loop = asyncio.get_running_loop()
+        action = int(await loop.run_in_executor(self._thread, policy.act, session.episode.codes.copy()))
         if session.current.id != row.id:
             return
         session.act(Move(row.id, step, action, f"policy:{session.row.driver_name}"))

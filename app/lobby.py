@@ -10,10 +10,12 @@ import asyncio
 import secrets
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 from app.agents import ALONE_PER_SECOND, Agent, Policies
-from app.protocol import ChangePace, NewEpisode, NewSession, Pace
+from app.protocol import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.session import HUMAN, Session, resume
 from app.store import EpisodeRow, SessionRow, Store, StoreError
 from marsexplorer.config import MAX_SEED, EnvConfig
@@ -62,6 +64,7 @@ class Lobby:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
         self._groups: dict[str, Group] = {}
         self._waking = asyncio.Lock()
+        self._thread = ThreadPoolExecutor(1, "policies")
         found = store.sessions_to_resume(sources.clock_ms())
         self._rivals = {each.session.rival_of: each.session.id for each in found if each.session.rival_of}
 
@@ -135,16 +138,16 @@ class Lobby:
         """Let everything sleep."""
         for group in list(self._groups.values()):
             self._dismiss(group)
+        self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _session_rows(self, drivers: list[str], player_id: str) -> list[SessionRow]:
         now, rows = self.sources.clock_ms(), list[SessionRow]()
         self.store.add_player(player_id, now)
         for number, driver in enumerate(drivers):
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
-            mode = "follow" if number else "paused" if driver == HUMAN else "timed"
-            rows.append(
-                SessionRow(self.sources.session_id(), owner, driver, rival_of, mode, ALONE_PER_SECOND, now)  # type: ignore[arg-type]
-            )
+            mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
+            id_ = self.sources.session_id()
+            rows.append(SessionRow(id_, owner, driver, rival_of, mode, ALONE_PER_SECOND, now))
         return rows
 
     async def _draw(self, config: EnvConfig, seed: int | None, boards: int) -> tuple[int, list[Episode]]:
@@ -190,9 +193,8 @@ class Lobby:
         for board in boards:
             self._groups[board.id] = group
             if not board.is_human:
-                name = board.row.driver_name
-                beside = player if board is rival else None
-                group.agents[board.id] = Agent(board, beside, lambda name=name: self.policies.load(name))  # type: ignore[misc]
+                load = partial(self.policies.load, board.row.driver_name)
+                group.agents[board.id] = Agent(board, player if board is rival else None, load, self._thread)
         return group
 
     async def _wake(self, session_id: str) -> Group:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
@@ -14,6 +14,7 @@ from app.export import rows
 from app.human_level import human_level
 from app.lobby import Lobby
 from app.protocol import Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
+from app.reader import Reader
 from app.session import SCRIPT, Refused, Session
 from app.sockets import as_move
 from marsexplorer.config import CORE_VERSION, LEVELS
@@ -39,6 +40,13 @@ def _bad_input() -> Iterator[None]:
         yield
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
+
+
+@contextmanager
+def _reader(request: Request) -> Iterator[Reader]:
+    """Return a read-only connection for one request: long queries run in a thread and hold no move up."""
+    with closing(Reader.open(request.app.state.store.path)) as reader:
+        yield reader
 
 
 def about(lobby: Lobby, session: Session) -> dict[str, Any]:
@@ -170,27 +178,29 @@ async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> 
 
 
 @router.get("/human-level", tags=["results"], summary="How well people play")
-async def get_human_level(request: Request) -> dict[str, Any]:
+def get_human_level(request: Request) -> dict[str, Any]:
     """Unassisted episodes on terrains neither chosen nor met before, one figure per configuration."""
-    return human_level(request.app.state.store)
+    with _reader(request) as reader:
+        return human_level(reader)
 
 
 @router.get("/episodes", tags=["results"], summary="Finished episodes")
-async def get_episodes(
+def get_episodes(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
     who: Who = "all",
 ) -> list[dict[str, Any]]:
     """`who=human` gives those that count for the human score."""
-    found: list[dict[str, Any]] = request.app.state.store.episodes(limit, offset, who)
-    return found
+    with _reader(request) as reader:
+        return reader.episodes(limit, offset, who)
 
 
 @router.get("/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times")
-async def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
+def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     """404 while it runs: its seed would tell the terrain."""
-    found: dict[str, Any] | None = request.app.state.store.episode(episode_id)
+    with _reader(request) as reader:
+        found = reader.episode(episode_id)
     if found is None:
         raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
     return found

@@ -26,7 +26,7 @@ def step_once(client, url):
 
 def test_a_rival_makes_one_move_for_each_of_the_players(server):
     client = server.client()
-    begun = client.post("/api/sessions", json={"rival": "frontier-cost"}).json()
+    begun = client.post("/api/sessions", json={"rival": "frontier-cost", "seed": 5}).json()
     rival = begun["rival"]
     assert rival["frame"]["grid"] == begun["frame"]["grid"]
     with server.socket(begun["session"], client) as player, server.socket(rival["session"], client) as watcher:
@@ -77,12 +77,12 @@ def test_timed_paused_and_single_steps(server):
 
 def test_a_new_episode_restarts_both_on_one_terrain(server):
     client = server.client()
-    begun = client.post("/api/sessions", json={"rival": "frontier-cost"}).json()
+    begun = client.post("/api/sessions", json={"rival": "frontier-cost", "seed": 5}).json()
     rival = begun["rival"]["session"]
     client.post(
         f"/api/sessions/{begun['session']}/act", json={"episode": begun["frame"]["episode"], "step": 0, "action": "south"}
     )
-    following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"size": [8, 15]}).json()
+    following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"size": [8, 15], "seed": 5}).json()
     assert following["rival"]["frame"]["grid"] == following["frame"]["grid"]
     assert (following["rival"]["session"], following["rival"]["frame"]["step"]) == (rival, 0)
     client.post(

@@ -52,7 +52,7 @@ async def until(claim):
 
 def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
     async def tell(lobby):
-        session = await lobby.create(NewSession(rival="frontier-cost"), "me")
+        session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
         rival = lobby.rival_of(session)
         session.act(move(session))
         await until(lambda: rival.episode.steps == 1)
@@ -115,7 +115,7 @@ def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(story):
 
 def test_a_step_the_store_does_not_take_did_not_happen(story, monkeypatch):
     async def tell(lobby):
-        session = await lobby.create(NewSession(), "me")
+        session = await lobby.create(NewSession(seed=5), "me")
         session.act(move(session))
         frame, codes = session.frame, session.episode.codes.copy()
         with monkeypatch.context() as patch:
