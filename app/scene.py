@@ -109,7 +109,7 @@ class Scene:
         self._fog._data = fog(episode.codes)
         self._show_rocks(episode.codes)
         row, col = episode.position
-        self._rover.position = self._reach.position = (float(col), -float(row), 0.0)
+        self._rover.position = (float(col), -float(row), 0.0)
         quarter = ACTIONS.index(episode.heading)
         turn = np.pi / 2 * (1 - quarter)
         self._rover.wxyz = (float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2)))
@@ -134,21 +134,20 @@ class Scene:
     def _add_rover(self) -> None:
         plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
         scene = self._scene
-        self._rover = scene.add_frame("/rover", show_axes=False, scale=1.25)
-        scene.add_box("/rover/body", color=PALE, dimensions=(0.62, 0.46, 0.16), position=(0, 0, 0.3), **plain)
-        scene.add_box("/rover/deck", color=self._accent, dimensions=(0.5, 0.5, 0.05), position=(-0.06, 0, 0.41), **plain)
-        scene.add_box("/rover/mast", color=PALE, dimensions=(0.06, 0.06, 0.34), position=(0.22, 0, 0.55), **plain)
-        scene.add_box("/rover/head", color=self._accent, dimensions=(0.14, 0.24, 0.12), position=(0.25, 0, 0.76), **plain)
-        wheel: dict[str, Any] = {"color": DARK, "radius": 0.13, "height": 0.12, "radial_segments": 14, **plain}
-        for number, (x, y) in enumerate((x, y) for x in (-0.26, 0.0, 0.26) for y in (-0.3, 0.3)):
-            scene.add_cylinder(f"/rover/wheel{number}", position=(x, y, 0.13), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel)
+        self._rover = scene.add_frame("/rover", show_axes=False)
+        scene.add_box("/rover/body", color=PALE, dimensions=(0.78, 0.58, 0.2), position=(0, 0, 0.36), **plain)
+        scene.add_box("/rover/deck", color=self._accent, dimensions=(0.62, 0.62, 0.07), position=(-0.07, 0, 0.5), **plain)
+        scene.add_box("/rover/mast", color=PALE, dimensions=(0.08, 0.08, 0.42), position=(0.27, 0, 0.68), **plain)
+        scene.add_box("/rover/head", color=self._accent, dimensions=(0.18, 0.3, 0.15), position=(0.31, 0, 0.94), **plain)
+        wheel: dict[str, Any] = {"color": DARK, "radius": 0.16, "height": 0.15, "radial_segments": 14, **plain}
+        for number, (x, y) in enumerate((x, y) for x in (-0.32, 0.0, 0.32) for y in (-0.37, 0.37)):
+            scene.add_cylinder(f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel)
 
     def _add_reach(self, radius: int) -> None:
         turn = np.linspace(0, 2 * np.pi, 73)
         ring = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, 0.06)], 1).astype(np.float32)
-        self._reach = self._scene.add_frame("/reach", show_axes=False)
         segments = np.stack([ring[:-1:2], ring[1::2]], axis=1)
-        self._scene.add_line_segments("/reach/ring", segments, colors=self._accent, thickness=1.5, thickness_units="screen")
+        self._scene.add_line_segments("/rover/reach", segments, colors=self._accent, thickness=1.5, thickness_units="screen")
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
         row, col = np.nonzero(codes == OBSTACLE)

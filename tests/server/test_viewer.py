@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import zstandard
 from conftest import eventually
+from tools3d import CAMERA
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -33,22 +34,6 @@ def drain(view):
     with suppress(ConnectionClosed, TimeoutError):
         while True:
             view.recv(timeout=1)
-
-
-CAMERA = msgspec.msgpack.encode(
-    {
-        "type": "ViewerCameraMessage",
-        "wxyz": [1.0, 0.0, 0.0, 0.0],
-        "position": [0.0, 0.0, 5.0],
-        "fov": 0.8,
-        "near": 0.01,
-        "far": 1000.0,
-        "image_height": 500,
-        "image_width": 400,
-        "look_at": [0.0, 0.0, 0.0],
-        "up_direction": [0.0, 0.0, 1.0],
-    }
-)
 
 
 def read_until(view, claim, seconds=20):

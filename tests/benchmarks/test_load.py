@@ -1,0 +1,103 @@
+"""Fifty people at five moves a second over real sockets, ten of them with a 3-D view: how long a move takes the server."""
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from tools3d import CAMERA
+from websockets.asyncio.client import connect
+
+from app.viewer import PROTOCOL
+from marsexplorer import policies
+
+pytestmark = pytest.mark.bench
+
+PLAYERS, MOVES_PER_SECOND, SECONDS, VIEWS = 50, 5, 20, 10
+
+SERVER = """
+import atexit, json, sys, time
+from app.server import run
+from app.session import Session
+from app.settings import Settings
+
+spent, act = [], Session.act
+def timed(self, move):
+    began = time.perf_counter()
+    try:
+        return act(self, move)
+    finally:
+        spent.append(time.perf_counter() - began)
+Session.act = timed
+atexit.register(lambda: json.dump(spent, open(sys.argv[2], "w")))
+run(Settings(database=sys.argv[1], port=0))
+"""
+
+
+async def look(port, session, until):
+    """Keep a 3-D view open and read what comes."""
+    url = f"ws://127.0.0.1:{port}/viewer/{session}"
+    async with connect(url, subprotocols=[PROTOCOL], proxy=None, compression=None, max_size=None) as view:
+        await view.send(CAMERA)
+        while time.monotonic() < until:
+            try:
+                await asyncio.wait_for(view.recv(), until - time.monotonic())
+            except TimeoutError:
+                return
+
+
+async def play(port, session, until, trips):
+    """Play with the nearest-frontier rule at a steady pace; keep the round trip of each move in ms."""
+    policy = policies.load("frontier-cost")
+    url = f"ws://127.0.0.1:{port}/ws/sessions/{session}"
+    async with connect(url, proxy=None, compression=None) as socket:
+        await asyncio.sleep(np.random.default_rng(len(session)).random() / MOVES_PER_SECOND)
+        frame = json.loads(await socket.recv())
+        policy.reset(0)
+        while time.monotonic() < until and not frame["outcome"]:
+            due = time.monotonic() + 1 / MOVES_PER_SECOND
+            codes = np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+            action = ("north", "east", "south", "west")[policy.act(codes)]
+            began = time.perf_counter()
+            await socket.send(json.dumps({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action}))
+            step = frame["step"]
+            while frame["step"] == step:
+                message = json.loads(await socket.recv())
+                frame = message if message["kind"] == "frame" else frame
+            trips.append((time.perf_counter() - began) * 1000)
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+
+
+async def campaign(port, sessions):
+    trips = []
+    until = time.monotonic() + SECONDS
+    views = [look(port, session, until) for session in sessions[:VIEWS]]
+    await asyncio.gather(*views, *(play(port, session, until, trips) for session in sessions))
+    return trips
+
+
+def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
+    import httpx
+
+    kept = tmp_path / "spent.json"
+    command = [sys.executable, "-c", SERVER, str(tmp_path / "playground.db"), str(kept)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ) as server:
+        address = next(line for line in server.stdout if "is open at" in line)
+        port = int(address.split("http://127.0.0.1:")[1].split()[0])
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client:
+            sessions = [client.post("/api/sessions", json={"size": 42}).json()["session"] for _ in range(PLAYERS)]
+        trips = asyncio.run(campaign(port, sessions))
+        server.send_signal(signal.SIGINT)
+        server.wait(30)
+    spent = np.array(json.loads(kept.read_text())) * 1000
+    print(f"\n\n{PLAYERS} players, {VIEWS} with a 3-D view, {MOVES_PER_SECOND} moves/s each, 42x42, {len(spent):,} moves")
+    print("| ms | median | p95 | p99 |\n|---|---|---|---|")
+    for name, times in (("server, per act", spent), ("round trip, seen by the clients' process", np.array(trips))):
+        print(f"| {name} | " + " | ".join(f"{np.percentile(times, p):.2f}" for p in (50, 95, 99)) + " |")
+    assert len(spent) > 0.8 * PLAYERS * MOVES_PER_SECOND * SECONDS
+    assert np.percentile(spent, 99) < 5

@@ -1,0 +1,39 @@
+"""From keydown to the repaint of the matrix, in real Chromium, as the page itself measures it."""
+
+import json
+
+import numpy as np
+import pytest
+from e2e_tools import KEY_OF, NO_3D, QUIET, chromium_path
+
+from marsexplorer import policies
+
+pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
+
+PRESSES = 300
+
+
+def test_keydown_to_repaint(spawn):
+    from playwright.sync_api import sync_playwright
+
+    server = spawn()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *NO_3D])
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.goto(server.url)
+        about = page.request.post(f"{server.url}/api/sessions", data={"size": 42}).json()
+        page.goto("about:blank")
+        page.goto(f"{server.url}/#s={about['session']}")
+        page.wait_for_function("() => window.mars?.state.player && window.mars.state.link === 'open'")
+        policy = policies.load("frontier-cost")
+        policy.reset(0)
+        for number in range(PRESSES):
+            frame = json.loads(page.evaluate("() => JSON.stringify(window.mars.state.player.frame)"))
+            codes = np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+            page.keyboard.press(KEY_OF[("north", "east", "south", "west")[policy.act(codes)]])
+            page.wait_for_function(f"() => window.mars.latencies.length > {number}")
+        times = np.array(page.evaluate("() => window.mars.latencies"))
+        browser.close()
+    print(f"\n\nkeydown to repaint over {len(times)} presses: ", end="")
+    print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
+    assert np.percentile(times, 95) < 50
