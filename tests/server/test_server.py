@@ -69,3 +69,10 @@ def test_settings_come_from_the_environment(monkeypatch, tmp_path):
 def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
     code = "import app.server, pathlib; assert not list(pathlib.Path('.').iterdir())"
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
+def test_kept_alive_requests_are_answered_without_waiting_for_an_acknowledgement(server):
+    client = server.client()
+    client.get("/api/health")
+    spent = sorted(client.get("/api/health").elapsed.total_seconds() for _ in range(21))
+    assert spent[10] < 0.03

@@ -147,3 +147,18 @@ def test_a_server_that_stops_says_so_to_its_sockets(server, board):
         with pytest.raises(ConnectionClosed) as caught:
             socket.receive()
     assert caught.value.rcvd.code in (1001, 1012)
+
+
+def test_a_follower_that_does_not_read_skips_to_the_newest_frame(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"size": 128, "seed": 5}).json()
+    with server.socket(begun["session"]) as slow, server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for number in range(600):
+            socket.act(frame, ("south", "north")[number % 2])
+            frame = socket.frame_after(frame["step"])
+        seen = [slow.receive("frame")["step"]]
+        while seen[-1] < 600:
+            seen.append(slow.receive("frame")["step"])
+    assert seen == sorted(set(seen))
+    assert len(seen) < 601
