@@ -6,11 +6,16 @@ failure on the way, 130 for Ctrl-C. Heavy modules are imported inside the comman
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
@@ -23,7 +28,10 @@ if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
     from marsexplorer.evaluate import Table
 
+T = TypeVar("T")
 PATH = click.Path(path_type=Path)
+PRINTED_WIDTH = 120
+"""Characters of a table that goes to a file or a pipe."""
 
 
 class Size(click.ParamType):  # type: ignore[type-arg]
@@ -172,7 +180,7 @@ def _evaluated(names: Sequence[str], config: EnvConfig, episodes: int, seed: int
 
     with _progress("playing (the rules are compiled first)") as advance:
         try:
-            return measure(names, config, episodes, seed, advance)
+            return _interruptible(lambda: measure(names, config, episodes, seed, advance))
         except (PolicyNotFound, PolicyFileError, ValueError) as error:
             raise click.UsageError(str(error)) from error
         except OSError as error:
@@ -192,7 +200,10 @@ def _show(table: Table) -> None:
         interval = f"{row.score_low:.4f} .. {row.score_high:.4f}"
         values = (str(row.episodes), f"{row.score_mean:.4f}", interval, f"{row.completion:.1%}", f"{row.steps_mean:.1f}")
         grid.add_row(row.policy, *values)
-    Console().print(grid)
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=PRINTED_WIDTH)
+    console.print(grid)
 
 
 def _check_more(more: Sequence[object], policies: Sequence[object]) -> None:
@@ -221,6 +232,34 @@ def _config(level: str, size: int | tuple[int, int]) -> EnvConfig:
         return EnvConfig.of(level, size)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
+
+
+def _interruptible(work: Callable[[], T]) -> T:
+    """Return what `work()` gives; Ctrl-C ends it and the processes it started at once.
+
+    It is done in a thread that Ctrl-C does not reach. Its processes inherit that, else each would print a traceback of
+    its own; they are killed instead of playing their episodes to the end.
+    """
+    done: Future[T] = Future()
+
+    def body() -> None:
+        resource_tracker.ensure_running()  # its start, at the first process, would undo the next line
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            done.set_result(work())
+        except BaseException as error:
+            done.set_exception(error)
+
+    thread = threading.Thread(target=body, daemon=True)
+    thread.start()
+    try:
+        return done.result()
+    except KeyboardInterrupt:
+        while workers := multiprocessing.active_children():
+            for worker in workers:
+                worker.kill()
+            thread.join(0.1)
+        raise
 
 
 @contextmanager

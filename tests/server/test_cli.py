@@ -207,18 +207,36 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     assert (second.port, second.database, second.durable, second.policies) == (8000, DEFAULT_DATABASE, False, ())
 
 
-def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path):
+def signal_process(process):
+    os.kill(process.pid, signal.SIGINT)
+
+
+def press_control_c(process):
+    """Signal the whole group, worker processes included, as a terminal does."""
+    os.killpg(process.pid, signal.SIGINT)
+
+
+@pytest.mark.parametrize("interrupt", [signal_process, press_control_c])
+def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, interrupt):
     args = ["evaluate", "--policy", "frontier-cost", "--size", "84", "--episodes", "100000", "--json", str(tmp_path / "t.json")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [sys.executable, "-m", "app.cli", *args],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        start_new_session=True,
     )
     deadline = time.monotonic() + 60
     while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
         time.sleep(0.05)
-    time.sleep(1)
-    os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert (process.returncode, out, err) == (130, "", "")
+    time.sleep(3)
+    interrupt(process)
+    try:
+        out, err = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert (process.returncode, out, err.strip()) == (130, "", "")
     assert list(tmp_path.iterdir()) == []
 
 
