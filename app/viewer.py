@@ -2,7 +2,7 @@
 
 `ViserServer` builds its transport from `viser.infra.WebsockServer`; here that class is one whose connections the app hands
 over. Relied on besides the public API (a test fails when an upgrade breaks it): the wire format of `_message_producer`,
-`_message_consumer`, `_ClientHandleState` and `AsyncMessageBuffer`.
+`_append_aligned_buffers`, `_ClientHandleState` and `AsyncMessageBuffer`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 import gzip
 import inspect
+import itertools
+import logging
 import threading
 import zlib
 from contextlib import suppress
@@ -29,18 +31,24 @@ from viser.infra import _infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import ConnectionClosedOK
 
-from app.scene import NIGHT, Scene, look_at_board
+from app.scene import NIGHT, Scene, View
 from app.session import Session
 
 PROTOCOL = f"viser-v{viser.__version__}"
 CLIENT = Path(viser.__file__).parent / "client" / "build" / "index.html"
 MAX_BYTES = 64 * 1024
-WELCOME = frozenset({"ViewerCameraMessage", "GetRenderResponseMessage", "LocalStorageGetItemResponseMessage"})
-"""What a browser may send: nothing that changes the scene, opens a tunnel or uploads a file."""
+WELCOME = frozenset({"ViewerCameraMessage"})
+"""What a browser may send: where it looks from, and nothing that opens a tunnel, uploads a file or changes a thing."""
+
+UNSUPPORTED, RUBBISH, TOO_BIG = 1003, 1007, 1009
+"""Close codes of RFC 6455: text came, a message that is none of viser's, one too large."""
+
+logger = logging.getLogger(__name__)
 
 INJECTED = (
     "<style>[data-floating-window],[data-dock-region],.mantine-Notifications-root,.mantine-Paper-root{display:none!important}"
-    "html,body{background:#0e0b0d}</style>"
+    "html,body,:has(>canvas),:has(>div>canvas),:has(>div>div>canvas),:has(>div>div>div>canvas)"
+    "{background:#0e0b0d!important}</style>"
     "<script>document.hasFocus=()=>true</script>"
 )
 """Hides viser's own panels, and lets it reconnect while the page around it has the focus."""
@@ -52,11 +60,23 @@ POLICY = (
 )
 
 
+class Refusal(Exception):  # noqa: N818 - the word of the protocol
+    """A browser sent what cannot be taken; it is told the close code and the reason, and nothing else has changed."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code, self.reason = code, reason
+
+
 class Connection:
-    """One browser's socket, as viser's consumer of messages expects it."""
+    """One browser's socket in viser's words.
+
+    stamps   the times batches are stamped with, seconds
+    """
 
     def __init__(self, websocket: WebSocket) -> None:
         self._websocket = websocket
+        self.stamps = itertools.count(1.0)
 
     async def send(self, data: bytes) -> None:
         """Send, or tell viser in its own words that the browser is gone."""
@@ -68,11 +88,15 @@ class Connection:
             raise ConnectionClosedOK(None, None) from error
 
     async def recv(self) -> bytes:
-        """Return the next binary message; text and oversized ones end the connection."""
+        """Return the next binary message; ConnectionClosedOK when the browser has gone, Refusal for text and giants."""
         message = await self._websocket.receive()
-        data = message.get("bytes")
-        if message["type"] == "websocket.disconnect" or data is None or len(data) > MAX_BYTES:
+        if message["type"] == "websocket.disconnect":
             raise ConnectionClosedOK(None, None)
+        data = message.get("bytes")
+        if data is None:
+            raise Refusal(UNSUPPORTED, "expected a binary message of viser's client, got text")
+        if len(data) > MAX_BYTES:
+            raise Refusal(TOO_BIG, f"expected at most {MAX_BYTES} bytes, got {len(data)}")
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
@@ -82,11 +106,11 @@ class Connection:
 
 
 async def produce(connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Any = None) -> None:
-    """Send batches of messages in viser's wire format as they come.
+    """Send batches of messages in viser's wire format as they come; ConnectionClosedOK once the buffer is done.
 
     Stamped a second apart, so that the browser shows each on arrival: it paces batches stamped less than 100 ms apart.
     """
-    stamp, compressor = 0.0, zstandard.ZstdCompressor(level=1)
+    compressor = zstandard.ZstdCompressor(level=1)
     batches = buffer.window_generator(client_id, backlog_done_message=last)
     try:
         while not buffer.done:
@@ -94,15 +118,16 @@ async def produce(connection: Connection, buffer: AsyncMessageBuffer, client_id:
                 batch = await anext(batches)
             except StopAsyncIteration:
                 break
-            stamp += 1.0
             blobs: list[memoryview] = []
             messages = tuple(message.as_serializable_dict(blobs) for message in batch)
             lengths = tuple(blob.nbytes for blob in blobs)
+            stamp = next(connection.stamps)
             body = msgspec.msgpack.encode({"messages": messages, "timestampSec": stamp, "binaryBufferLengths": lengths})
             packed = compressor.compress(body)
             parts: list[bytes | memoryview] = [len(body).to_bytes(8, "little"), len(packed).to_bytes(8, "little"), packed]
             _infra._append_aligned_buffers(parts, blobs, 16 + len(packed))
             await connection.send(b"".join(parts))
+        raise ConnectionClosedOK(None, None)
     finally:
         await batches.aclose()
 
@@ -126,7 +151,7 @@ class Transport(_infra.WebsockServer):
             state.message_buffer.set_done()
 
     async def serve(self, connection: Connection, session: Session) -> None:
-        """Return when the browser has gone."""
+        """Return when the browser has gone, or has been sent away for what it sent."""
         loop = asyncio.get_running_loop()
         client_id, self._next_id = _infra.ClientId(self._next_id), self._next_id + 1
         state = _infra._ClientHandleState(AsyncMessageBuffer(loop, persistent_messages=False), loop)
@@ -134,38 +159,51 @@ class Transport(_infra.WebsockServer):
         self._client_state_from_id[client_id] = state
         self._live_connections[client_id] = connection  # type: ignore[assignment]
         self.sessions[client_id] = session
-        handling: set[asyncio.Task[None]] = set()
-
-        def take(message: viser.infra.Message) -> None:
-            if type(message).__name__ not in WELCOME:
-                return
-            for handler in (self, client):
-                task = loop.create_task(handler._handle_incoming_message(client_id, message))
-                handling.add(task)
-                task.add_done_callback(handling.discard)
-
         tasks: list[asyncio.Task[None]] = []
         try:
             await _call(self._client_connect_cb, client)
             tasks = [
                 asyncio.create_task(produce(connection, state.message_buffer, client_id)),
                 asyncio.create_task(produce(connection, self._broadcast_buffer, client_id, self._backlog_done_message)),
-                asyncio.create_task(_infra._message_consumer(connection, take, self._message_class)),  # type: ignore[arg-type]
+                asyncio.create_task(self._consume(connection, client, client_id)),
             ]
             await asyncio.gather(*tasks)
-        except (ConnectionClosedOK, msgspec.DecodeError, KeyError, TypeError, ValueError):
-            pass  # gone, or sent what is no message of viser's
+        except ConnectionClosedOK:
+            pass
+        except Refusal as refusal:
+            await connection.close(refusal.code, refusal.reason)
         finally:
-            for task in (*tasks, *handling):
-                task.cancel()
-            await asyncio.gather(*tasks, *handling, return_exceptions=True)
-            state.message_buffer.set_done()
-            self._client_state_from_id.pop(client_id, None)
-            self._live_connections.pop(client_id, None)
-            self._broadcast_buffer.generator_cursors.pop(client_id, None)
-            await _call(self._client_disconnect_cb, client)
-            self.sessions.pop(client_id, None)
+            await self._forget(client, state, tasks)
             await connection.close()
+
+    async def _consume(
+        self, connection: Connection, client: _infra.WebsockClientConnection, client_id: _infra.ClientId
+    ) -> None:
+        """Hand each welcome message to viser; Refusal for one that is none, or holds what viser cannot use."""
+        while True:
+            data = await connection.recv()
+            try:
+                message = self._message_class.deserialize(data)
+                if type(message).__name__ in WELCOME:
+                    await self._handle_incoming_message(client_id, message)
+                    await client._handle_incoming_message(client_id, message)
+            except ConnectionClosedOK:
+                raise
+            except Exception as error:  # whatever a stranger's bytes may cause, it ends his connection alone
+                raise Refusal(RUBBISH, "expected a message of viser's client; reload the page") from error
+
+    async def _forget(
+        self, client: _infra.WebsockClientConnection, state: _infra._ClientHandleState, tasks: list[asyncio.Task[None]]
+    ) -> None:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        state.message_buffer.set_done()
+        self._client_state_from_id.pop(client.client_id, None)
+        self._live_connections.pop(client.client_id, None)
+        self._broadcast_buffer.generator_cursors.pop(client.client_id, None)
+        await _call(self._client_disconnect_cb, client)
+        self.sessions.pop(client.client_id, None)
 
 
 async def _call(callbacks: list[Any], client: Any) -> None:
@@ -242,12 +280,23 @@ class Viewer:
         """End every mirror and every connection."""
         for task in self._mirrors.values():
             task.cancel()
-        self._transport.stop()
+        self._server.stop()
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
         session = self._transport.sessions.get(client.client_id)
         if session is not None:
-            self._mirrors[client.client_id] = asyncio.create_task(mirror(client, session))
+            task = self._mirrors[client.client_id] = asyncio.create_task(mirror(client, session))
+            task.add_done_callback(lambda task: self._report(client.client_id, task))
+
+    def _report(self, client_id: int, task: asyncio.Task[None]) -> None:
+        """Say in the log why a mirror broke, and close its socket: viser's client connects again by itself."""
+        error = None if task.cancelled() else task.exception()
+        if error is None:
+            return
+        logger.error("the 3-D view of a session broke; its browser will connect again", exc_info=error)
+        state = self._transport._client_state_from_id.get(client_id)
+        if state is not None:
+            state.message_buffer.set_done()
 
     async def _dismiss(self, client: viser.ClientHandle) -> None:
         task = self._mirrors.pop(client.client_id, None)
@@ -258,14 +307,13 @@ class Viewer:
 async def mirror(client: viser.ClientHandle, session: Session) -> None:
     """Keep one browser's scene like the session's board, from now until cancelled."""
     scene: Scene | None = None
+    view = View(client)
     with session.channel.follow() as follower:
         async for _ in follower:
             episode = session.episode
             with client.atomic():
-                if scene is None or scene.episode is not episode:
-                    client.scene.reset()
+                if scene is None:
                     scene = Scene(client.scene, episode, session.row.rival_of is not None)
-                    look_at_board(client, episode.config.rows, episode.config.cols)
-                else:
-                    scene.sync()
+                scene.show(episode)
+                view.show(episode.config.rows, episode.config.cols)
             client.flush()
