@@ -73,7 +73,7 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
 
 def test_a_restarted_server_knows_players_rivals_and_paces(story):
     async def before(lobby):
-        session = await lobby.create(NewSession(rival="frontier-utility", size=[7, 11]), "me")
+        session = await lobby.create(NewSession(rival="frontier-utility", size=[21, 19]), "me")
         rival = lobby.rival_of(session)
         lobby.change_pace(rival, ChangePace(moves_per_second=60))
         await until(lambda: rival.episode.steps >= 3)
@@ -142,7 +142,7 @@ def test_restarts_at_the_same_time_leave_one_running_episode_each(story):
         session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
         lobby.change_pace(session, ChangePace(moves_per_second=60))
         for _ in range(5):
-            await asyncio.gather(*(lobby.restart(session, NewEpisode(size=[6, 8])) for _ in range(4)))
+            await asyncio.gather(*(lobby.restart(session, NewEpisode(size=[20, 23])) for _ in range(4)))
             await asyncio.sleep(0.02)
         rival = lobby.rival_of(session)
         assert session.current.number == rival.current.number == 21
