@@ -1,7 +1,9 @@
 """The 3-D view over a real socket: it follows the board, shows nothing else, and survives what it should refuse."""
 
+import asyncio
 import gc
 from contextlib import suppress
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -12,8 +14,9 @@ from tools3d import CAMERA
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.scene import fog, soil
-from app.viewer import PROTOCOL
+from app.channel import Channel
+from app.scene import FOV, TILT, Scene, camera_for, fog, soil
+from app.viewer import PROTOCOL, Viewer, mirror
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -89,10 +92,25 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
     with open_view(server, about["session"], "viser-v0.0.0") as view, pytest.raises(ConnectionClosed) as closed:
         view.recv(timeout=20)
     assert PROTOCOL in closed.value.rcvd.reason
-    for rubbish in (b"\x00\x01garbage", "text", b"x" * 100_000, msgspec.msgpack.encode({"type": "NoSuchMessage"})):
+    camera = msgspec.msgpack.decode(CAMERA)
+    for rubbish, code in (
+        (b"\x00\x01garbage", 1007),
+        (b"", 1007),
+        (msgspec.msgpack.encode(7), 1007),
+        (msgspec.msgpack.encode({"type": "NoSuchMessage"}), 1007),
+        (msgspec.msgpack.encode({**camera, "wxyz": "north"}), 1007),
+        (msgspec.msgpack.encode({**camera, "image_width": "wide"}), 1007),
+        ("text", 1003),
+        (b"x" * 100_000, 1009),
+    ):
         with open_view(server, about["session"]) as view:
+            view.send(CAMERA)
+            read_until(view, is_named("/border"))
             view.send(rubbish)
-            drain(view)
+            with pytest.raises(ConnectionClosed) as closed:
+                read_until(view, lambda _: False)
+            assert closed.value.rcvd.code == code, rubbish[:40]
+            assert "expected" in closed.value.rcvd.reason
     assert client.get("/api/health").status_code == 200
 
 
@@ -129,3 +147,129 @@ def test_the_fog_depends_on_what_is_known_alone():
     assert fog(episodes[0].codes) == fog(episodes[1].codes)
     assert (episodes[0].codes == episodes[1].codes).all()
     assert soil(9, 12) == soil(9, 12)
+
+
+SMALL = EnvConfig(rows=9, cols=12)
+
+
+def twins():
+    """Two running episodes on terrains that differ where nobody has looked: their far corner, behind a wall."""
+    wall = np.zeros((9, 12), bool)
+    wall[:8, 5] = True
+    other = wall.copy()
+    other[0:3, 9:] = True
+    return [Episode.begin(SMALL, terrain=terrain) for terrain in (wall, other)]
+
+
+def encode(message):
+    """One message as it goes over the wire, its arrays with it."""
+    blobs = []
+    body = msgspec.msgpack.encode(message.as_serializable_dict(blobs))
+    return body + b"".join(bytes(blob) for blob in blobs)
+
+
+def record(episode, actions=()):
+    """Every message, encoded, of a scene that shows the episode and then each of the moves."""
+
+    async def run():
+        viewer, sent = Viewer(), []
+        transport = viewer._server._websock_server
+        transport.queue_message = lambda message: sent.append(encode(message))
+        picture = Scene(viewer._server.scene, episode, False)
+        for action in actions:
+            episode.step(action)
+            picture.show(episode)
+        viewer.close()
+        return sent
+
+    return asyncio.run(run())
+
+
+def test_the_scene_tells_nothing_of_what_is_hidden():
+    """Two terrains that agree on every cell seen so far give the same messages, byte for byte."""
+    one, other = twins()
+    actions = (2, 1, 1, 2, 0, 3)
+    first, second = record(one, actions), record(other, actions)
+    assert (one.terrain != other.terrain).any()
+    assert (one.codes == other.codes).all()
+    assert len(first) > 30
+    assert first == second
+
+
+def test_the_scene_never_asks_for_the_terrain():
+    episode, _ = twins()
+    blind = SimpleNamespace(
+        **{name: getattr(episode, name) for name in ("config", "codes", "position", "heading", "path", "steps")}
+    )
+    assert record(blind) == record(twins()[0])
+
+
+def test_a_new_episode_puts_the_rover_back_and_takes_old_rocks_and_trail_away(server, board):
+    client, about = board
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        read_until(view, is_named("/border"))
+        act = {"episode": about["frame"]["episode"], "step": 0, "action": "east"}
+        assert client.post(f"/api/sessions/{about['session']}/act", json=act).json()["position"] == [0, 1]
+        read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [1.0, 0.0, 0.0])
+        client.post(f"/api/sessions/{about['session']}/episodes", json={"size": [9, 12], "seed": 4})
+        seen = read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [0.0, 0.0, 0.0])
+    assert any(m["type"].startswith("Remove") and m["name"].startswith("/trail/") for m in seen)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(21, 21), (5, 40), (40, 5), (84, 84), (9, 12)])
+@pytest.mark.parametrize("aspect", [0.4, 0.83, 1.0, 1.8, 3.0])
+def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
+    """Projected by hand: each corner of the ground falls inside the view, and the outermost near its edge."""
+    y, distance = camera_for(rows, cols, aspect)
+    eye = np.array([(cols - 1) / 2, y - distance * np.cos(TILT), distance * np.sin(TILT)])
+    ahead = np.array([0, np.cos(TILT), -np.sin(TILT)])
+    up = np.array([0, np.sin(TILT), np.cos(TILT)])
+    places = []
+    for corner in ((-0.5, 0.5, 0), (cols - 0.5, 0.5, 0), (-0.5, 0.5 - rows, 0), (cols - 0.5, 0.5 - rows, 0)):
+        ray = np.array(corner) - eye
+        depth = ray @ ahead * np.tan(FOV / 2)
+        places.append((ray[0] / depth / aspect, ray @ up / depth))
+    assert np.abs(places).max() <= 1
+    assert np.abs(places).max() > 0.8
+    assert places[0][1] > places[2][1], "north is at the top"
+    assert places[0][0] < places[1][0], "west is at the left"
+
+
+def test_a_mirror_that_breaks_says_so_and_closes_its_socket(server, board, monkeypatch, caplog):
+    _, about = board
+
+    def fail(*_):
+        raise RuntimeError("no picture today")
+
+    monkeypatch.setattr("app.viewer.Scene.show", fail)
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        with pytest.raises(ConnectionClosed):
+            read_until(view, lambda _: False)
+    assert "no picture today" in caplog.text
+    assert eventually(lambda: server.app.state.viewer.clients == 0)
+
+
+def test_a_closed_viewer_leaves_no_task_and_no_follower():
+    async def run():
+        viewer, channel = Viewer(), Channel()
+        episode, _ = twins()
+        session = SimpleNamespace(id="s", channel=channel, episode=episode, row=SimpleNamespace(rival_of=None))
+        channel.publish("frame")
+        client = SimpleNamespace(
+            scene=viewer._server.scene,
+            camera=SimpleNamespace(image_width=400, image_height=300, on_update=lambda _: None),
+            atomic=viewer._server.atomic,
+            flush=viewer._server.flush,
+        )
+        task = asyncio.create_task(mirror(client, session))
+        await asyncio.sleep(0.05)
+        assert channel.followers == 1
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        viewer.close()
+        await asyncio.sleep(0)
+        return channel.followers, len(asyncio.all_tasks())
+
+    assert asyncio.run(run()) == (0, 1)
