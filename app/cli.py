@@ -1,4 +1,4 @@
-"""The command `marsexplorer`: serve the playground, export what was played, evaluate policies.
+"""The command `marsexplorer`: serve the playground, export what was played, evaluate and train policies.
 
 Whatever goes wrong ends in one sentence on stderr: exit code 2 for a command that cannot be carried out as given, 1 for a
 failure on the way, 130 for Ctrl-C. Heavy modules are imported inside the commands, so that `--help` answers at once.
@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
+
+from app.train import train
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -58,9 +60,13 @@ def cli() -> None:
     Begin with:
       marsexplorer serve                                    play at http://127.0.0.1:8000
       marsexplorer export --format csv --out results        what was played, as tables
-      marsexplorer evaluate --policy frontier-utility       a policy's score, with its interval
+      marsexplorer evaluate --policy frontier-cost          a policy's score, with its interval
+      marsexplorer train --out mine.safetensors             a policy of your own
     Each command explains itself: marsexplorer serve --help
     """
+
+
+cli.add_command(train)
 
 
 @cli.command(short_help="Play and watch in a browser; record every move.")

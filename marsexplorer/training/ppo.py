@@ -49,7 +49,8 @@ class Recipe:
     boards, horizon                  environments stepped together; moves of each between updates
     epochs, minibatch, clip          of PPO's updates
     rate, final_rate                 Adam's learning rate, falling linearly
-    entropy, value_share             weights in the loss
+    entropy, final_entropy           weight of the entropy in the loss, falling linearly: curious first, decided at the end
+    value_share                      weight of the value's error
     gamma, lam                       discount and GAE's lambda (Schulman et al. 2016)
     value_updates                    updates of the value alone before the policy moves
     reward_scale                     rewards are divided by it
@@ -63,15 +64,16 @@ class Recipe:
     epochs: int = 3
     minibatch: int = 2048
     clip: float = 0.2
-    rate: float = 3e-4
-    final_rate: float = 1e-5
-    entropy: float = 0.003
+    rate: float = 5e-4
+    final_rate: float = 2e-5
+    entropy: float = 0.03
+    final_entropy: float = 0.002
     value_share: float = 0.25
-    gamma: float = 0.99
+    gamma: float = 0.995
     lam: float = 0.95
-    value_updates: int = 8
-    reward_scale: float = 20.0
-    max_grad: float = 0.5
+    value_updates: int = 6
+    reward_scale: float = 100.0
+    max_grad: float = 1.0
 
 
 @dataclass
@@ -274,7 +276,13 @@ def advantages(rollout: Rollout, after: Tensor, recipe: Recipe) -> Tensor:
 
 
 def update(
-    net: Net, optimiser: torch.optim.Optimizer, rollout: Rollout, after: Tensor, recipe: Recipe, value_only: bool
+    net: Net,
+    optimiser: torch.optim.Optimizer,
+    rollout: Rollout,
+    after: Tensor,
+    recipe: Recipe,
+    entropy_share: float,
+    value_only: bool,
 ) -> float:
     """Improve the network by the clipped objective (Schulman et al. 2017, eq. 7); return how far the ratio moved from 1."""
     gains = advantages(rollout, after, recipe)
@@ -294,7 +302,7 @@ def update(
             policy_loss = -torch.min(ratio * gain, clipped * gain).mean()
             value_loss = 0.5 * (values - targets[chosen]).square().mean()
             entropy = -(all_logs.exp() * all_logs.clamp(min=NEVER / 1e7)).sum(1).mean()
-            loss = 0.5 * value_loss if value_only else policy_loss + recipe.value_share * value_loss - recipe.entropy * entropy
+            loss = 0.5 * value_loss if value_only else policy_loss + recipe.value_share * value_loss - entropy_share * entropy
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(net.parameters(), recipe.max_grad)
@@ -320,13 +328,17 @@ def train(
         progress.lengths.clear()
         progress.explored.clear()
     boards, rollout = Boards(config, recipe.boards, 10_000_000 * (seed + 1)), Rollout.room(recipe)
-    optimiser = torch.optim.Adam(net.parameters(), lr=recipe.rate, eps=1e-5)
+    optimiser = torch.optim.Adam(net.parameters(), lr=recipe.rate, eps=1e-8)
     updates = max(1, steps // (recipe.boards * recipe.horizon))
     progress.stage, progress.total = "ppo", updates
     for k in range(updates):
-        optimiser.param_groups[0]["lr"] = recipe.rate + (recipe.final_rate - recipe.rate) * k / updates
+        gone = k / updates
+        optimiser.param_groups[0]["lr"] = recipe.rate + (recipe.final_rate - recipe.rate) * gone
+        curious = recipe.entropy + (recipe.final_entropy - recipe.entropy) * gone
         after = collect(net, boards, rollout, recipe, progress)
-        moved = update(net, optimiser, rollout, after, recipe, value_only=bool(recipe.labels) and k < recipe.value_updates)
+        moved = update(
+            net, optimiser, rollout, after, recipe, curious, value_only=bool(recipe.labels) and k < recipe.value_updates
+        )
         spent = time.monotonic() - began
         progress.done = k + 1
         length, share = np.mean(progress.lengths or [0]), np.mean(progress.explored or [0])
