@@ -4,8 +4,8 @@
 2. The network learns to take the planner's move, its boards turned and mirrored in the eight ways that leave the task the same.
 3. Proximal policy optimisation (Schulman et al. 2017) on the rewards of the task, beginning with updates of the value alone.
 
-Training terrains have seeds below EVALUATION_SEEDS; evaluation uses those from there on, so no terrain is met in both. The same
-seed, steps and thread count give the same weights on one CPU.
+No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The same seed, steps and thread count give the
+same weights on one CPU.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from marsexplorer.policies.perception import NUMBERS, PLANES, SIDE, Perception
 from marsexplorer.policies.planner import Planner
 from marsexplorer.vector import MarsExplorerVector
 
-EVALUATION_SEEDS = 10**9
-"""Seeds from here on are for evaluation: training refuses them."""
+EVALUATION_SEEDS = range(10**9, 10**9 + 10**6)
+"""Seeds that are for evaluation: training refuses them."""
 
 FLIPS = (
     (False, False, False), (False, False, True), (False, True, False), (False, True, True),
@@ -114,6 +114,7 @@ class Boards:
         self.env, self.num, self.config = env, num, config
         self.eyes = Perception(num, config.rows, config.cols, config.sensor_radius)
         self.codes, info = env.reset(seed=seed)
+        refuse_evaluation_seeds(info["terrain_seed"])
         self.visited: NDArray[np.uint8] = np.zeros((num, config.n), np.uint8)
         self.headings: NDArray[np.int64] = np.ones(num, np.int64)
         self.steps: NDArray[np.int64] = np.zeros(num, np.int64)
@@ -140,6 +141,7 @@ class Boards:
                 progress.explored.append(info["final_info"]["outcome"][i] == "explored")
             if truncated.any():
                 final = self._look_back(np.flatnonzero(truncated), info)
+            refuse_evaluation_seeds(info["terrain_seed"])
             self.visited[ended], self.steps[ended] = 0, 0
             self.headings = np.where(ended, 1, actions)
         self._stand(info["position"])
@@ -155,6 +157,13 @@ class Boards:
         eyes = Perception(len(which), self.config.rows, self.config.cols, self.config.sensor_radius)
         planes, moves = eyes(codes, places, visited, self.headings[which])
         return torch.from_numpy(planes), torch.from_numpy(moves)
+
+
+def refuse_evaluation_seeds(seeds: NDArray[np.int64]) -> None:
+    """Raise ValueError when a training terrain is one of those kept for evaluation."""
+    kept = (seeds >= EVALUATION_SEEDS.start) & (seeds < EVALUATION_SEEDS.stop)
+    if kept.any():
+        raise ValueError(f"training met seed {int(seeds[kept][0])}, which is kept for evaluation; train with another seed")
 
 
 def turned(planes: Tensor, moves: Tensor, actions: Tensor, which: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -39,7 +39,7 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     path = tmp_path / "tiny.safetensors"
     train(SMALL, 3072, 0, QUICK, lambda _: None, checkpoint_to(path, {"summary": "a tiny one"}))
     tiny, chance = load(path), load("random")
-    seeds = range(EVALUATION_SEEDS, EVALUATION_SEEDS + 50)
+    seeds = EVALUATION_SEEDS[:50]
     gap = np.array([score_of(tiny, seed) - score_of(chance, seed) for seed in seeds])
     low, _ = stats.t.interval(0.95, len(gap) - 1, gap.mean(), stats.sem(gap))
     assert low > 0
@@ -107,3 +107,8 @@ def test_running_out_of_time_shows_the_last_observation_to_bootstrap_from():
     assert step.final is not None
     assert len(step.final[0]) == step.truncated.sum()
     assert boards.steps[step.truncated].tolist() == [0] * int(step.truncated.sum())
+
+
+def test_evaluation_seeds_are_refused():
+    with pytest.raises(ValueError, match="kept for evaluation"):
+        Boards(SMALL, 2, EVALUATION_SEEDS.start)
