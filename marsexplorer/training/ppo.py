@@ -4,8 +4,8 @@
 2. The network learns to take the planner's move, its boards turned and mirrored in the eight ways that leave the task the same.
 3. Proximal policy optimisation (Schulman et al. 2017) on the rewards of the task, beginning with updates of the value alone.
 
-No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The same seed, steps and thread count give the
-same weights on one CPU.
+No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The same seed, steps and thread count give
+the same weights on one CPU.
 """
 
 from __future__ import annotations
