@@ -1,0 +1,96 @@
+"""The wheel carries the page and the shipped policies, and serves them from anywhere."""
+
+import os
+import re
+import site
+import subprocess
+import sys
+import venv
+import zipfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PATIENCE_S = 240
+"""Compiling the rules anew, on a busy machine."""
+
+
+def pip(*args):
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The wheel of this tree."""
+    folder = tmp_path_factory.mktemp("wheel")
+    made = pip("wheel", ROOT, "--no-deps", "--wheel-dir", folder)
+    if made.returncode and re.search(r"(No matching distribution found for|Could not find .*) hatchling", made.stderr):
+        pytest.skip("NO HATCHLING: the package registry cannot be reached, so no wheel can be built here")
+    assert made.returncode == 0, made.stderr
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def home(wheel, tmp_path_factory):
+    """The bin/ of an environment with the wheel in it, its dependencies borrowed from ours."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "venv"
+    venv.create(folder, symlinks=True)
+    installed = pip("--python", folder / "bin" / "python", "install", "--no-deps", "--no-index", wheel)
+    assert installed.returncode == 0, installed.stderr
+    packages = next(folder.glob("lib/python*/site-packages"))
+    (packages / "borrowed.pth").write_text("\n".join(site.getsitepackages()))
+    return folder / "bin"
+
+
+@contextmanager
+def serving(home, folder):
+    """`marsexplorer serve` of that environment, started in a folder that is no checkout; yields its address."""
+    env = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "MARS_", "VIRTUAL_ENV"))}
+    command = [str(home / "marsexplorer"), "serve", "--port", "0", "--database", str(folder / "away.db")]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, cwd=folder, env=env, **pipes) as process:
+        try:
+            said = []
+            for line in process.stdout:
+                said.append(line)
+                if "is open at" in line:
+                    break
+            address = re.search(r"http://\S+", "".join(said))
+            assert address, "".join(said)
+            yield address[0]
+        finally:
+            process.terminate()
+            process.wait(PATIENCE_S)
+
+
+def files_under(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
+    held = set(zipfile.ZipFile(wheel).namelist())
+    assert "index.html" in files_under(ROOT / "static")
+    assert {f"app/static/{name}" for name in files_under(ROOT / "static")} <= held
+    assert {f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")} <= held
+    assert not [name for name in held if name.endswith((".db", ".pyc")) or name.startswith(("tests/", "docs/"))]
+
+
+@pytest.mark.timeout(PATIENCE_S)
+def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
+    where = [str(home / "python"), "-c", "import app, marsexplorer; print(app.__file__, marsexplorer.__file__)"]
+    for path in subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split():
+        assert path.startswith(str(home.parent)), path
+    with serving(home, tmp_path) as url, httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
+        assert client.get("/").content == (ROOT / "static" / "index.html").read_bytes()
+        assert client.get("/static/style.css").content == (ROOT / "static" / "style.css").read_bytes()
+        offered = {policy["name"] for policy in client.get("/api/policies").json()}
+        assert {"random", "frontier-cost", *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors"))} <= offered
+        begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "frontier-cost"})
+        assert begun.status_code == 201
+        assert client.get(f"/viewer/{begun.json()['session']}/").status_code == 200
+    assert (tmp_path / "away.db").is_file()
+    assert not files_under(tmp_path) - {"away.db", "away.db-lock", "away.db-wal", "away.db-shm"}
