@@ -11,9 +11,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from marsexplorer.config import MAX_SEED, OUTCOMES, VALUES, EnvConfig
+from marsexplorer.rules import NO_SEED, OUTCOME, RUNNING, TIMED_OUT
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import NO_SEED, OUTCOME, RUNNING, TIMED_OUT, Worlds, check_action, positions
+from marsexplorer.world import Worlds, check_action, positions
 
 STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
 COLOURS: NDArray[np.uint8] = np.array([[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import ACTIONS, CORE_VERSION, OUTCOMES, VALUES, EnvConfig
+from marsexplorer.rules import DISCOVERED, NO_SEED, POSITION, SEED, STEPS
 from marsexplorer.score import score
-from marsexplorer.world import DISCOVERED, NO_SEED, POSITION, SEED, STEPS, Worlds, check_action
+from marsexplorer.world import Worlds, check_action
 
 STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
 ABANDONED = OUTCOMES.index("abandoned")

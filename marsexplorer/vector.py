@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 from marsexplorer.env import STATE, following, observation_space, valid_moves
+from marsexplorer.rules import DISCOVERED, OUTCOME, SEED
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import DISCOVERED, OUTCOME, SEED, Worlds, positions, totals
+from marsexplorer.world import Worlds, positions, totals
 
 VectorStep = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
 

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from marsexplorer.config import LEVELS, OUTCOMES, EnvConfig
 from marsexplorer.episode import Episode, replay
+from marsexplorer.rules import DISCOVERED, SEED, STEPS
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import DISCOVERED, SEED, STEPS, Worlds, positions, totals
+from marsexplorer.world import Worlds, positions, totals
 
 
 def literal_twin(config, terrain):
