@@ -227,7 +227,7 @@ def _clause(error: dict[str, Any]) -> str:
     names = [str(part) for part in error["loc"] if part not in ("body", "query", "path", "act", "history")]
     name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
     bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than", "max_length": "at most"}
-    bound = next((f"{words} {context[key]:g}" for key, words in bounds.items() if key in context), None)
+    bound = next((f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context), None)
     if kind == "value_error":
         return str(context["error"])
     if kind == "json_invalid":
@@ -241,11 +241,15 @@ def _clause(error: dict[str, Any]) -> str:
     if kind == "union_tag_invalid":
         return f'kind must be "act" or "history", got {context["tag"]!r}'
     if kind == "literal_error":
-        return f"{name} must be {context['expected']}, got {came}"
+        return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
     if bound is not None:
         return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
     expected = _TYPES.get(kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float"))
     return f"{name} must be {expected}, got {came}" if expected else f"{name}: {error['msg']}, got {came}"
+
+
+def _plain(bound: float) -> str:
+    return str(int(bound)) if bound == int(bound) else str(bound)
 
 
 def _shown(value: object) -> str:

@@ -6,11 +6,12 @@ Nothing here is global: `create_app(settings)` makes an app with its own store, 
 from __future__ import annotations
 
 import asyncio
+import errno
 import gc
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from app.store import Store, StoreError
 from app.viewer import Viewer
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.policies import describe
 
 STATIC = next(path for path in (Path(__file__).parent / "static", ROOT / "static") if path.is_dir())
 """The page: beside this module in a wheel, at the root in a checkout."""
@@ -95,11 +97,14 @@ def _add_errors(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         return JSONResponse({"detail": sentence(error.errors())}, 422)
 
-    def http_error(_: Request, error: Exception) -> Response:
+    def http_error(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
         if error.status_code == 400:  # FastAPI's word for a body that is not even text
             return JSONResponse({"detail": f"{NO_BODY}, in UTF-8"}, 422)
-        return JSONResponse({"detail": error.detail}, error.status_code, error.headers)
+        detail = error.detail
+        if detail in ("Not Found", "Method Not Allowed"):  # the router's own words
+            detail = f"nothing answers {request.method} {request.url.path}; /docs lists every call"
+        return JSONResponse({"detail": detail}, error.status_code, error.headers)
 
     app.add_exception_handler(HTTPException, http_error)
     app.add_exception_handler(UnknownSession, answer(404))
@@ -152,7 +157,8 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         sock.close()
         reason = (error.strerror or str(error)).lower()
-        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with --port") from error
+        way_out = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
+        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {way_out}") from error
     sock.set_inheritable(True)
     return sock
 
@@ -177,15 +183,25 @@ def uvicorn_config(app: FastAPI, **rest: Any) -> uvicorn.Config:
     return uvicorn.Config(app, **{**plain, **rest})
 
 
+@contextmanager
+def _policy_errors() -> Iterator[None]:
+    """Raise what is wrong with a policy's file as a ServerError."""
+    try:
+        yield
+    except (LookupError, ValueError, OSError) as error:
+        raise ServerError(str(error)) from error
+
+
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C; ServerError or StoreError before anything starts when it cannot."""
     with listen(settings.host, settings.port) as sock:
+        with _policy_errors():
+            for path in settings.policies:
+                describe(str(path))
         Store(settings.database, settings.durable).close()
         print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
-        try:
+        with _policy_errors():
             policies = Policies(settings.policies)
-        except (LookupError, ValueError, OSError) as error:
-            raise ServerError(str(error)) from error
         sys.setswitchinterval(0.001)  # a policy thinking in a thread lets a move through within a millisecond
         server = _Announcing(uvicorn_config(create_app(settings, policies=policies)))
         host, port = sock.getsockname()[:2]

@@ -8,9 +8,11 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from conftest import eventually
 from recorded import play
 
 from app.cli import Size, cli, main
@@ -207,6 +209,11 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     assert (second.port, second.database, second.durable, second.policies) == (8000, DEFAULT_DATABASE, False, ())
 
 
+def heed_control_c():
+    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def signal_process(process):
     os.kill(process.pid, signal.SIGINT)
 
@@ -226,16 +233,17 @@ def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, in
         text=True,
         cwd=ROOT,
         start_new_session=True,
+        preexec_fn=heed_control_c,
     )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(3)
-    interrupt(process)
-    try:
-        out, err = process.communicate(timeout=20)
-    finally:
-        process.kill()
+    with process:
+        try:
+            eventually(lambda: list(tmp_path.iterdir()), 60)
+            time.sleep(3)
+            interrupt(process)
+            out, err = process.communicate(timeout=20)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
     assert (process.returncode, out, err.strip()) == (130, "", "")
     assert list(tmp_path.iterdir()) == []
 

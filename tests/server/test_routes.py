@@ -152,6 +152,9 @@ def test_unknown_things_get_404_in_words(server):
     assert client.post("/api/sessions/nobody/episodes").status_code == 404
     assert client.get("/viewer/nobody/").status_code == 404
     assert "no finished episode 'x'" in client.get("/api/episodes/x").json()["detail"]
+    for method, path, status in (("GET", "/api/session", 404), ("GET", "/static/none.js", 404), ("PUT", "/api/health", 405)):
+        answer = client.request(method, path)
+        assert (answer.status_code, f"nothing answers {method} {path}; /docs" in answer.json()["detail"]) == (status, True)
     assert client.get("/api/export/steps.xml").status_code == 422
     assert client.get("/api/export/steps.csv?who=me").status_code == 422
     assert client.get("/api/episodes?limit=0").json()["detail"].startswith("limit must be at least 1")

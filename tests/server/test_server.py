@@ -21,7 +21,7 @@ def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
 
 
 def test_an_address_of_another_machine_is_said():
-    with pytest.raises(ServerError, match=r"cannot listen on 203\.0\.113\.1"):
+    with pytest.raises(ServerError, match=r"cannot listen on 203\.0\.113\.1 .*choose another with --host"):
         listen("203.0.113.1", 0)
     with pytest.raises(ServerError, match="cannot listen on no such host"):
         listen("no such host", 0)
@@ -41,6 +41,7 @@ def test_a_policy_file_that_is_none_is_said(tmp_path):
     for source in (path, tmp_path / "absent.safetensors"):
         with pytest.raises(ServerError, match=source.name):
             run(Settings(port=0, database=tmp_path / "new.db", policies=(source,)))
+    assert not (tmp_path / "new.db").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
