@@ -93,16 +93,20 @@ class View:
         self.socket = stack.enter_context(view)
         self.socket.send(CAMERA)
 
-    def read(self, is_last):
-        """Every message, encoded, up to the batch with the one for which is_last(message), and what follows at once."""
+    def read(self, *awaited):
+        """Every message, encoded, until one has come whose name or type begins with each of the words, and what follows."""
         messages = []
-        while not any(map(is_last, messages)):
+        while not all(any(is_called(message, word) for message in messages) for word in awaited):
             messages += unpack(self.socket.recv(timeout=20))
         try:
             while True:
                 messages += unpack(self.socket.recv(timeout=0.1))
         except TimeoutError:
             return sorted(map(msgspec.msgpack.encode, messages))
+
+
+def is_called(message, word):
+    return message["type"].startswith(word) or str(message.get("name")).startswith(word)
 
 
 def unpack(data):
@@ -139,7 +143,7 @@ class Recorder:
         self.views = [View(server, id_, stack) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
             self.tape.add(*(socket.recv(20).encode() for _ in range(3 if number else 2)))  # frame, history, a rival's pace
-            self.tape.add(*view.read(lambda message: message.get("name") == "/border"))
+            self.tape.add(*view.read("/border", "ReplayDone"))
         self.ask_everything()
 
     def answer(self, method, url, **rest):
@@ -167,7 +171,7 @@ class Recorder:
             eventually(lambda: self.client.get(rival).json()["step"] == self.frame["step"])
         for socket, view in zip(self.sockets, self.views, strict=True):
             self.tape.add(socket.recv(20).encode())
-            self.tape.add(*view.read(lambda message: str(message.get("name")).startswith("/trail/")))
+            self.tape.add(*view.read("/trail/"))
         assert self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=act).status_code == 409
         self.ask_everything()
 
