@@ -65,7 +65,7 @@ def test_timed_paused_and_single_steps(server):
         client.post(f"/api/sessions/{rival}/pace", json={"moves_per_second": 20})
         assert watcher.receive("pace") == {"kind": "pace", "mode": "timed", "moves_per_second": 20.0}
         frame = watcher.frame_after(11)
-        assert 0.4 < time.monotonic() - began, "no faster than asked for"
+        assert time.monotonic() - began > 0.4, "no faster than asked for"
         client.post(f"/api/sessions/{rival}/pace", json={"pause": True})
     eventually(lambda: steps(client, rival) >= frame["step"])
     time.sleep(0.1)
