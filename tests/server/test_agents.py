@@ -99,7 +99,9 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
 
 def test_two_policies_side_by_side(server):
     client = server.client()
-    begun = client.post("/api/sessions", json={"player": "frontier-cost", "rival": "frontier-utility", "size": 10}).json()
+    begun = client.post(
+        "/api/sessions", json={"player": "frontier-cost", "rival": "frontier-utility", "size": 10, "seed": 4}
+    ).json()
     client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
     for session in (begun["session"], begun["rival"]["session"]):
         last = eventually(lambda session=session: (now := client.get(f"/api/sessions/{session}").json())["outcome"] and now)
@@ -163,10 +165,10 @@ class Offering(Policies):
 def test_a_policy_that_fails_stops_and_says_so(serve):
     server = serve(policies=Offering())
     client = server.client()
-    begun = client.post("/api/sessions", json={"player": "random"}).json()
+    begun = client.post("/api/sessions", json={"player": "random", "seed": 5}).json()
     with server.socket(begun["session"], client) as watcher:
         client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 30})
         assert "out of ideas" in watcher.receive("error")["detail"]
     assert steps(client, begun["session"]) == 2
-    following = client.post(f"/api/sessions/{begun['session']}/episodes").json()
+    following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"seed": 6}).json()
     eventually(lambda: steps(client, following["session"]) == 2)
