@@ -58,7 +58,7 @@ class Recipe:
 
     labels: int = 60_000
     mistakes: float = 0.12
-    clone_passes: int = 6
+    clone_passes: int = 8
     boards: int = 256
     horizon: int = 64
     epochs: int = 3
