@@ -139,11 +139,16 @@ def _played(names: list[str], config: EnvConfig, seeds: range, workers: int | No
         return
     with ExitStack() as stack:
         spawn = multiprocessing.get_context("spawn")
-        pool = stack.enter_context(ProcessPoolExecutor(min(processes, len(chunks)), mp_context=spawn))
+        pool = stack.enter_context(ProcessPoolExecutor(min(processes, len(chunks)), spawn, _one_thread))
         stack.callback(pool.shutdown, cancel_futures=True)
         futures: list[Future[list[Result]]] = [pool.submit(play, *chunk) for chunk in chunks]
         for future in as_completed(futures):
             yield future.result()
+
+
+def _one_thread() -> None:
+    """Keep libraries that a process will load from starting threads of their own: the processes share the cores already."""
+    os.environ["OMP_NUM_THREADS"] = "1"
 
 
 def play(name: str, config: EnvConfig, seeds: Sequence[int]) -> list[Result]:

@@ -1,0 +1,88 @@
+"""The frontier rules from their definitions: slow, in plain Python, sharing no code with the package.
+
+A map is a list of lists of codes 0 unknown, 1 free, 2 rover, 3 obstacle. Sight is decided by clipping the segment between two
+centres against each obstacle's open square, in fractions.
+"""
+
+from fractions import Fraction
+from functools import cache
+
+MOVES = [(-1, 0), (0, 1), (1, 0), (0, -1)]
+
+
+@cache
+def crosses(b_row, b_col, q_row, q_col):
+    """Whether the open segment (0, 0) - q meets the open unit square round b."""
+    low, high = Fraction(0), Fraction(1)
+    for b, q in ((b_row, q_row), (b_col, q_col)):
+        enter, leave = Fraction(2 * b - 1, 2), Fraction(2 * b + 1, 2)
+        if q == 0:
+            if not enter < 0 < leave:
+                return False
+            continue
+        first, second = sorted((enter / q, leave / q))
+        low, high = max(low, first), min(high, second)
+    return low < high
+
+
+def gain(grid, row, col, radius):
+    """Unknown cells in sight of (row, col), unknown ones being transparent."""
+    count = 0
+    for r, line in enumerate(grid):
+        for c, code in enumerate(line):
+            d_row, d_col = r - row, c - col
+            if code != 0 or d_row**2 + d_col**2 > radius**2:
+                continue
+            count += not any(
+                grid[b_row][b_col] == 3 and crosses(b_row - row, b_col - col, d_row, d_col)
+                for b_row in range(min(r, row), max(r, row) + 1)
+                for b_col in range(min(c, col), max(c, col) + 1)
+                if (b_row, b_col) != (r, c)
+            )
+    return count
+
+
+def ways(grid, start):
+    """Moves to every cell that can be reached over known free cells: {(row, col): moves}."""
+    found, edge = {start: 0}, [start]
+    while edge:
+        edge = [
+            found.setdefault(near, found[cell] + 1) and near
+            for cell in edge
+            for near in neighbours(grid, cell)
+            if near not in found
+        ]
+    return found
+
+
+def neighbours(grid, cell):
+    for d_row, d_col in MOVES:
+        r, c = cell[0] + d_row, cell[1] + d_col
+        if 0 <= r < len(grid) and 0 <= c < len(grid[0]) and grid[r][c] in (1, 2):
+            yield r, c
+
+
+def touches_unknown(grid, cell):
+    return any(
+        grid[r][c] == 0
+        for r in range(max(0, cell[0] - 1), min(len(grid), cell[0] + 2))
+        for c in range(max(0, cell[1] - 1), min(len(grid[0]), cell[1] + 2))
+    )
+
+
+def decide(grid, visited, rover, heading, radius, rule):
+    """The action of `cost` or `utility`, or None when there is no candidate."""
+    reach = ways(grid, rover)
+    gains = {cell: gain(grid, *cell, radius) for cell in reach if cell not in visited}
+    if rule == "cost":
+        goals = [cell for cell, new in gains.items() if new and touches_unknown(grid, cell)]
+        nearest = min((reach[cell] for cell in goals), default=None)
+        goals = [cell for cell in goals if reach[cell] == nearest]
+    else:
+        goals = [cell for cell, new in gains.items() if new]
+        goals = sorted(goals, key=lambda cell: (-Fraction(gains[cell], reach[cell] ** 2), reach[cell], cell))[:1]
+    for action in [heading, 0, 1, 2, 3]:
+        near = (rover[0] + MOVES[action][0], rover[1] + MOVES[action][1])
+        if near in reach and any(ways(grid, goal).get(near) == reach[goal] - 1 for goal in goals):
+            return action
+    return None
