@@ -1,0 +1,39 @@
+"""The shipped policy is what its card says."""
+
+import time
+
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluate import evaluate
+from marsexplorer.policies import load, names
+from marsexplorer.policies.card import read_card, shipped
+from marsexplorer.training.ppo import EVALUATION_SEEDS
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name):
+    card = read_card(shipped()[name])
+    results = card["results"]["random 21x21"]
+    row = evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start).rows[0]
+    assert row.completion == 1.0
+    assert row.collisions == 0
+    assert row.steps_low <= results["steps"] <= row.steps_high
+    assert all(card[key] for key in ("summary", "command", "hardware", "limits", "training"))
+
+
+def test_the_shipped_network_is_offered_first():
+    assert names()[0] == "ppo"
+
+
+def test_a_move_of_the_network_takes_under_two_milliseconds():
+    policy, episode = load("ppo"), Episode.begin(EnvConfig(), seed=EVALUATION_SEEDS.start)
+    policy.reset(0)
+    for _ in range(10):
+        episode.step(policy.act(episode.codes))
+    began, count = time.thread_time(), 0
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+        count += 1
+    assert (time.thread_time() - began) / count < 0.002
