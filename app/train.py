@@ -29,7 +29,7 @@ def train(level: str, size: int, steps: int, labels: int, seed: int, out: Path) 
     """Train a network on one core and write it with its card inside.
 
     It first imitates the planner, then improves by PPO on the rewards of the task. The file is written every 25
-    updates and at the end, so Ctrl-C keeps what there is. Four million moves take about half an hour.
+    updates and at the end, so Ctrl-C keeps what there is. On one core expect some thousand moves a second.
 
     \b
     Examples:
