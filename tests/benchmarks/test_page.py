@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from e2e_tools import KEY_OF, NO_3D, QUIET, chromium_path
+from e2e_tools import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
 from marsexplorer import policies
 
@@ -13,12 +13,13 @@ pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, rea
 PRESSES = 300
 
 
-def test_keydown_to_repaint(spawn):
+@pytest.mark.parametrize(("drawn", "flags"), [("matrix alone", NO_3D), ("3-D by the processor beside it", SOFTWARE_3D)])
+def test_keydown_to_repaint(spawn, drawn, flags):
     from playwright.sync_api import sync_playwright
 
     server = spawn()
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *NO_3D])
+        browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto(server.url)
         about = page.request.post(f"{server.url}/api/sessions", data={"size": 42}).json()
@@ -34,6 +35,6 @@ def test_keydown_to_repaint(spawn):
             page.wait_for_function(f"() => window.mars.latencies.length > {number}")
         times = np.array(page.evaluate("() => window.mars.latencies"))
         browser.close()
-    print(f"\n\nkeydown to repaint over {len(times)} presses: ", end="")
+    print(f"\n\nkeydown to repaint over {len(times)} presses, {drawn}: ", end="")
     print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
-    assert np.percentile(times, 95) < 50
+    assert np.percentile(times, 95) < 50 or flags is SOFTWARE_3D, "drawing 3-D without a GPU is reported, not gated"
