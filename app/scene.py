@@ -219,7 +219,7 @@ class Scene:
             segments = np.stack([points[:-1], points[1:]], axis=1)
             self._keep(
                 self._scene.add_line_segments(
-                    f"/trail/{start}", segments, colors=self._accent, thickness=0.15, thickness_units="world"
+                    f"/trail/{start}", segments, colors=self._accent, thickness=0.26, thickness_units="world"
                 )
             )
 

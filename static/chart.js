@@ -79,7 +79,8 @@ function paintAxes(context, box, at, end, height) {
   context.textBaseline = "alphabetic";
   for (let step = 0, gap = tickStep(end); step <= end; step += gap) {
     context.textAlign = step === 0 ? "left" : step === end ? "right" : "center";
-    context.fillText(step === 0 ? "0 moves" : `${step}`, at.x(step), height - 5);
+    const hasRoom = at.x(gap) - at.x(0) > 80;
+    context.fillText(step === 0 && hasRoom ? "0 moves" : `${step}`, at.x(step), height - 5);
   }
 }
 
