@@ -3,8 +3,7 @@
 A frontier cell is a known free cell sharing an edge or a corner with an unknown one. Candidates are cells that the rover
 has not yet stood on (it has scanned from those: they show nothing more, whatever is expected of them) and from which at
 least one unknown cell is expected to be seen. `frontier-cost` takes frontier cells alone; `frontier-utility` takes every
-candidate, since a good view of a frontier need not be on it (91.6 moves to 99 % against 95.8 with frontier cells
-alone, 200 terrains of level random at 21x21).
+candidate, since a good view of a frontier need not be on it.
 
 Both rules re-plan after every move and still never wander for ever: while nothing new is seen the candidates stay as
 they are, and each move either takes one of them off the list by standing on it, or brings the nearest (the best) one

@@ -105,4 +105,5 @@ def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
     for name, times in columns.items():
         print(f"| {name} | " + " | ".join(f"{np.percentile(times, p):.2f}" for p in (50, 95, 99)) + " |")
     assert len(wall) > 0.8 * PLAYERS * MOVES_PER_SECOND * SECONDS
-    assert np.percentile(cpu, 99) < 5, "the processor time of a move: what others on this machine do does not count"
+    assert np.percentile(cpu, 99) < 5
+    assert np.percentile(wall, 99) < 5, "measure while nothing else runs"

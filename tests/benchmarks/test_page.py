@@ -11,9 +11,15 @@ from marsexplorer import policies
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 
 PRESSES = 300
+SLOW_WITHOUT_A_GPU = pytest.mark.xfail(
+    reason="known miss: software 3-D slows the frames that the repaint waits for", strict=False
+)
 
 
-@pytest.mark.parametrize(("drawn", "flags"), [("matrix alone", NO_3D), ("3-D by the processor beside it", SOFTWARE_3D)])
+@pytest.mark.parametrize(
+    ("drawn", "flags"),
+    [("matrix alone", NO_3D), pytest.param("3-D by the processor beside it", SOFTWARE_3D, marks=SLOW_WITHOUT_A_GPU)],
+)
 def test_keydown_to_repaint(spawn, drawn, flags):
     from playwright.sync_api import sync_playwright
 
@@ -37,4 +43,4 @@ def test_keydown_to_repaint(spawn, drawn, flags):
         browser.close()
     print(f"\n\nkeydown to repaint over {len(times)} presses, {drawn}: ", end="")
     print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
-    assert np.percentile(times, 95) < 50 or flags is SOFTWARE_3D, "drawing 3-D without a GPU is reported, not gated"
+    assert np.percentile(times, 95) < 50
