@@ -19,7 +19,7 @@ COMMANDS = {
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
 }
-"""Name -> what `marsexplorer --help` says of it. The click command of NAME is `app.commands.NAME.NAME`, a dash an underscore."""
+"""Name -> what `marsexplorer --help` says of it. The command NAME is `app.commands.NAME.NAME`, a dash an underscore."""
 
 
 class Commands(click.Group):
