@@ -17,6 +17,8 @@ from typing import IO
 
 from sqlite_utils import Database
 
+from app.schema import MIGRATIONS, Migration
+
 APPLICATION_ID = 0x4D415253
 """`MARS` in ASCII, at byte 68 of the file."""
 
@@ -24,80 +26,9 @@ BUSY_MS = 5_000
 _in_use: Counter[tuple[int, int]] = Counter()
 """The files this process has open, by device and inode: see `recognise`."""
 
-Migration = Callable[[sqlite3.Connection], None]
-
 
 class StoreError(Exception):
     """The database cannot be used as asked; the message says what was expected, what came, and the way out."""
-
-
-def _tables(conn: sqlite3.Connection) -> None:
-    for statement in (
-        "CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT",
-        "CREATE TABLE players (id TEXT PRIMARY KEY, created_ms INTEGER NOT NULL) STRICT",
-        """CREATE TABLE sessions (
-            id TEXT PRIMARY KEY,
-            player_id TEXT REFERENCES players(id),
-            owner_id TEXT REFERENCES players(id), -- the player at whose screen it runs: a rival's is its player's
-            driver_name TEXT NOT NULL,
-            rival_of TEXT REFERENCES sessions(id),
-            pace_mode TEXT NOT NULL CHECK (pace_mode IN ('follow', 'timed', 'paused')),
-            moves_per_second REAL NOT NULL,
-            created_ms INTEGER NOT NULL) STRICT""",
-        """CREATE TABLE episodes (
-            id TEXT PRIMARY KEY,
-            session_id TEXT NOT NULL REFERENCES sessions(id),
-            number INTEGER NOT NULL,
-            level TEXT NOT NULL,
-            config TEXT NOT NULL,
-            config_hash TEXT NOT NULL,
-            seed INTEGER,
-            seed_chosen INTEGER NOT NULL CHECK (seed_chosen IN (0, 1)),
-            terrain BLOB NOT NULL,
-            terrain_hash TEXT NOT NULL,
-            terrain_met_before INTEGER NOT NULL CHECK (terrain_met_before IN (0, 1)),
-            start_row INTEGER NOT NULL,
-            start_col INTEGER NOT NULL,
-            policy_seed INTEGER NOT NULL,
-            core_version TEXT NOT NULL,
-            driver TEXT NOT NULL CHECK (driver IN ('human', 'script') OR driver LIKE 'policy:%'),
-            assisted INTEGER NOT NULL CHECK (assisted IN (0, 1)),
-            started_ms INTEGER NOT NULL,
-            ended_ms INTEGER,
-            outcome TEXT,
-            steps INTEGER,
-            discovered INTEGER,
-            total REAL,
-            score REAL,
-            trajectory_hash TEXT,
-            UNIQUE (session_id, number),
-            CHECK ((ended_ms IS NULL) = (outcome IS NULL)),
-            CHECK ((ended_ms IS NULL) = (trajectory_hash IS NULL))) STRICT""",
-        """CREATE TABLE steps (
-            episode_id TEXT NOT NULL REFERENCES episodes(id),
-            step INTEGER NOT NULL,
-            action INTEGER NOT NULL CHECK (action BETWEEN 0 AND 3),
-            reward REAL NOT NULL,
-            discovered INTEGER NOT NULL,
-            server_ms INTEGER NOT NULL,
-            client_ms REAL,
-            key_down_ms REAL,
-            key_up_ms REAL,
-            input TEXT CHECK (input IN ('key', 'touch')),
-            driver TEXT NOT NULL,
-            PRIMARY KEY (episode_id, step)) STRICT, WITHOUT ROWID""",
-    ):
-        conn.execute(statement)
-
-
-def _indexes(conn: sqlite3.Connection) -> None:
-    conn.execute("CREATE INDEX episodes_by_terrain ON episodes (terrain_hash)")
-    conn.execute("CREATE INDEX episodes_by_end ON episodes (ended_ms)")
-    conn.execute("CREATE INDEX sessions_by_rival ON sessions (rival_of) WHERE rival_of IS NOT NULL")
-
-
-MIGRATIONS: tuple[Migration, ...] = (_tables, _indexes)
-"""Migration k (from 1) leads from schema k - 1 to schema k; one that has been released never changes."""
 
 
 @contextmanager
