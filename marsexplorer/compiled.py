@@ -2,28 +2,72 @@
 
 Kernels take whole numpy arrays and plain numbers; what each stands for is said where the kernel is called from. Counting
 references to array views cost more than half of the time of a step, hence `_nrt=False`: a kernel allocates nothing.
+
+The first run on a machine compiles for some seconds; one line on stderr says so, once a process. Later runs read the cache.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import sys
+import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 from llvmlite import ir
 from numba import njit, uint64
+from numba.core import event
 from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+PATIENCE_S = 0.5
+"""Compiling that takes longer is explained on stderr."""
+
+EXPLAINED = "marsexplorer: compiling the rules for this machine, some seconds; the next start reads them from a cache"
+
+
+class Explain(event.Listener):
+    """Prints one line when compiling takes longer than PATIENCE_S; once a process, and never in a worker process."""
+
+    def __init__(self) -> None:
+        self._depth, self._said = 0, multiprocessing.parent_process() is not None
+        self._timer: threading.Timer | None = None
+
+    def on_start(self, event: Any) -> None:
+        """Wind the clock at the outermost of nested compilations; numba holds its compiler lock here."""
+        self._depth += 1
+        if self._depth == 1 and not self._said:
+            self._timer = threading.Timer(PATIENCE_S, self._say)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def on_end(self, event: Any) -> None:
+        """Stop the clock."""
+        self._depth -= 1
+        if self._depth == 0 and self._timer is not None:
+            self._timer.cancel()
+
+    def _say(self) -> None:
+        if not self._said:
+            self._said = True
+            print(EXPLAINED, file=sys.stderr, flush=True)
+
+
+event.register("numba:compile", Explain())  # type: ignore[no-untyped-call]
+
 
 def kernel(function: F) -> F:
-    """Return the function compiled, to be called from Python."""
+    """Return the function compiled, to be called from Python and from other kernels.
+
+    What several kernels share is a kernel as well when it is long: compiled once for all of them instead of into each.
+    """
     compiled: F = njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
     return compiled
 
 
 def inlined(function: F) -> F:
-    """Return the function for use inside kernels, its body compiled into theirs."""
+    """Return the function for use inside kernels, its body compiled into theirs: for what is short or used once."""
     compiled: F = njit(inline="always", _nrt=False)(function)  # type: ignore[call-overload]
     return compiled
 

@@ -117,7 +117,7 @@ def bit_at(row, col, rules):
     return (row + rules[RADIUS]) * rules[WORDS] + (bit >> 6), ONE << np.uint64(bit & 63)
 
 
-@inlined
+@kernel
 def begin(state, base, codes, cbase, sight, rules, masks, row, col):
     """Start the world whose obstacles stand in its record: forget, place the rover, scan."""
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
@@ -153,7 +153,7 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     return draws
 
 
-@inlined
+@kernel
 def move(state, base, codes, cbase, sight, rules, action):
     """Make one move in a running world and return its reward (eq. 8); the outcome stands in the record."""
     rows, cols = rules[ROWS], rules[COLS]

@@ -175,7 +175,7 @@ def near(reach, at, word, words, corners):
     return found
 
 
-@inlined
+@kernel
 def solvable(bits, base, reach, lag, shape, masks):
     """Whether all free cells are connected to a free (0, 0) and enough cells can be discovered.
 
@@ -210,7 +210,7 @@ def solvable(bits, base, reach, lag, shape, masks):
     return seen >= shape[TARGET]
 
 
-@inlined
+@kernel
 def grow(bits, base, reach, lag, shape, masks, seed):
     """Draw terrains into bits[base:] until one is solvable; return how many draws it took, 0 after MAX_DRAWS."""
     size = (shape[ROWS] + 2 * shape[RADIUS]) * shape[WORDS]
