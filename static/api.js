@@ -17,21 +17,29 @@ export function readDetail(detail, status) {
   return `The server answered ${status}.`;
 }
 
-/** @param {typeof fetch} fetcher @returns the calls, each a promise of the parsed answer */
-export function createApi(fetcher) {
-  /** @param {string} path @param {unknown} [body] @param {number} [timeout_ms] */
-  async function call(path, body, timeout_ms = 15000) {
+/**
+ * One call: its path below api/, a body for a POST, a promise of the parsed answer.
+ * @param {typeof fetch} fetcher @param {string} root the way from the page to the server's root: "" or "../"
+ */
+export function createCall(fetcher, root) {
+  /** @param {string} path @param {unknown} [body] @param {number} [timeout_ms] @returns {Promise<any>} */
+  return async function call(path, body, timeout_ms = 15000) {
     const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
     let response;
     try {
-      response = await fetcher(`api/${path}`, { ...options, cache: "no-store", signal: AbortSignal.timeout(timeout_ms) });
+      response = await fetcher(`${root}api/${path}`, { ...options, cache: "no-store", signal: AbortSignal.timeout(timeout_ms) });
     } catch {
       throw new ApiError("The server cannot be reached.", 0);
     }
     const answer = await response.json().catch(() => null);
     if (!response.ok) throw new ApiError(readDetail(answer?.detail, response.status), response.status);
     return answer;
-  }
+  };
+}
+
+/** @param {typeof fetch} fetcher @param {string} [root] @returns the calls, each a promise of the parsed answer */
+export function createApi(fetcher, root = "") {
+  const call = createCall(fetcher, root);
   /** @param {string} id */
   const session = (id) => `sessions/${encodeURIComponent(id)}`;
   return {

@@ -3,7 +3,9 @@
 
 /** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
 export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
-const EDGE = "#3a2d28";
+/** @typedef {{shades: typeof SHADES, edge: string, rockEdge: string}} Soil  how cells look; SOIL unless a palette says otherwise */
+/** @type {Soil} */
+export const SOIL = { shades: SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" };
 
 /**
  * The largest whole number of device pixels per cell that fits.
@@ -31,7 +33,7 @@ export function runs(line) {
 /**
  * Paints one board to fill its frame, crisp at any pixel ratio.
  * @param {HTMLCanvasElement} canvas @param {{frame: import("./protocol.js").Frame, trail: import("./protocol.js").Cell[]}} board
- * @param {{accent: string, width_px: number, height_px: number, dpr: number}} look
+ * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil}} look
  */
 export function paintBoard(canvas, board, look) {
   const { frame, trail } = board;
@@ -45,23 +47,23 @@ export function paintBoard(canvas, board, look) {
     canvas.style.height = `${height / look.dpr}px`;
   }
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
-  paintCells(context, frame, size);
+  paintCells(context, frame, size, look.soil ?? SOIL);
   paintTrail(context, trail, size, look.accent);
   paintRover(context, frame, size, look.accent);
 }
 
-/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Frame} frame @param {number} size */
-function paintCells(context, frame, size) {
+/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Frame} frame @param {number} size @param {Soil} soil */
+function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   const gap = size >= 7 ? 1 : 0;
-  context.fillStyle = SHADES["?"];
+  context.fillStyle = shades["?"];
   context.fillRect(0, 0, frame.cols * size, frame.rows * size);
   frame.grid.forEach((line, row) => {
     for (const [col, length, mark] of runs(line)) {
       if (mark === "?") continue;
-      context.fillStyle = mark === "#" ? SHADES["#"] : SHADES["."];
+      context.fillStyle = mark === "#" ? shades["#"] : shades["."];
       context.fillRect(col * size, row * size, length * size, size);
       if (gap === 0) continue;
-      context.fillStyle = mark === "#" ? "#cdbfb0" : EDGE;
+      context.fillStyle = mark === "#" ? rockEdge : edge;
       for (let k = 1; k <= length; k++) context.fillRect((col + k) * size - gap, row * size, gap, size);
       context.fillRect(col * size, (row + 1) * size - gap, length * size, gap);
     }

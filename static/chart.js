@@ -2,6 +2,9 @@
 // Coverage over moves, both curves on one canvas; the step axis grows with the longer of the two.
 
 /** @typedef {{name: string, colour: string, isDashed: boolean, discovered: number[], cells: number}} Curve */
+/** @typedef {{text: string, goal: string, base: string, line: string}} Inks  of labels, the 99 % line, the axis and the grid */
+/** @type {Inks} */
+export const INKS = { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" };
 
 /**
  * The right end of the step axis: a round number with a little room, at least 40.
@@ -29,7 +32,7 @@ export function sampled(count, most) {
 
 /**
  * @param {HTMLCanvasElement} canvas @param {Curve[]} curves
- * @param {{width_px: number, height_px: number, dpr: number, font: string}} look
+ * @param {{width_px: number, height_px: number, dpr: number, font: string, inks?: Inks}} look
  */
 export function paintChart(canvas, curves, look) {
   const { width_px: width, height_px: height, dpr } = look;
@@ -49,7 +52,7 @@ export function paintChart(canvas, curves, look) {
     /** @param {number} share */
     y: (share) => box.bottom - (box.bottom - box.top) * share,
   };
-  paintAxes(context, box, at, end, height);
+  paintAxes(context, box, at, { end, height }, look.inks ?? INKS);
   for (const curve of curves) paintCurve(context, curve, at);
 }
 
@@ -57,25 +60,25 @@ export function paintChart(canvas, curves, look) {
 
 /**
  * @param {CanvasRenderingContext2D} context @param {{left: number, right: number, top: number, bottom: number}} box
- * @param {Scale} at @param {number} end @param {number} height
+ * @param {Scale} at @param {{end: number, height: number}} size @param {Inks} inks
  */
-function paintAxes(context, box, at, end, height) {
+function paintAxes(context, box, at, { end, height }, inks) {
   context.textBaseline = "middle";
   context.lineWidth = 1;
   for (const share of height > 120 ? [0, 0.25, 0.5, 0.75] : [0, 0.5]) {
-    context.strokeStyle = share === 0 ? "#5a453a" : "#2a2023";
+    context.strokeStyle = share === 0 ? inks.base : inks.line;
     line(context, box.left, at.y(share), box.right, at.y(share));
-    context.fillStyle = "#a8988d";
+    context.fillStyle = inks.text;
     context.textAlign = "right";
     context.fillText(`${share * 100}`, box.left - 8, at.y(share));
   }
   context.setLineDash([2, 4]);
-  context.strokeStyle = "#e8ddd3";
+  context.strokeStyle = inks.goal;
   line(context, box.left, at.y(0.99), box.right, at.y(0.99));
   context.setLineDash([]);
-  context.fillStyle = "#e8ddd3";
+  context.fillStyle = inks.goal;
   context.fillText("99 %", box.left - 6, at.y(0.99) + 2);
-  context.fillStyle = "#a8988d";
+  context.fillStyle = inks.text;
   context.textBaseline = "alphabetic";
   for (let step = 0, gap = tickStep(end); step <= end; step += gap) {
     context.textAlign = step === 0 ? "left" : step === end ? "right" : "center";

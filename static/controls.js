@@ -18,9 +18,10 @@ const round = (ms) => Math.round(ms * 10) / 10;
 
 /**
  * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action, timing: Timing,
- *   pressedAt_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean}} how
+ *   pressedAt_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean,
+ *   actionOf?: (code: string) => Action | undefined}} how
  */
-export function startControls({ page, frames, pad, onAct, onEnter }) {
+export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
   /** @type {number | null} */
   let up_ms = null;
   const isDriven = () => page.navigator.webdriver === true;
@@ -36,6 +37,7 @@ export function startControls({ page, frames, pad, onAct, onEnter }) {
     /** @param {number} at_ms */
     onRelease: (at_ms) => { up_ms = at_ms; },
     onEnter,
+    actionOf,
   };
   const { timeOrigin } = page.performance;
   hookKeys(page, tell, timeOrigin);

@@ -30,8 +30,9 @@ function origin(event) {
  *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own ms
  *   onRelease  it came up again
  *   onEnter    Enter outside fields; true when it was used
+ *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
  * @param {Window & typeof globalThis} view @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
- *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean}} tell @param {number} timeOrigin of the page
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} tell @param {number} timeOrigin of the page
  */
 export function hookKeys(view, tell, timeOrigin) {
   /** @param {KeyboardEvent} event */
@@ -43,7 +44,7 @@ export function hookKeys(view, tell, timeOrigin) {
       if (tell.onEnter(event)) swallow(event);
       return;
     }
-    const action = KEYS[event.code];
+    const action = tell.actionOf ? tell.actionOf(event.code) : KEYS[event.code];
     if (!action) return;
     swallow(event);
     if (event.type === "keyup") tell.onRelease(at_ms(event));

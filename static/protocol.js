@@ -7,8 +7,8 @@
 /**
  * What a board needs, whole. `grid` holds `rows` strings of `cols` characters: ? unknown, . free, # obstacle, @ rover.
  * @typedef {{kind: "frame", episode: string, step: number, rows: number, cols: number, grid: string[], position: Cell,
- *   discovered: number, coverage: number, heading: Action, reward: number, return: number, score: number,
- *   outcome: Outcome | null}} Frame
+ *   discovered: number, coverage: number, heading: Action, reward: number | null, return: number | null,
+ *   score: number | null, outcome: Outcome | null}} Frame  reward, return and score are null while a study keeps them to itself
  */
 /** @typedef {{kind: "history", episode: string, positions: Cell[], discovered: number[]}} History */
 /** @typedef {{kind: "refused", reason: string, frame: Frame}} Refused */
@@ -34,6 +34,18 @@ export const TO_SERVER = ["act", "history"];
  */
 export function act(episode, step, action, timing) {
   return { kind: "act", episode, step, action, ...timing };
+}
+
+/**
+ * What the fingers did and where the eyes were, of a study's episode; `client_ms` is performance.now.
+ * @typedef {{kind: "keydown" | "keyup" | "touchdown" | "touchup" | "focus" | "blur" | "visible" | "hidden" | "pause" | "resume",
+ *   code: string | null, repeat: boolean | null, trusted: boolean | null, client_ms: number, step: number | null,
+ *   round_trip_ms: number | null}} InputEvent
+ */
+
+/** The message that brings input events. @param {string} episode @param {InputEvent[]} batch at most 200 */
+export function events(episode, batch) {
+  return { kind: "events", episode, events: batch };
 }
 
 /** The request for positions and discoveries of the whole episode. */

@@ -20,14 +20,14 @@ export const outcomeShort = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? o
 export const outcomeLine = (outcome) => (outcome ? ENDINGS[outcome]?.line ?? "" : "");
 /** @param {number} share 0..1; rounded down, so that 99.0 never stands before the goal is reached */
 export const percent = (share) => `${(Math.floor(share * 1000 + 1e-9) / 10).toFixed(1)}`;
-/** @param {number} value */
-export const signed = (value) => `${value < 0 ? "\u2212" : "+"}${Math.abs(value).toFixed(1)}`;
-/** @param {number} value */
-export const score = (value) => value.toFixed(3).replace("-", "\u2212");
+/** @param {number | null} value null while a study keeps it to itself */
+export const signed = (value) => value === null ? "\u2013" : `${value < 0 ? "\u2212" : "+"}${Math.abs(value).toFixed(1)}`;
+/** @param {number | null} value null while a study keeps it to itself */
+export const score = (value) => value === null ? "\u2013" : value.toFixed(3).replace("-", "\u2212");
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${size[1]}` : `${size} \u00d7 ${size}`);
 /** @param {number} count @param {string} one */
-const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
+export const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 
 /** What stands where a rival will be. @param {{player: object | null, counts: boolean}} state @param {string} rival */
 export function emptySeat({ player, counts }, rival) {
@@ -77,11 +77,12 @@ export function describeBoard(frame, name) {
  * @param {Frame | null} before @param {Frame} after
  */
 export function announcement(before, after) {
+  const scored = after.score === null ? "" : `, score ${score(after.score)}`;
   if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
   if (after.outcome && !before.outcome) {
-    return `${outcomeTitle(after.outcome)} after ${many(after.step, "step")}. Coverage ${percent(after.coverage)} percent, score ${score(after.score)}.`;
+    return `${outcomeTitle(after.outcome)} after ${many(after.step, "step")}. Coverage ${percent(after.coverage)} percent${scored}.`;
   }
   const tenth = Math.floor(after.coverage * 10);
-  if (tenth > Math.floor(before.coverage * 10)) return `${tenth * 10} percent explored, ${many(after.step, "step")}, score ${score(after.score)}.`;
+  if (tenth > Math.floor(before.coverage * 10)) return `${tenth * 10} percent explored, ${many(after.step, "step")}${scored}.`;
   return "";
 }
