@@ -24,6 +24,8 @@ from starlette.exceptions import HTTPException
 
 from app import api_page, routes, sockets
 from app.agents import Policies
+from app.leaderboard.routes import Leaderboard
+from app.leaderboard.routes import router as leaderboard_routes
 from app.lobby import Lobby, Sources, UnknownSession
 from app.middleware import Guard
 from app.players import Players, has_own_origin
@@ -59,6 +61,7 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         viewer = Viewer()
         app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
         app.state.players = Players(store.secret())
+        app.state.leaderboard = Leaderboard(store.path, {each.name: each.source for each in on_offer.offers()})
         sweeper = asyncio.create_task(lobby.sweep(), name="sweep")
         gc.collect()
         gc.freeze()  # what is loaded stays: collections that walk it would hold a move up for tens of milliseconds
@@ -66,6 +69,7 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
             yield
         finally:
             sweeper.cancel()
+            await app.state.leaderboard.close()
             lobby.close()
             viewer.close()
             store.close()
@@ -78,6 +82,7 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
     _add_errors(app)
     app.include_router(routes.router)
     app.include_router(sockets.router)
+    app.include_router(leaderboard_routes(STATIC / "leaderboard.html"))
     _add_viewer(app)
     _add_page(app)
     return app

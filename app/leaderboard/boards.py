@@ -1,0 +1,85 @@
+"""What can be compared: one board per configuration that people play, and one per study that has been closed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from app.human_level import human_level
+from app.leaderboard.figures import Job
+from app.reader import Reader
+from marsexplorer.config import LEVELS, EnvConfig
+
+FIRST_SEED = 1_000_000_000
+"""Policies play the terrains of this seed and the next ones: training refuses them."""
+
+OFFERED = (*(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random", 42), EnvConfig.of("random", 84))
+"""What the page's sheet offers: a board for each, whoever has played."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A configuration and the terrains on which policies stand beside people.
+
+    id        in the page's address
+    human     the figure of `app.human_level`, None while nobody has played for it
+    seeds     of the policies' terrains
+    policies  names; None means everything on offer
+    """
+
+    id: str
+    title: str
+    config: EnvConfig
+    human: dict[str, Any] | None
+    seeds: tuple[int, ...]
+    study: str | None = None
+    policies: tuple[str, ...] | None = None
+
+    def jobs(self, sources: dict[str, str]) -> list[Job]:
+        """Return what has to be evaluated, quick policies first; `sources` is what `policies.load` takes, by name."""
+        slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
+        chosen = [name for name in sources if self.policies is None or name in self.policies]
+        ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
+        return [Job(sources[name], self.config, self.seeds) for name in ordered]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a list of boards says of it."""
+        human = self.human or {"players": 0, "episodes": 0}
+        return {
+            "id": self.id,
+            "title": self.title,
+            "study": self.study,
+            "level": self.config.level,
+            "rows": self.config.rows,
+            "cols": self.config.cols,
+            "max_steps": self.config.limit,
+            "config_hash": self.config.hash,
+            "terrains": len(self.seeds),
+            "players": human["players"],
+            "episodes": human["episodes"],
+        }
+
+
+def boards(reader: Reader) -> list[Board]:
+    """Return every board: those that people have played first, the most played before the others."""
+    found = {}
+    for figure in human_level(reader)["figures"]:
+        config = EnvConfig(**figure["config"])
+        found[config.hash] = _board(config, figure)
+    for config in OFFERED:
+        found.setdefault(config.hash, _board(config, None))
+    return list(found.values())
+
+
+def held_out(config: EnvConfig) -> tuple[int, ...]:
+    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
+    count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
+    return tuple(range(FIRST_SEED, FIRST_SEED + count))
+
+
+def _board(config: EnvConfig, human: dict[str, Any] | None) -> Board:
+    name = f"{config.level}-{config.rows}x{config.cols}"
+    title = f"{config.level} {config.rows} × {config.cols}"
+    if EnvConfig.of(config.level, (config.rows, config.cols)) != config:
+        name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
+    return Board(name, title, config, human, held_out(config))

@@ -1,0 +1,158 @@
+"""Policies' figures: made by a process of low priority when first asked for, kept in a file beside the database.
+
+A figure belongs to (core version, policy with its file, configuration, seeds); whatever of that changes makes it anew. No
+figure is ever guessed: until it is there, its progress is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import sys
+from asyncio.subprocess import PIPE, Process
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from marsexplorer import policies
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.policies.card import shipped
+
+LARGEST_LINE = 1 << 24
+"""Bytes of a worker's line: a heat map of the largest grid fits."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A policy (its name or path) on the terrains of some seeds."""
+
+    policy: str
+    config: EnvConfig
+    seeds: tuple[int, ...]
+
+    @property
+    def key(self) -> str:
+        """What the figure belongs to."""
+        seeds = hashlib.sha256(",".join(map(str, self.seeds)).encode()).hexdigest()
+        return "|".join((CORE_VERSION, self.policy, policy_hash(self.policy), self.config.hash, seeds))
+
+    def to_json(self) -> str:
+        """Return the line the worker reads."""
+        return json.dumps({"policy": self.policy, "config": self.config.to_dict(), "seeds": self.seeds})
+
+
+@lru_cache(64)
+def policy_hash(source: str) -> str:
+    """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
+    found = hashlib.sha256()
+    files = sorted(Path(policies.__file__).parent.glob("*.py"))
+    own = shipped().get(source, Path(source))
+    for path in (*files, own):
+        if path.is_file():
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+class Figures:
+    """Asked for a board's figures, it answers with what is there and has the rest made, the board asked for last first."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._done: dict[str, dict[str, Any]] = _read(path)
+        self._failed: dict[str, str] = {}
+        self._waiting: dict[str, Job] = {}
+        self._progress: tuple[str, int] = ("", 0)
+        self._task: asyncio.Task[None] | None = None
+
+    def ask(self, jobs: Sequence[Job]) -> list[dict[str, Any]]:
+        """Return per job {"state", "done", "of", "figure", "error"}; what is missing is begun. On the event loop only."""
+        keys = {job.key: job for job in jobs}
+        missing = {key: job for key, job in keys.items() if key not in self._done and key not in self._failed}
+        if missing:
+            self._waiting = {**missing, **self._waiting}
+            if self._task is None or self._task.done():
+                self._task = asyncio.create_task(self._work(), name="leaderboard")
+        return [self._state(key, job) for key, job in keys.items()]
+
+    async def close(self) -> None:
+        """Return with the process ended; what it had not finished is begun again another time."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+    def _state(self, key: str, job: Job) -> dict[str, Any]:
+        made, error = self._done.get(key), self._failed.get(key)
+        at, done = self._progress
+        state = "ready" if made else "failed" if error else "computing" if at == key else "waiting"
+        count = len(job.seeds) if made else done if at == key else 0
+        return {"state": state, "done": count, "of": len(job.seeds), "figure": made, "error": error}
+
+    async def _work(self) -> None:
+        """Return when nothing is left to make."""
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        command = (sys.executable, "-m", "app.leaderboard.worker")
+        # a session of its own: Ctrl-C in the server's terminal is not meant for it
+        process = await asyncio.create_subprocess_exec(
+            *command, stdin=PIPE, stdout=PIPE, limit=LARGEST_LINE, env=environment, start_new_session=True
+        )
+        try:
+            while self._waiting:
+                key, job = next(iter(self._waiting.items()))
+                await self._make(process, key, job)
+                self._waiting.pop(key, None)
+                await asyncio.to_thread(_write, self.path, dict(self._done))
+        finally:
+            self._progress = ("", 0)
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+    async def _make(self, process: Process, key: str, job: Job) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._progress = (key, 0)
+        with contextlib.suppress(ConnectionError):
+            process.stdin.write(job.to_json().encode() + b"\n")
+            await process.stdin.drain()
+        while line := await process.stdout.readline():
+            message = json.loads(line)
+            if "done" in message:
+                self._progress = (key, message["done"])
+            elif "figure" in message:
+                self._done[key] = message["figure"]
+                return
+            else:
+                self._failed[key] = message["error"]
+                return
+        for each in self._waiting:  # the process has died: nothing more comes
+            self._failed[each] = "the evaluation ended early; restart the server to try again"
+        _log.warning("the leaderboard's evaluation ended early (%s)", job.policy)
+        self._waiting.clear()
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the figures of this core version in a file; none when it is absent or not whole."""
+    try:
+        kept = json.loads(path.read_bytes())
+        return {key: value for key, value in kept.items() if key.split("|")[0] == CORE_VERSION and "curve" in value}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+def _write(path: Path, figures: dict[str, dict[str, Any]]) -> None:
+    """Return with the figures in the file, whole; a disk that is full costs a warning and the next start's time."""
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(json.dumps(figures, separators=(",", ":")))
+        part.replace(path)
+    except OSError as error:
+        _log.warning("the leaderboard's figures were not kept in %s: %s", path, error.strerror)

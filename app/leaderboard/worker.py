@@ -1,0 +1,67 @@
+"""The process that plays policies' episodes for the leaderboard: `python -m app.leaderboard.worker`, jobs in, figures out.
+
+Each line on stdin is a job {"policy", "config", "seeds"}; each line on stdout is {"done": episodes so far}, then
+{"figure": ...} or {"error": sentence}. It runs at the lowest priority and ends with its stdin or with whoever reads it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from typing import Any
+
+from app.leaderboard.tally import Played, figure
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import Policy
+from marsexplorer.score import steps_to_target
+
+
+def main() -> None:
+    """Answer jobs until stdin ends."""
+    os.nice(19)
+    for line in sys.stdin:
+        try:
+            tell({"figure": done(json.loads(line))})
+        except (ValueError, LookupError, OSError, RuntimeError) as error:
+            tell({"error": str(error) or type(error).__name__})
+
+
+def done(job: dict[str, Any]) -> dict[str, Any]:
+    """Return the figure of a job, telling of each episode on the way."""
+    config = EnvConfig(**job["config"])
+    policy = policies.load(job["policy"], config.sensor_radius)
+    groups: list[list[Played]] = []
+    for seed in job["seeds"]:
+        groups.append([played(policy, config, seed)])
+        tell({"done": len(groups)})
+    return figure(config, groups)
+
+
+def played(policy: Policy, config: EnvConfig, seed: int) -> Played:
+    """Return one episode; the policy draws from the terrain's seed, as in `marsexplorer.evaluate`."""
+    episode = Episode.begin(config, seed=seed)
+    policy.reset(seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    return of_episode(episode)
+
+
+def of_episode(episode: Episode) -> Played:
+    """Return what figures need of a finished episode."""
+    steps = steps_to_target(episode.config, episode.outcome, episode.steps)
+    return Played(episode.outcome, episode.score, steps, episode.discoveries, episode.path)
+
+
+def tell(message: dict[str, Any]) -> None:
+    """Print one message; a reader that has gone ends the process."""
+    try:
+        print(json.dumps(message, separators=(",", ":")), flush=True)
+    except BrokenPipeError:
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
