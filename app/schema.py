@@ -5,6 +5,8 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable
 
+from app import digests
+
 Migration = Callable[[sqlite3.Connection], None]
 
 
@@ -141,5 +143,28 @@ def _studies(conn: sqlite3.Connection) -> None:
         conn.execute(statement)
 
 
-MIGRATIONS: tuple[Migration, ...] = (_tables, _indexes, _studies)
+def _releases(conn: sqlite3.Connection) -> None:
+    for statement in (
+        # SHA-256 over stored rows: see app/digests.py
+        """CREATE TABLE digests (
+            kind TEXT NOT NULL CHECK (kind IN ('episode', 'events', 'participant')),
+            id TEXT NOT NULL,
+            digest TEXT NOT NULL,
+            PRIMARY KEY (kind, id)) STRICT, WITHOUT ROWID""",
+        # what was published; outdated_ms is set when a participant in it was forgotten
+        """CREATE TABLE releases (
+            study TEXT NOT NULL REFERENCES studies(name),
+            version INTEGER NOT NULL,
+            manifest_hash TEXT NOT NULL,
+            released_ms INTEGER NOT NULL,
+            outdated_ms INTEGER,
+            PRIMARY KEY (study, version, manifest_hash)) STRICT""",
+        # SHA-256 of the ids of people who were forgotten: a merge leaves them out
+        "CREATE TABLE forgotten_people (id_hash TEXT PRIMARY KEY, forgotten_ms INTEGER NOT NULL) STRICT",
+    ):
+        conn.execute(statement)
+    digests.renew(conn)
+
+
+MIGRATIONS: tuple[Migration, ...] = (_tables, _indexes, _studies, _releases)
 """Migration k (from 1) leads from schema k - 1 to schema k; one that has been released never changes."""

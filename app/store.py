@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from app import digests
 from app.migrations import StoreError, check_writable, open_database, take_lock, transaction
 from app.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
@@ -254,6 +255,7 @@ class Store(Reader):
         values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
+        digests.seal(self._conn, "episode", episode_id)
 
 
 def terrain_hash(row: EpisodeRow) -> str:
