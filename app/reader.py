@@ -7,7 +7,7 @@ session's id: whoever knows a session's id can drive it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -60,6 +60,10 @@ class Reader:
             yield
         finally:
             self._db.conn.execute("ROLLBACK")
+
+    def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
+        """Return the rows of a SELECT of the caller's own; `given` fills its question marks."""
+        return list(self._db.query(sql, list(given)))
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
