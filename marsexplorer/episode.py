@@ -72,6 +72,7 @@ class Episode:
         self.actions = bytearray()
         self.path: list[tuple[int, int]] = [start]
         self.discoveries: list[int] = [self._scalars[DISCOVERED]]
+        self.rewards: list[float] = []
         self.reward = 0.0
         self.total = 0.0
         self.outcome = OUTCOMES[0]
@@ -107,6 +108,7 @@ class Episode:
         self.total += self.reward
         self.outcome = OUTCOMES[self._worlds.outcomes[0]]
         self.actions.append(int(action))
+        self.rewards.append(self.reward)
         self.path.append(self.position)
         self.discoveries.append(self.discovered)
         row, col = self.path[-1]
