@@ -1,0 +1,113 @@
+"""Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
+strict figure leaves labelled participants out beside the figures that keep them.
+
+Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are the page's own clock (ms), which
+begins anew when the page is loaded again; an interval across that is not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from statistics import quantiles
+from typing import Any
+
+RULES_VERSION = "1"
+"""Rises whenever the same rows would be labelled otherwise."""
+
+FEWEST_PRESSES = 5
+"""Fewer presses than this tell nothing about key-ups or speed."""
+FASTEST_MS = 80.0
+"""Two moves closer than this are faster than seeing and deciding."""
+FAST_SHARE = 0.1
+RELEASED_SHARE = 0.5
+FEWEST_INTERVALS = 20
+STEADY = 0.1
+"""Interquartile range over median of the intervals between presses, below which they are those of a clock."""
+AWAY_MS = 60_000.0
+"""Where no input event tells of pauses, a gap between two moves longer than this counts as one."""
+
+LABELS = {
+    "robotic timing": f"the middle half of {FEWEST_INTERVALS} or more intervals between presses lies within {STEADY:.0%} of the median",
+    "no key-up": f"fewer than {RELEASED_SHARE:.0%} of {FEWEST_PRESSES} or more presses were released",
+    "under 80 ms": f"more than {FAST_SHARE:.0%} of {FEWEST_PRESSES} or more intervals between presses are below {FASTEST_MS:.0f} ms",
+    "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
+    "unfocused": "a press while the page was hidden",
+    "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
+}
+"""Every label with what it means."""
+
+PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
+Rows = Sequence[Mapping[str, Any]]
+
+
+def labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
+    """Return an episode's labels, in the order of LABELS."""
+    presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
+    found = {
+        "robotic timing": _is_steady(presses),
+        "no key-up": _lacks_releases(presses, inputs),
+        "under 80 ms": _is_fast(presses),
+        "untrusted": any(row["trusted"] == 0 for row in presses),
+        "unfocused": _pressed_hidden(inputs),
+        "no telemetry": not presses and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
+    }
+    return tuple(name for name in LABELS if found[name])
+
+
+def intervals(presses: Rows) -> list[float]:
+    """Return the milliseconds between presses that follow each other."""
+    times = [float(row["client_ms"]) for row in presses]
+    return [after - before for before, after in pairwise(times) if after >= before]
+
+
+def _is_steady(presses: Rows) -> bool:
+    gaps = intervals(presses)
+    if len(gaps) < FEWEST_INTERVALS:
+        return False
+    low, median, high = quantiles(gaps, n=4)
+    return high - low < STEADY * median
+
+
+def _is_fast(presses: Rows) -> bool:
+    gaps = intervals(presses)
+    return len(gaps) >= FEWEST_PRESSES and sum(gap < FASTEST_MS for gap in gaps) > FAST_SHARE * len(gaps)
+
+
+def _lacks_releases(presses: Rows, inputs: Rows) -> bool:
+    releases = sum(row["kind"] in RELEASES for row in inputs)
+    return len(presses) >= FEWEST_PRESSES and releases < RELEASED_SHARE * len(presses)
+
+
+def _pressed_hidden(inputs: Rows) -> bool:
+    is_hidden = False
+    for row in inputs:
+        if row["kind"] in ("hidden", "visible"):
+            is_hidden = row["kind"] == "hidden"
+        elif is_hidden and row["kind"] in PRESSES:
+            return True
+    return False
+
+
+def pause_share(moves: Rows, inputs: Rows) -> float:
+    """Return the share (0..1) of an episode's time that was spent paused or with the page hidden.
+
+    Without input events: the share of the server's time that lay in gaps above AWAY_MS between moves.
+    """
+    if not inputs:
+        times = [float(row["server_ms"]) for row in moves]
+        gaps = [after - before for before, after in pairwise(times)]
+        return sum(gap for gap in gaps if gap > AWAY_MS) / (sum(gaps) or 1.0)
+    away = total = 0.0
+    states = {"pause": False, "hidden": False}
+    starts = {"pause": ("pause", True), "resume": ("pause", False), "hidden": ("hidden", True), "visible": ("hidden", False)}
+    before = float(inputs[0]["client_ms"])
+    for row in inputs:
+        gap = max(0.0, float(row["client_ms"]) - before)
+        total += gap
+        away += gap if any(states.values()) else 0.0
+        before = float(row["client_ms"])
+        if row["kind"] in starts:
+            which, now = starts[row["kind"]]
+            states[which] = now
+    return away / total if total else 0.0
