@@ -18,6 +18,7 @@ COMMANDS = {
     "export": "Write what was played as CSV or JSON Lines.",
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
+    "study": "Plan, freeze and close a study of how well people play.",
 }
 """Name -> what `marsexplorer --help` says of it. The command NAME is `app.commands.NAME.NAME`, a dash an underscore."""
 

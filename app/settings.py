@@ -11,12 +11,15 @@ ROOT = Path(__file__).resolve().parent.parent
 DEFAULT_DATABASE = ROOT / "data" / "playground.db" if (ROOT / "pyproject.toml").is_file() else Path("playground.db")
 """In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
 
+DEFAULT_STUDIES = DEFAULT_DATABASE.parent / "studies"
+
 
 class Settings(BaseSettings):
     """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
 
     host, port   where to listen; port 0 takes a free one
     database     the SQLite file; made on first start
+    studies      the folder of studies; need not exist
     policies     paths of further policies to offer beside the shipped ones (`serve --policy PATH`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     idle_s       seconds after which a session that nobody follows or asks for leaves memory (it is resumed on access)
@@ -27,6 +30,7 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
     database: Path = DEFAULT_DATABASE
+    studies: Path = DEFAULT_STUDIES
     policies: tuple[Path, ...] = ()
     durable: bool = False
     idle_s: float = Field(default=600.0, gt=0)

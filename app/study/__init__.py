@@ -1,0 +1,1 @@
+"""A study of how well people play: its protocol and seeds, its participants and their way, what they did."""

@@ -1,0 +1,252 @@
+"""The folder of studies: a draft that can be edited, frozen for good, closed at the end.
+
+    NAME/protocol.json   the protocol; what freezing fixed may not change any more
+    NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
+    NAME/secret          the study's secret (hex): whoever reads it knows every terrain
+    NAME/closed.json     the secret revealed, and when
+
+`frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+from app.study.protocol import NAME, Protocol, StudyError, canonical_json, checked, protocol_hash
+from app.study.seeds import Label, commitment, seed
+from marsexplorer.config import CORE_VERSION
+
+__all__ = ["Folder", "Study", "StudyError"]
+
+Status = Literal["draft", "open", "closed"]
+Advance = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A frozen study.
+
+    closed_ms   milliseconds since 1970; None while it is open
+    secret      32 bytes; nobody's but the operator's until the study is closed
+    """
+
+    name: str
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None
+    secret: bytes = field(repr=False)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether people may still take part."""
+        return self.closed_ms is None
+
+    def seed(self, label: Label, i: int) -> int:
+        """Return the seed of a terrain of this study."""
+        return seed(self.secret, self.protocol_hash, label, i)
+
+    def seeds(self) -> list[int]:
+        """Return the seeds of all ranked terrains, then of all warm-up terrains."""
+        ranked = [self.seed("ranked", i) for i in range(self.protocol.ranked)]
+        return ranked + [self.seed("warm-up", i) for i in range(self.protocol.warm_up)]
+
+
+class Folder:
+    """All studies under one root; the root need not exist."""
+
+    def __init__(self, root: Path | str) -> None:
+        self.root = Path(root)
+        self._known: dict[str, tuple[object, Study]] = {}
+
+    def path(self, name: str) -> Path:
+        """Return where a study lies; StudyError when no study can be called so."""
+        if not re.fullmatch(NAME, name):
+            raise StudyError(
+                f"a study's name is 1 to 40 small letters, digits and dashes, beginning with a letter or digit; got {name!r}"
+            )
+        return self.root / name
+
+    def names(self) -> list[str]:
+        """Return the names of all studies, drafts too."""
+        if not self.root.is_dir():
+            return []
+        found = (path.name for path in self.root.iterdir() if (path / "protocol.json").is_file())
+        return sorted(name for name in found if re.fullmatch(NAME, name))
+
+    def status(self, name: str) -> Status:
+        """Return how far a study is; StudyError when there is none."""
+        path = self._existing(name)
+        return "draft" if not (path / "frozen.json").exists() else "closed" if (path / "closed.json").exists() else "open"
+
+    def draft(self, name: str) -> Protocol:
+        """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
+        raw = _read(self._existing(name) / "protocol.json")
+        protocol = checked(raw)
+        if protocol.name != name:
+            raise StudyError(f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two")
+        return protocol
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
+        path = self._existing(name)
+        stamp = tuple(map(_stamp, (path / "protocol.json", path / "frozen.json", path / "closed.json", path / "secret")))
+        known = self._known.get(name)
+        if known is not None and known[0] == stamp:
+            return known[1]
+        study = self._load(name, path)
+        self._known[name] = (stamp, study)
+        return study
+
+    def create(self, protocol: Protocol) -> Path:
+        """Return the path of a new draft's protocol.json; StudyError when there is a study of that name."""
+        path = self.path(protocol.name)
+        if (path / "protocol.json").exists():
+            raise StudyError(
+                f"there is a study {protocol.name!r} already: edit {path / 'protocol.json'} or choose another name"
+            )
+        _write(path / "protocol.json", protocol.model_dump(mode="json"))
+        return path / "protocol.json"
+
+    def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
+        """Return the study, frozen: the protocol hashed, the secret drawn, every terrain found solvable.
+
+        advance  called with (terrains drawn, of how many)
+        """
+        from marsexplorer.policies import PolicyNotFound, load
+
+        if self.status(name) != "draft":
+            raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
+        protocol, path = self.draft(name), self.path(name)
+        if protocol.core_version != CORE_VERSION:
+            raise StudyError(
+                f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
+                "write the new one into protocol.json, or install the release that has the old one"
+            )
+        for policy in {*protocol.policies, protocol.debrief_policy}:
+            try:
+                load(policy)
+            except (PolicyNotFound, ValueError, OSError) as error:
+                raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
+        secret, now = secrets.token_bytes(32), _now_ms()
+        study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
+        _check_terrains(study, advance)
+        _write(path / "secret", secret.hex(), private=True)
+        _write(path / "protocol.json", protocol.model_dump(mode="json"))
+        told = {
+            "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": _iso(now),
+            "core_version": CORE_VERSION, "software_version": version("marsexplorer-playground"),
+        }  # fmt: skip
+        _write(path / "frozen.json", told)
+        return self.study(name)
+
+    def close(self, name: str) -> Study:
+        """Return the study, closed: nobody can join or go on, and its secret is revealed."""
+        study = self.study(name)
+        if not study.is_open:
+            raise StudyError(f"the study {name!r} is closed already, since {_iso(study.closed_ms or 0)}")
+        _write(self.path(name) / "closed.json", {"secret": study.secret.hex(), "closed_at": _iso(_now_ms())})
+        return self.study(name)
+
+    def _existing(self, name: str) -> Path:
+        path = self.path(name)
+        if not (path / "protocol.json").is_file():
+            known = ", ".join(self.names()) or "none"
+            raise StudyError(f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)")
+        return path
+
+    def _load(self, name: str, path: Path) -> Study:
+        if not (path / "frozen.json").exists():
+            raise StudyError(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
+        frozen, raw = _read(path / "frozen.json"), _read(path / "protocol.json")
+        if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
+            raise StudyError(
+                f"thawed protocol: {path / 'protocol.json'} is not what was frozen at {frozen.get('frozen_at')}; "
+                "put the frozen text back, or begin another study"
+            )
+        closed = _read(path / "closed.json") if (path / "closed.json").exists() else None
+        try:
+            secret = bytes.fromhex(closed["secret"] if closed else (path / "secret").read_text().strip())
+            closed_ms = _ms(closed["closed_at"]) if closed else None
+            told = (frozen["protocol_hash"], frozen["commitment"], _ms(frozen["frozen_at"]))
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
+        if commitment(secret) != told[1]:
+            raise StudyError(f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup")
+        return Study(name, checked(raw), *told, closed_ms, secret)
+
+
+def _check_terrains(study: Study, advance: Advance) -> None:
+    """Return when every terrain can be solved; StudyError otherwise."""
+    from marsexplorer.terrain import generate
+
+    seeds = study.seeds()
+    for number, each in enumerate(seeds, 1):
+        try:
+            generate(study.protocol.env_config, each)
+        except ValueError as error:
+            raise StudyError("the level and size have terrains that cannot be solved: choose another level or size") from error
+        advance(number, len(seeds))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StudyError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+    except ValueError as error:
+        raise StudyError(f"{path} is not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise StudyError(f"{path} must hold a JSON object, got {type(value).__name__}")
+    return value
+
+
+def _write(path: Path, value: object, private: bool = False) -> None:
+    """Return with the value in the file, whole and on disk; a private one is readable by its owner alone."""
+    from app.export import whole_file
+
+    text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            if private:
+                os.fchmod(file.fileno(), 0o600)
+            file.write(text.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise StudyError(
+            f"cannot write {path}: {(error.strerror or str(error)).lower()}; choose another folder with --studies"
+        ) from error
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_mtime_ns, stat.st_size, stat.st_ino
+
+
+def _now_ms() -> int:
+    return int(datetime.now(UTC).timestamp() * 1000)
+
+
+def _iso(ms: int) -> str:
+    """Return ISO 8601 in UTC, to the millisecond."""
+    return datetime.fromtimestamp(ms / 1000, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _ms(iso: str) -> int:
+    return round(datetime.fromisoformat(iso).timestamp() * 1000)

@@ -1,0 +1,159 @@
+"""The protocol of a study: everything that is fixed before the first participant joins, and the hash that fixes it.
+
+The defaults are those of Koutras et al. 2021, section 3.2: 15 episodes to warm up, then 30 that count, on level `random` 21x21.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, field_validator, model_validator
+
+from app.protocol import MAX_API_SIDE, sentence
+from app.study.texts import consent_text, questions
+from marsexplorer.config import CORE_VERSION, EnvConfig
+
+NAME = r"[a-z0-9][a-z0-9-]{0,39}"
+"""What a study may be called."""
+
+Line = Annotated[str, Field(min_length=1, max_length=300)]
+Rules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
+EXCLUSION: dict[str, Rules] = {
+    "protocol": {"completed": True, "all_ranked_driver_human": True},
+    "strict": {"completed": True, "all_ranked_driver_human": True, "no_labels": True, "max_pause_share": 0.5},
+}
+"""Who enters each further figure of the report; the first figure is of everybody."""
+
+
+class StudyError(Exception):
+    """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Consent(_Part):
+    """What a participant agrees to: paragraphs are split by blank lines, and a new text is a new version."""
+
+    version: str = Field(default="1", min_length=1, max_length=40)
+    text: str = Field(min_length=1, max_length=20_000)
+
+
+class Question(_Part):
+    """One that shows whether the instructions were understood; `answer` is the index of the right choice."""
+
+    question: Line
+    choices: tuple[Line, ...] = Field(min_length=2, max_length=8)
+    answer: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _answer_is_a_choice(self) -> Question:
+        if self.answer >= len(self.choices):
+            raise ValueError(f"answer must be the index of a choice, 0 to {len(self.choices) - 1}, got {self.answer}")
+        return self
+
+
+class Protocol(_Part):
+    """A study's protocol.
+
+    config               of every episode, `EnvConfig.to_dict()`; a side at most 128 cells
+    core_version         of the rules it was made for
+    warm_up, ranked      episodes a participant plays that do not count, and that do
+    players              participants planned
+    break_every          ranked episodes after which a break is offered
+    pause_after_s        seconds without a key after which the page pauses
+    outside_ids          parameters of the link that are kept; the first one names the person
+    return_url           where a participant goes from the last page; `{code}` becomes the completion code
+    completion_code      the same for all; None: one drawn for each participant
+    policies             compared in the report, on exactly the ranked terrains
+    debrief_policy       shown beside the participant on the warm-up terrains
+    exclusion            further figures of the report by name, with who enters them
+    equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
+    """
+
+    format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
+    name: str = Field(pattern=f"^{NAME}$")
+    title: Line
+    config: dict[str, Any]
+    core_version: str = CORE_VERSION
+    warm_up: int = Field(default=15, ge=0, le=500)
+    ranked: int = Field(default=30, ge=1, le=500)
+    players: int = Field(default=10, ge=1, le=100_000)
+    break_every: int = Field(default=10, ge=1)
+    pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
+    consent: Consent
+    questions: tuple[Question, ...] = Field(max_length=20)
+    outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
+        default=("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), max_length=10
+    )
+    return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
+    completion_code: str | None = Field(default=None, min_length=1, max_length=100)
+    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
+    debrief_policy: Line = "ppo"
+    exclusion: dict[str, Rules] = Field(default_factory=lambda: dict(EXCLUSION))
+    equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
+    keep_episodes_when_forgotten: bool = False
+    data_licence: Line = "CC-BY-4.0"
+
+    @field_validator("config")
+    @classmethod
+    def _config_is_one(cls, given: dict[str, Any]) -> dict[str, Any]:
+        try:
+            config = EnvConfig(**given)
+        except TypeError as error:
+            raise ValueError(f"config: {error}") from error
+        if max(config.rows, config.cols) > MAX_API_SIDE:
+            raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}")
+        return config.to_dict()
+
+    @field_validator("outside_ids")
+    @classmethod
+    def _no_id_twice(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(given)) < len(given):
+            raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
+        return given
+
+    @property
+    def env_config(self) -> EnvConfig:
+        """The configuration of every episode."""
+        return EnvConfig(**self.config)
+
+
+def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
+    """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be."""
+    kept = {field: info.default for field, info in Protocol.model_fields.items()} | rest
+    parts = {
+        "name": name,
+        "title": f"How well do people explore Mars? ({name})",
+        "config": config.to_dict(),
+        "consent": {"text": consent_text(config, kept["warm_up"], kept["ranked"], kept["data_licence"])},
+        "questions": questions(config),
+    }
+    return checked({**parts, **rest})
+
+
+def checked(data: Mapping[str, Any]) -> Protocol:
+    """Return the protocol of plain values; StudyError with one sentence when they make none."""
+    try:
+        return Protocol.model_validate(data)
+    except ValidationError as error:
+        raise StudyError(f"the protocol does not hold: {sentence(error.errors(include_url=False))}") from error
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+
+
+def canonical(protocol: Protocol) -> bytes:
+    """Return the protocol's canonical JSON."""
+    return canonical_json(protocol.model_dump(mode="json"))
+
+
+def protocol_hash(protocol: Protocol) -> str:
+    """Return SHA-256 (hex) of the canonical JSON."""
+    return hashlib.sha256(canonical(protocol)).hexdigest()

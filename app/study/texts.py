@@ -1,0 +1,53 @@
+"""The words a new protocol begins with; a researcher edits them before freezing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from marsexplorer.config import EnvConfig
+
+_CONSENT = (
+    "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
+    "cells around itself. You drive the rover with the keyboard or by touch, in your browser.",
+    "It takes about {minutes} minutes: a short tutorial, three questions, {warm_up} practice rounds and {ranked} rounds "
+    "that count, with breaks whenever you like.",
+    "We record every move and every key press in the game with its time, whether the page was in view, and your answers to "
+    "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
+    "you, the number it gave you is kept apart from your moves and is never published.",
+    "The recorded moves will be published under a pseudonym, so that others can check and reuse the results (licence "
+    "{licence}). Until then you can have them erased: write to the person who invited you.",
+    "Taking part is voluntary. You can stop at any moment without giving a reason. There are no known risks beyond those of "
+    "looking at a screen.",
+)
+
+
+def consent_text(config: EnvConfig, warm_up: int, ranked: int, licence: str) -> str:
+    """Return what a participant agrees to, paragraphs split by blank lines."""
+    minutes = 5 + 5 * max(1, round(config.n / 441 * (warm_up + ranked) * 0.75 / 5))
+    filled = {"minutes": minutes, "warm_up": warm_up, "ranked": ranked, "licence": licence}
+    return "\n\n".join(paragraph.format(**filled) for paragraph in _CONSENT)
+
+
+def questions(config: EnvConfig) -> list[dict[str, Any]]:
+    """Return three questions about the rules as they hold on a configuration; `answer` is the index of the right choice."""
+    return [
+        {
+            "question": "What ends a round at once?",
+            "choices": ["Driving into an obstacle or off the edge", "Waiting for a minute", "Crossing my own track"],
+            "answer": 0,
+        },
+        {
+            "question": "When is a round complete?",
+            "choices": [
+                "When the rover has driven over every cell",
+                f"When {config.beta:.0%} of all cells have been discovered",
+                "When the rover is back where it began",
+            ],
+            "answer": 1,
+        },
+        {
+            "question": "Which of two complete rounds scores higher?",
+            "choices": ["The one with more moves", "The one with fewer moves", "Both score the same"],
+            "answer": 1,
+        },
+    ]
