@@ -19,6 +19,7 @@ COMMANDS = {
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
     "study": "Plan, freeze and close a study of how well people play.",
+    "simulate": "Let synthetic players take part in a study.",
 }
 """Name -> what `marsexplorer --help` says of it. The command NAME is `app.commands.NAME.NAME`, a dash an underscore."""
 

@@ -1,0 +1,139 @@
+"""The page of a synthetic player: the same HTTP calls and the same socket as a browser's, and the player's cookie.
+
+Nothing is retried here. Whatever loses the server is a `Lost`, whatever the server declines a `Refusal`; the participant
+takes its bearings from `GET me` and goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidMessage
+from websockets.typing import Origin
+
+COOKIE = "mars_player"
+PATIENCE_S = 20.0
+"""How long one answer may take."""
+AWAY = (502, 503, 504)
+"""What a proxy says while the server behind it is away."""
+
+
+class Lost(Exception):  # noqa: N818 - what has happened
+    """The server is away, or the connection has broken."""
+
+
+class Refusal(Exception):  # noqa: N818 - what has happened
+    """The server declined: `status` and its sentence."""
+
+    def __init__(self, status: int, detail: str) -> None:
+        super().__init__(detail)
+        self.status, self.detail = status, detail
+
+
+class Page:
+    """One browser tab: an HTTP client with the player's cookie, and at most one socket."""
+
+    def __init__(self, url: str, study: str, cookie: str | None = None) -> None:
+        self.url, self.study = url.rstrip("/"), study
+        parts = urlsplit(self.url)
+        self._origin = f"{parts.scheme}://{parts.netloc}"
+        self._http = httpx.AsyncClient(timeout=PATIENCE_S, trust_env=False, headers={"Origin": self._origin})
+        if cookie is not None:
+            self._http.headers["Cookie"] = f"{COOKIE}={cookie}"
+        self.cookie = cookie
+        self._socket: ClientConnection | None = None
+        self.session: str | None = None
+
+    async def ask(self, method: str, path: str, body: Any = None) -> httpx.Response:
+        """Return the answer to any call, refused or not; Lost when there is none."""
+        try:
+            answer = await self._http.request(method, f"{self.url}/{path}", json=body)
+        except httpx.TransportError as error:
+            raise Lost(str(error) or type(error).__name__) from error
+        if answer.status_code in AWAY:
+            raise Lost(f"{answer.status_code} {answer.reason_phrase}")
+        return answer
+
+    async def call(self, verb: str, body: Any = None) -> dict[str, Any]:
+        """Return the answer of api/studies/STUDY/VERB: a GET without a body, else a POST."""
+        path = f"api/studies/{self.study}" + (f"/{verb}" if verb else "")
+        answer = await self.ask("GET" if body is None else "POST", path, body)
+        if answer.is_error:
+            raise Refusal(answer.status_code, detail_of(answer))
+        found: dict[str, Any] = answer.json()
+        return found
+
+    async def join(self, outside_ids: dict[str, str], script: str) -> dict[str, Any]:
+        """Return Where after joining; the cookie is kept from then on."""
+        found = await self.call("join", {"outside_ids": outside_ids, "script": script})
+        self.cookie = self._http.cookies.get(COOKIE) or self.cookie
+        self._http.cookies.clear()
+        self._http.headers["Cookie"] = f"{COOKIE}={self.cookie}"
+        return found
+
+    async def open(self, session: str, path: str = "ws/sessions") -> None:
+        """Return with the socket of a session open, the old one closed."""
+        await self.close_socket()
+        self._socket = await self.dial(f"{path}/{session}")
+        self.session = session
+
+    async def dial(self, path: str, cookie: str | None = None) -> ClientConnection:
+        """Return a further socket of this page (or with another's cookie)."""
+        url = "ws" + self.url.removeprefix("http") + f"/{path}"
+        headers = {"Cookie": f"{COOKIE}={cookie or self.cookie}"}
+        try:
+            return await connect(
+                url, origin=Origin(self._origin), additional_headers=headers, proxy=None, compression=None, max_size=None,
+                open_timeout=PATIENCE_S, close_timeout=1.0,
+            )  # fmt: skip
+        except (OSError, TimeoutError, InvalidHandshake, InvalidMessage, EOFError, ConnectionClosed) as error:
+            raise Lost(str(error) or type(error).__name__) from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a socket that has not been found broken."""
+        return self._socket is not None
+
+    async def send(self, message: dict[str, Any]) -> None:
+        """Send a message over the socket."""
+        if self._socket is None:
+            raise Lost("the socket is closed")
+        try:
+            await self._socket.send(json.dumps(message))
+        except (ConnectionClosed, OSError) as error:
+            raise Lost(str(error)) from error
+
+    async def receive(self) -> dict[str, Any]:
+        """Return the next message of the socket."""
+        if self._socket is None:
+            raise Lost("the socket is closed")
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                found: dict[str, Any] = json.loads(await self._socket.recv())
+        except (ConnectionClosed, OSError, TimeoutError) as error:
+            raise Lost(str(error) or f"no message within {PATIENCE_S:.0f} s") from error
+        return found
+
+    async def close_socket(self) -> None:
+        """Return with the socket closed, as a tab does that goes."""
+        socket, self._socket, self.session = self._socket, None, None
+        if socket is not None:
+            await socket.close()
+
+    async def close(self) -> None:
+        """Return with everything closed."""
+        await self.close_socket()
+        await self._http.aclose()
+
+
+def detail_of(answer: httpx.Response) -> str:
+    """Return the server's sentence."""
+    try:
+        return str(answer.json()["detail"])
+    except (ValueError, KeyError, TypeError):
+        return f"{answer.status_code} {answer.reason_phrase}"

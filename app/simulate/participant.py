@@ -1,0 +1,268 @@
+"""A synthetic player's way through a study, from the link to the completion code.
+
+Each turn begins with `GET me`: where the study says that the player stands, there it goes on. So a reload, a lost
+connection and a stopped server need no memory here, and the player cannot believe anything that the study does not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from app.simulate.board import Board
+from app.simulate.cheats import Cheats
+from app.simulate.hands import BATCH, Clock, Hands
+from app.simulate.page import Lost, Page, Refusal
+from app.simulate.persona import Persona
+from app.simulate.tally import Line, Tally
+
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
+"""Waits between attempts to find the server again, as the page's."""
+REFUSALS_IN_A_ROW = 20
+"""Refusals without any progress after which a player gives up: the study is not what it was written for."""
+
+
+class Over(Exception):  # noqa: N818 - what has happened
+    """The study cannot go on for anybody; one sentence."""
+
+
+@dataclass
+class Seat:
+    """What a player needs to come back as itself: its cookie and its outside ids; `has_left` for ever."""
+
+    cookie: str | None = None
+    outside_ids: dict[str, str] | None = None
+    has_left: bool = False
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a study is played: server, name, what its protocol says, and how fast time goes.
+
+    patience_s  how long to wait for a server that has gone away
+    """
+
+    url: str
+    study: str
+    radius: int
+    speed: float
+    patience_s: float
+
+
+class Participant:
+    """One player in one study; `play` goes all the way."""
+
+    def __init__(self, persona: Persona, place: Place, seat: Seat, tally: Tally, neighbours: list[Participant]) -> None:
+        self.persona, self.place, self.seat, self._tally = persona, place, seat, tally
+        self.line = Line(persona.number, persona.kind.name, "left" if seat.has_left else "joining")
+        self.session: str | None = None
+        self.progress = 0
+        """Episodes ended since the player joined, in this run of the command or an earlier one."""
+        self._neighbours = neighbours
+        self._refusals = 0
+        self._loads = 0
+        self._answers: list[int] = []
+        self._last: dict[str, Any] = {}
+        tally.lines.append(self.line)
+        self._load_page()
+
+    async def play(self) -> None:
+        """Return when the player is done, as far as its kind goes; Over when nobody can go on."""
+        try:
+            while not self.line.is_done:
+                try:
+                    await self._turn(await self._where())
+                except Lost:
+                    self._tally.lost += 1
+                    await self._find_server()
+                except Refusal as refusal:
+                    await self._refused(refusal)
+        finally:
+            await self._page.close()
+
+    async def _where(self) -> dict[str, Any]:
+        if self.seat.cookie is None:
+            where = await self._page.join(self.seat.outside_ids or {}, self.persona.kind.name)
+            self.seat.cookie = self._page.cookie
+        else:
+            where = await self._page.call("me")
+        self.line.stage = where["stage"]
+        self.progress = int(where["tutorial"]["done"]) + where["warm_up"]["done"] + where["ranked"]["done"]
+        return where
+
+    async def _turn(self, where: dict[str, Any]) -> None:
+        """Do what is next at a stage."""
+        page, stage = self._page, where["stage"]
+        if stage == "consent":
+            await self._read(where["consent"]["text"])
+            await page.call("consent", {"version": where["consent"]["version"], "agree": True})
+            await page.call("settings", {"modality": self.persona.modality, "palette": "mars", "keys": {}})
+        elif stage == "instructions":
+            await self._clock.wait(20_000)
+            await page.call("advance", {"from": "instructions"})
+        elif stage == "tutorial" and where["tutorial"]["done"]:
+            await page.call("advance", {"from": "tutorial"})
+        elif stage == "questions":
+            await self._answer(where)
+        elif stage in ("tutorial", "warm_up", "ranked"):
+            await self._trial(where, stage)
+        elif stage == "debrief":
+            await self._debrief(where)
+        elif stage == "complete":
+            self.line.debrief, self.line.code = (
+                where["debrief"],
+                where["completion_code"] or where["debrief"]["completion_code"],
+            )
+        self._refusals = 0
+
+    async def _read(self, text: str) -> None:
+        """Return after the time it takes to read a text, four words a second."""
+        await self._clock.wait(250.0 * len(text.split()))
+
+    async def _answer(self, where: dict[str, Any]) -> None:
+        """Answer the questions: the first choice, and after each wrong one the next."""
+        questions = where["questions"]
+        self._answers = self._answers or [0] * len(questions)
+        await self._clock.wait(4000.0 * len(questions))
+        found = await self._page.call("answers", {"answers": self._answers})
+        for i, is_right in enumerate(found["right"] or []):
+            if not is_right:
+                self._answers[i] = (self._answers[i] + 1) % len(questions[i]["choices"])
+
+    async def _trial(self, where: dict[str, Any], phase: str) -> None:
+        """Play one episode, from where it stands."""
+        done = where[phase]["done"] if phase != "tutorial" else 0
+        leaves = self.persona.leaves_after
+        if phase == "ranked" and leaves is not None and done >= leaves * where["ranked"]["of"]:
+            await self._leave()
+            return
+        if where["break_due"]:
+            await self._clock.wait(45_000)
+        where = await self._page.call("next", {})
+        self.session = where["session"]
+        episode = where["about"]["frame"]["episode"]
+        self._check_resumed(where["about"]["frame"], phase, done)
+        await self._drive(episode, phase, done)
+        self.line.episodes[phase] += 1
+        await self._clock.wait(1500)
+
+    def _check_resumed(self, frame: dict[str, Any], phase: str, done: int) -> None:
+        """Find a fault when an episode that ran has become another one, or has lost moves."""
+        last = self._last
+        if last.get("place") == (phase, done) and last["frame"]["outcome"] is None:
+            seen = last["frame"]
+            if frame["episode"] != seen["episode"]:
+                self._tally.fault(f"player {self.persona.number}: {phase} {done} became another episode")
+            elif not seen["step"] <= frame["step"] <= seen["step"] + 1:
+                self._tally.fault(
+                    f"player {self.persona.number}: {phase} {done} went from move {seen['step']} to {frame['step']}"
+                )
+        self._last = {"place": (phase, done), "frame": frame}
+
+    async def _drive(self, episode: str, phase: str, trial: int) -> None:
+        """Return when the episode has ended."""
+        assert self.session is not None
+        persona, kind, board = self.persona, self.persona.kind, self._board
+        nature, habits = persona.nature(phase, trial), persona.rng(9, self._loads)
+        cheats = Cheats(self._page, self._tally) if kind.cheats else None
+        await board.show(self.session, episode, phase == "ranked")
+        while board.frame["outcome"] is None:
+            self._last["frame"] = board.frame
+            if habits.random() < kind.pauses:
+                await self._hands.idle(habits.uniform(61_000, 180_000), board.frame["step"])
+            if habits.random() < kind.reloads:
+                await self._reload(bool(habits.random() < 0.5))
+                await board.show(self.session, episode, phase == "ranked")
+                board = self._board
+                continue
+            if cheats is not None:
+                await cheats.maybe(self.session, board.frame, phase, self._other_session())
+            action = board.decide(nature)
+            await self._move(board, action)
+        self._last["frame"] = board.frame
+        await self._tell_events(episode)
+
+    def _other_session(self) -> str | None:
+        """Return the session of somebody else in this study, None while there is none."""
+        return next((each.session for each in self._neighbours if each is not self and each.session), None)
+
+    async def _move(self, board: Board, action: str) -> None:
+        step, hands = board.frame["step"], self._hands
+        await hands.think(action)
+        round_trip = await board.act(action, hands.press(action, step))
+        if not board.is_refused:
+            self._tally.round_trips_ms.append(round_trip)
+        await hands.release(action, board.frame["step"], round_trip)
+        if len(hands.events) >= BATCH:
+            await self._tell_events(board.frame["episode"])
+
+    async def _tell_events(self, episode: str) -> None:
+        events, self._hands.events = self._hands.events, []
+        if events:
+            await self._page.send({"kind": "events", "episode": episode, "events": events})
+
+    async def _debrief(self, where: dict[str, Any]) -> None:
+        """Look at the first replay, then go on to the completion code."""
+        if (where["debrief"] or {}).get("warm_up_terrains"):
+            await self._page.call("debrief/0")
+            await self._clock.wait(20_000)
+        await self._page.call("advance", {"from": "debrief"})
+
+    async def _leave(self) -> None:
+        """Go for ever."""
+        if self.persona.withdraws:
+            await self._page.call("withdraw", {})
+        self.seat.has_left = True
+        self.line.stage = "left"
+
+    async def _reload(self, is_second_tab: bool) -> None:
+        """Return on a fresh page; a second tab looks in for a moment, and the first one goes on."""
+        self._tally.reloads += 1
+        if is_second_tab and self.session is not None:
+            other = Page(self.place.url, self.place.study, self.seat.cookie)
+            try:
+                await other.call("me")
+                await other.open(self.session)
+                await other.receive()
+            finally:
+                await other.close()
+            return
+        await self._page.close()
+        self._load_page()
+        await self._where()
+
+    def _load_page(self) -> None:
+        self._loads += 1
+        self._clock = Clock(self.place.speed)
+        self._hands = Hands(self.persona, self._clock, self.persona.rng(8, self._loads))
+        self._page = Page(self.place.url, self.place.study, self.seat.cookie)
+        self._board = Board(self._page, self.place.radius, self._tally.fault)
+
+    async def _find_server(self) -> None:
+        """Return on a fresh page once the server answers; Over when it stays away."""
+        waited, pause = 0.0, FIRST_RETRY_S
+        await self._page.close()
+        while True:
+            await asyncio.sleep(pause)
+            waited, pause = waited + pause, min(LONGEST_RETRY_S, 2 * pause)
+            self._load_page()
+            try:
+                await self._page.ask("GET", "api/health")
+                return
+            except Lost as error:
+                await self._page.close()
+                if waited > self.place.patience_s:
+                    raise Over(
+                        f"the server at {self.place.url} has been away for {waited:.0f} s ({error}); start it again, and go on "
+                        "with the same --state FILE if you gave one"
+                    ) from error
+
+    async def _refused(self, refusal: Refusal) -> None:
+        """Take a refusal: the study was closed, or things stand otherwise than thought (after a lost answer)."""
+        self._refusals += 1
+        if "closed" in refusal.detail:
+            raise Over(f"the study {self.place.study!r} cannot go on: {refusal.detail}")
+        if self._refusals >= REFUSALS_IN_A_ROW or refusal.status in (404, 422):
+            raise Over(f"the server refused player {self.persona.number} at stage {self.line.stage!r}: {refusal.detail}")
+        await asyncio.sleep(0.05)

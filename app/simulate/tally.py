@@ -1,0 +1,84 @@
+"""What happened in a simulated study: counts, round trips, and everything that should not have been."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class Line:
+    """One player.
+
+    stage       where it stands: a stage of the study, "left" when it has gone for ever
+    episodes    ended while this command ran, by phase
+    debrief     the study's own words about the player at the end, None before
+    """
+
+    number: int
+    kind: str
+    stage: str = "joining"
+    episodes: dict[str, int] = field(default_factory=lambda: {"tutorial": 0, "warm_up": 0, "ranked": 0})
+    debrief: dict[str, Any] | None = None
+    code: str | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether this player will not do anything any more."""
+        return self.stage in ("complete", "left", "withdrawn")
+
+
+@dataclass
+class Tally:
+    """A simulated study as it goes.
+
+    round_trips_ms  from each act to its frame
+    lost            connections that broke, the server's restarts among them
+    reloads         pages closed and opened again of the players' own will
+    attempts        what cheaters tried, by name: (times tried, times refused)
+    faults          sentences: what a server must not do and did
+    """
+
+    lines: list[Line] = field(default_factory=list)
+    round_trips_ms: list[float] = field(default_factory=list)
+    lost: int = 0
+    reloads: int = 0
+    attempts: dict[str, tuple[int, int]] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+    began: float = field(default_factory=time.perf_counter)
+
+    @property
+    def moves(self) -> int:
+        """Moves that were answered by their frame."""
+        return len(self.round_trips_ms)
+
+    @property
+    def episodes(self) -> int:
+        """Episodes ended by now."""
+        return sum(sum(line.episodes.values()) for line in self.lines)
+
+    def seconds(self) -> float:
+        """Return the seconds since the beginning."""
+        return time.perf_counter() - self.began
+
+    def tried(self, name: str, got_through: str | None) -> None:
+        """Count an attempt; `got_through` says what a cheater was given, None when it was refused."""
+        times, refused = self.attempts.get(name, (0, 0))
+        self.attempts[name] = (times + 1, refused + (got_through is None))
+        if got_through is not None:
+            self.fault(f"a cheater got through ({name}): {got_through}")
+
+    def fault(self, sentence: str) -> None:
+        """Keep what should not have been; a repeat is kept once."""
+        if sentence not in self.faults:
+            self.faults.append(sentence)
+
+    def latency_ms(self) -> dict[str, float]:
+        """Return percentiles of act to frame; empty before the first move."""
+        if not self.round_trips_ms:
+            return {}
+        names = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+        return {name: float(np.percentile(self.round_trips_ms, share)) for name, share in names.items()}
