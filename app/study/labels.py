@@ -28,9 +28,9 @@ AWAY_MS = 60_000.0
 """Where no input event tells of pauses, a gap between two moves longer than this counts as one."""
 
 LABELS = {
-    "robotic timing": f"the middle half of {FEWEST_INTERVALS} or more intervals between presses lies within {STEADY:.0%} of the median",
+    "robotic timing": f"of {FEWEST_INTERVALS} or more intervals between presses, the middle half lies within {STEADY:.0%}",
     "no key-up": f"fewer than {RELEASED_SHARE:.0%} of {FEWEST_PRESSES} or more presses were released",
-    "under 80 ms": f"more than {FAST_SHARE:.0%} of {FEWEST_PRESSES} or more intervals between presses are below {FASTEST_MS:.0f} ms",
+    "under 80 ms": f"more than {FAST_SHARE:.0%} of {FEWEST_PRESSES} or more presses came within {FASTEST_MS:.0f} ms of another",
     "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
     "unfocused": "a press while the page was hidden",
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
