@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -16,6 +16,16 @@ from marsexplorer.rules import DISCOVERED, OUTCOME, SEED
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, positions, totals
+
+try:
+    from gymnasium.vector import AutoresetMode
+
+    SAME_STEP: Any = AutoresetMode.SAME_STEP
+except ImportError:  # Gymnasium 1.0 has no such word
+    SAME_STEP = "SameStep"
+
+NAMED = np.array([None, *OUTCOMES[1:]], object)
+"""Outcomes by code, None while running."""
 
 VectorStep = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
 
@@ -29,7 +39,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     are the worlds' own array, valid until the next step: copy what must last.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  # gymnasium's own convention
+    metadata = {"autoreset_mode": SAME_STEP, "render_modes": []}  # noqa: RUF012  # gymnasium's own convention
 
     def __init__(
         self,
@@ -102,14 +112,13 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     def _info(self, scalars: NDArray[np.uint64]) -> dict[str, Any]:
         discovered = scalars[:, DISCOVERED].astype(np.int64)
-        outcomes = scalars[:, OUTCOME]
         everywhere = np.ones(self.num_envs, np.bool_)
         columns = {
             "position": positions(scalars),
             "discovered": discovered,
             "coverage": discovered / self.config.n,
             "score": np.asarray(score(self.config, totals(self.config, scalars))),  # type: ignore[arg-type]
-            "outcome": np.array([OUTCOMES[code] if code else None for code in outcomes], object),
+            "outcome": NAMED[scalars[:, OUTCOME]],
             "terrain_seed": scalars[:, SEED].astype(np.int64),
         }
         return columns | {f"_{name}": everywhere for name in columns}

@@ -1,0 +1,177 @@
+"""Other environments in the same run: whichever are installed, each in a process of its own, random moves, resets
+included; ours with valid moves, for blind ones end an episode after four steps.
+
+`python -m marsexplorer.bench.peers NAME SECONDS` prints steps and CPU seconds of one of them.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from marsexplorer.bench.core import moves_of, replay
+from marsexplorer.bench.figures import Figure
+from marsexplorer.config import EnvConfig
+
+PATIENCE_S = 120.0
+"""How long a peer may take in all before it counts as failed."""
+
+Play = Callable[[], Callable[[], int]]
+"""Makes an environment and returns what makes some moves in it and says how many."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """name and module as imported, what pip installs, and what is played."""
+
+    name: str
+    module: str
+    package: str
+    play: Play
+
+
+def single(env: Any, chunk: int) -> Callable[[], int]:
+    """Return what makes `chunk` random moves in a gymnasium environment, resetting it when it ends."""
+    moves = np.random.default_rng(0).integers(0, env.action_space.n, chunk).tolist()
+    env.reset(seed=0)
+
+    def some() -> int:
+        for move in moves:
+            _, _, terminated, truncated, _ = env.step(move)
+            if terminated or truncated:
+                env.reset()
+        return chunk
+
+    return some
+
+
+def frozen_lake() -> Callable[[], int]:
+    """FrozenLake 4x4 of Gymnasium's toy texts."""
+    import gymnasium
+
+    return single(gymnasium.make("FrozenLake-v1"), 5000)
+
+
+def minigrid() -> Callable[[], int]:
+    """MiniGrid's four rooms, 19x19, its own 7x7 egocentric observation."""
+    import gymnasium
+    import minigrid  # noqa: F401  # registers
+
+    return single(gymnasium.make("MiniGrid-FourRooms-v0"), 500)
+
+
+def crafter() -> Callable[[], int]:
+    """Crafter, 64x64 pixels."""
+    import crafter
+
+    env = crafter.Env()
+    moves = np.random.default_rng(0).integers(0, env.action_space.n, 100).tolist()
+    env.reset()
+
+    def some() -> int:
+        for move in moves:
+            if env.step(move)[2]:
+                env.reset()
+        return len(moves)
+
+    return some
+
+
+def envpool() -> Callable[[], int]:
+    """FrozenLake of EnvPool, 1,024 at once on one thread of its own."""
+    import envpool
+
+    envs = envpool.make("FrozenLake-v1", env_type="gymnasium", num_envs=1024, num_threads=1)
+    envs.reset()
+    moves = np.random.default_rng(0).integers(0, 4, (20, 1024)).astype(np.int32)
+
+    def some() -> int:
+        for row in moves:
+            envs.step(row)
+        return int(moves.size)
+
+    return some
+
+
+def pufferlib(module: str, name: str, num_envs: int) -> Callable[[], int]:
+    """An environment of PufferLib's Ocean, written in C; every agent of every board counts."""
+    from importlib import import_module
+
+    envs = getattr(import_module(module), name)(num_envs=num_envs)
+    envs.reset()
+    moves = np.random.default_rng(0).integers(0, envs.single_action_space.n, (20, envs.num_agents)).astype(np.int32)
+
+    def some() -> int:
+        for row in moves:
+            envs.step(row)
+        return int(moves.size)
+
+    return some
+
+
+def ours(num: int) -> Callable[[], int]:
+    """MarsExplorer through Gymnasium, uint8 codes, random valid moves: one environment, or a stack."""
+    import gymnasium
+
+    moves = moves_of(EnvConfig(), num, 20_000 if num == 1 else 1000)
+    if num == 1:
+        env = gymnasium.make("MarsExplorer-v0", observation="uint8")
+        return lambda: replay(env, moves[:, 0].tolist())
+    envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
+
+    def some() -> int:
+        envs.reset(seed=0)
+        for row in moves:
+            envs.step(row)
+        return int(moves.size)
+
+    return some
+
+
+PEERS = (
+    Peer("MarsExplorer, gymnasium.make", "marsexplorer", "", lambda: ours(1)),
+    Peer("MarsExplorer, gymnasium.make_vec, 1,024", "marsexplorer", "", lambda: ours(1024)),
+    Peer("FrozenLake, gymnasium.make", "gymnasium", "gymnasium", frozen_lake),
+    Peer("MiniGrid FourRooms", "minigrid", "minigrid", minigrid),
+    Peer("Crafter", "crafter", "crafter", crafter),
+    Peer("EnvPool FrozenLake, 1,024", "envpool", "envpool", envpool),
+    Peer("PufferLib snake, 4,096", "pufferlib", "pufferlib", lambda: pufferlib("pufferlib.ocean.snake.snake", "Snake", 16)),
+    Peer("PufferLib grid, 1,024", "pufferlib", "pufferlib", lambda: pufferlib("pufferlib.ocean.grid.grid", "Grid", 1024)),
+)
+
+
+def measure(peer: Peer, seconds: float) -> Figure:
+    """Return a peer's steps per CPU second; one that is not installed says how to install it, one that fails says why."""
+    if find_spec(peer.module) is None:
+        return Figure("peers", peer.name, None, "steps/CPU s", note=f"not installed: pip install {peer.package}")
+    command = [sys.executable, "-W", "ignore", "-m", "marsexplorer.bench.peers", peer.name, str(seconds)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+        steps, spent = done.stdout.split()[-2:]
+        return Figure("peers", peer.name, int(steps) / float(spent), "steps/CPU s")
+    except subprocess.TimeoutExpired:
+        return Figure("peers", peer.name, None, "steps/CPU s", note=f"did not end within {PATIENCE_S:.0f} s")
+    except subprocess.CalledProcessError as error:
+        said = (error.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        return Figure("peers", peer.name, None, "steps/CPU s", note=f"failed: {said[:100]}")
+
+
+def timed(some: Callable[[], int], seconds: float) -> tuple[int, float]:
+    """Return steps made and CPU seconds spent, of all threads of this process, after one round to warm up."""
+    some()
+    steps, began = 0, time.process_time()
+    while (spent := time.process_time() - began) < seconds:
+        steps += some()
+    return steps, spent
+
+
+if __name__ == "__main__":
+    chosen = next(peer for peer in PEERS if peer.name == sys.argv[1])
+    print(*timed(chosen.play(), float(sys.argv[2])))

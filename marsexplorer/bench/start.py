@@ -1,0 +1,58 @@
+"""From the first import to the first step, in a process of its own: cold, with nothing compiled, and warm."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+
+from marsexplorer.bench.figures import Figure
+
+FIRST_STEP = """
+import time
+began = time.perf_counter()
+import gymnasium
+import marsexplorer
+env = gymnasium.make("MarsExplorer-v0")
+env.reset(seed=0)
+env.step(1)
+print(time.process_time(), time.perf_counter() - began)
+"""
+FIRST_STACK = """
+import time
+began = time.perf_counter()
+import gymnasium, numpy
+import marsexplorer
+envs = gymnasium.make_vec("MarsExplorer-v0", 1024, "vector_entry_point", observation="uint8")
+envs.reset(seed=0)
+envs.step(numpy.ones(1024, int))
+print(time.process_time(), time.perf_counter() - began)
+"""
+COLD_S, WARM_S = 8.0, 1.0
+"""What is wanted."""
+
+
+def seconds(code: str, cache: str) -> tuple[float, float]:
+    """Return (CPU, wall) seconds of a fresh process that keeps what it compiles in the folder `cache`."""
+    env = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONWARNINGS": "ignore"}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    worked, wall = done.stdout.split()
+    return float(worked), float(wall)
+
+
+def first_steps(quick: bool = False) -> list[Figure]:
+    """Return CPU seconds, the interpreter's start included: one environment and a stack of 1,024, cold and warm.
+
+    Warm is the median of three.
+    """
+    figures = []
+    for name, code in (("gymnasium.make", FIRST_STEP), ("make_vec, 1,024", FIRST_STACK)):
+        with tempfile.TemporaryDirectory() as cache:
+            cold = seconds(code, cache)
+            warm = sorted(seconds(code, cache) for _ in range(1 if quick else 3))
+        for state, target, (worked, wall) in (("cold", COLD_S, cold), ("warm", WARM_S, warm[len(warm) // 2])):
+            note = f"{wall:.2f} s by the clock"
+            what = f"import to first step, {name}, {state}"
+            figures.append(Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note))
+    return figures

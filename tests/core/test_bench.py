@@ -1,0 +1,122 @@
+"""The measuring code: what it plays is what it says, and the command prints and writes every figure."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from marsexplorer.bench import core, figures, peers, start
+from marsexplorer.config import EnvConfig
+
+SMALL = EnvConfig.of("random", (5, 7))
+
+
+def test_recorded_moves_are_valid_and_play_back_to_the_same_worlds():
+    moves = core.moves_of(SMALL, 6, 80)
+    first, second = core.started(SMALL, 6), core.started(SMALL, 6)
+    collided = 0
+    for row in moves:
+        first.step_on(row)
+        collided += int(np.isin(first.outcomes, (2, 3)).sum())
+    core.play(second, moves)
+    assert collided == 0
+    assert (first.codes == second.codes).all()
+    assert len(np.unique(moves)) == 4
+
+
+def test_blind_moves_do_collide():
+    worlds, collided = core.started(SMALL, 6), 0
+    for row in core.moves_of(SMALL, 6, 80, blind=True):
+        worlds.step_on(row)
+        collided += int(np.isin(worlds.outcomes, (2, 3)).sum())
+    assert collided > 20
+
+
+def test_a_stack_is_faster_than_one_world():
+    assert core.steps_per_cpu_second(SMALL, 256, 50_000, repeats=1) > 2 * core.steps_per_cpu_second(SMALL, 1, 3000, repeats=1)
+
+
+def test_the_replay_through_gymnasium_meets_no_wall():
+    import gymnasium
+
+    import marsexplorer  # noqa: F401
+
+    env = gymnasium.make("MarsExplorer-v0")
+    ended = []
+    step = env.step
+
+    def watched(action):
+        result = step(action)
+        ended.append(result[4]["outcome"])
+        return result
+
+    env.step = watched
+    assert core.replay(env, core.moves_of(EnvConfig(), 1, 1000)[:, 0].tolist()) == 1000
+    assert set(ended) <= {None, "timed_out", "explored"}
+    assert "timed_out" in ended
+
+
+def test_verdicts_go_the_right_way():
+    assert figures.Figure("core", "a", 2.0, "s", target=1.0).verdict == "reached"
+    assert figures.Figure("core", "a", 2.0, "s", target=1.0, at_most=True).verdict == "missed"
+    assert figures.Figure("core", "a", 2.0, "s").verdict == ""
+    assert figures.Figure("core", "a", None, "s", target=1.0).verdict == ""
+
+
+def test_a_peer_that_is_absent_says_how_to_install_it():
+    absent = peers.Peer("Nothing", "no_such_module_at_all", "nothing-at-all", lambda: lambda: 1)
+    figure = peers.measure(absent, 0.1)
+    assert figure.value is None
+    assert figure.note == "not installed: pip install nothing-at-all"
+
+
+def test_a_peer_that_fails_says_why():
+    broken = peers.Peer("No such peer", "numpy", "numpy", lambda: lambda: 1)
+    figure = peers.measure(broken, 0.1)
+    assert figure.value is None
+    assert figure.note.startswith("failed: ")
+
+
+def test_frozen_lake_is_always_there():
+    figure = peers.measure(next(peer for peer in peers.PEERS if peer.module == "gymnasium"), 0.1)
+    assert figure.value > 1000
+
+
+@pytest.mark.timeout(120)
+def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
+    import os
+
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [
+        subprocess.run([sys.executable, "-c", start.FIRST_STEP], env=env, capture_output=True, text=True, check=True).stderr
+        for _ in range(2)
+    ]
+    assert said[0].count("compiling the rules") == 1
+    assert len(said[0].splitlines()) == 1
+    assert said[1] == ""
+
+
+def test_json_carries_every_figure():
+    some = [figures.Figure("core", "a", 2.0, "s", target=1.0), figures.Figure("peers", "b", None, "s", note="why")]
+    document = json.loads(figures.to_json(some))
+    assert [one["name"] for one in document["figures"]] == ["a", "b"]
+    assert document["figures"][0]["verdict"] == "reached"
+
+
+@pytest.mark.long
+def test_the_command_prints_the_table_and_writes_it(tmp_path):
+    out = tmp_path / "speed.json"
+    command = [sys.executable, "-m", "app.cli", "bench", "--quick", "--json", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "Million steps per CPU second" in done.stdout
+    assert "8,192" in done.stdout
+    assert {one["group"] for one in json.loads(out.read_text())["figures"]} == {
+        "core",
+        "gymnasium",
+        "threads",
+        "memory",
+        "start",
+        "peers",
+    }
