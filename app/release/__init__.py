@@ -1,0 +1,1 @@
+"""Checking, publishing, joining and forgetting what was recorded."""

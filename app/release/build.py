@@ -1,0 +1,196 @@
+"""A study as a citable bundle: verified, written afresh under new pseudonyms, signed. It appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from app.migrations import BUSY_MS, StoreError, transaction
+from app.release import signing
+from app.release.connection import reading, rows
+from app.release.croissant import write_croissant
+from app.release.documents import citation, licence_url, write_documents
+from app.release.errors import ReleaseError, library
+from app.release.header import DATABASE, Header
+from app.release.manifest import write_manifest
+from app.release.minari_data import MinariWriter, dataset_id
+from app.release.pseudonyms import write_afresh
+from app.release.tables import Writers, played
+from app.release.verify import verify_database
+from app.study.protocol import checked
+
+Advance = Callable[[int, int], None]
+LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
+COUNTED = ("participants", "episodes", "steps", "input_events", "stage_events")
+FORGOTTEN = "a participant asked to be forgotten"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to release and where.
+
+    authors  named in the citation
+    interim  True builds a study that is still open
+    secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
+    """
+
+    database: Path
+    study: str
+    out: Path
+    authors: tuple[str, ...] = ()
+    url: str | None = None
+    interim: bool = False
+    secrets: Mapping[str, tuple[int | None, bytes]] | None = None
+
+
+@dataclass(frozen=True)
+class Built:
+    """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its key."""
+
+    header: Header
+    manifest_hash: str
+    signer: str
+
+
+def build(wanted: Wanted, advance: Advance = lambda done, total: None) -> Built:
+    """Return the release of a study, written to `wanted.out`.
+
+    advance  called with (episodes verified or written, of how many)
+
+    ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing.
+    """
+    for name in LIBRARIES:
+        library(name)
+    if wanted.out.exists() and (not wanted.out.is_dir() or any(wanted.out.iterdir())):
+        raise ReleaseError(f"{wanted.out} is there already: a release is written into a new folder; choose another --out")
+    with reading(wanted.database) as conn:
+        header, closed = _header(conn, wanted)
+        total = 2 * _episodes(conn, wanted.study)
+    _verify(wanted, advance, total)
+    with _whole_folder(wanted.out) as folder, reading(wanted.database) as source:
+        left = write_afresh(source, wanted.study, folder / DATABASE, secrets.token_bytes(32), closed)
+        out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
+        written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
+        key = signing.signing_key(wanted.database)
+        manifest_hash = write_manifest(folder, *written, key)
+    if not header.interim:
+        _note(wanted, written[0], manifest_hash)
+    return Built(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
+
+
+def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int | None, str | None]]:
+    found = rows(conn, "SELECT * FROM studies WHERE name = ?", wanted.study)
+    if not found:
+        known = ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name")) or "none"
+        raise ReleaseError(f"nobody has joined a study {wanted.study!r} in {wanted.database}; studies in it: {known}")
+    row = found[0]
+    closed = (row["closed_ms"], row["secret"])
+    if closed[0] is None and wanted.secrets and wanted.study in wanted.secrets:
+        closed_ms, secret = wanted.secrets[wanted.study]
+        closed = (closed_ms, secret.hex()) if closed_ms is not None else (None, None)
+    if closed[0] is None and not wanted.interim:
+        raise ReleaseError(
+            f"the study {wanted.study!r} is still open and a release would give its terrains away: close it first with "
+            f"`marsexplorer study close {wanted.study}`, or build one for yourself alone with --interim"
+        )
+    last = rows(conn, "SELECT * FROM releases WHERE study = ? ORDER BY version DESC, released_ms DESC LIMIT 1", wanted.study)
+    now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    return Header(
+        study=wanted.study,
+        protocol=checked(json.loads(row["protocol"])),
+        protocol_hash=row["protocol_hash"],
+        commitment=row["commitment"],
+        secret=closed[1],
+        version=last[0]["version"] + 1 if last else 1,
+        released=now,
+        software_version=version("marsexplorer-playground"),
+        supersedes=_superseded(last[0]) if last else None,
+        authors=wanted.authors or (f"The operators of the study {wanted.study}",),
+        url=wanted.url,
+    ), closed
+
+
+def _superseded(last: dict[str, Any]) -> dict[str, Any]:
+    reason = FORGOTTEN if last["outdated_ms"] is not None else "a later release"
+    return {"version": last["version"], "manifest_sha256": last["manifest_hash"], "reason": reason}
+
+
+def _episodes(conn: sqlite3.Connection, study: str) -> int:
+    sql = """SELECT count(*) FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        JOIN participants p ON p.id = s.participant_id WHERE p.study = ? AND e.ended_ms IS NOT NULL"""
+    return int(conn.execute(sql, [study]).fetchone()[0])
+
+
+def _verify(wanted: Wanted, advance: Advance, total: int) -> None:
+    known = {name: secret for name, (_, secret) in (wanted.secrets or {}).items()}
+    result = verify_database(wanted.database, lambda done, _: advance(done, total), known, wanted.study)
+    if result.findings:
+        more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
+        raise ReleaseError(
+            f"no release: {result.findings[0]}{more}; `marsexplorer verify` lists everything that is not as it was recorded"
+        )
+
+
+def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tuple[Header, dict[str, int]]:
+    """Return the header with its counts and the rows by file; everything but the manifest is written."""
+    (folder / "minari").mkdir()
+    minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
+    outcomes: dict[str, int] = {}
+    with reading(folder / DATABASE) as conn, Writers(folder) as write:
+        for done, each in enumerate(played(conn), 1):
+            write(each)
+            minari(each)
+            outcome = each.header["outcome"]
+            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+            advance(done)
+        counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED}
+    minari.close()
+    header = replace(header, rows=counts, outcomes=outcomes)
+    named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
+    write_documents(folder, header, named, minari.without_moves)
+    write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
+    files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
+    return header, {**write.rows, **files, DATABASE: sum(counts.values())}
+
+
+@contextmanager
+def _whole_folder(out: Path) -> Iterator[Path]:
+    """Return a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
+    part = out.parent / f".{out.name}.{os.getpid()}.part"
+    try:
+        part.mkdir(parents=True)
+        yield part
+        if out.exists():
+            out.rmdir()  # it was empty
+        part.replace(out)
+    except OSError as error:
+        raise ReleaseError(f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _note(wanted: Wanted, header: Header, manifest_hash: str) -> None:
+    """Return with the release noted in the database, so that the next one knows its number; a server may be running."""
+    conn = sqlite3.connect(wanted.database, timeout=BUSY_MS / 1000, isolation_level=None)
+    try:
+        now = int(datetime.now(UTC).timestamp() * 1000)
+        values = (header.study, header.version, manifest_hash, now)
+        with transaction(conn):
+            conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, NULL)", values)
+    except sqlite3.Error as error:
+        raise StoreError(
+            f"{wanted.out} is written, but {wanted.database} did not take note of it ({error}): the next release will have "
+            "the same number"
+        ) from error
+    finally:
+        conn.close()

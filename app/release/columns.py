@@ -1,0 +1,162 @@
+"""The columns of a release's tables, once: Parquet types, JSON Schema, Croissant fields and the dictionary come from here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Kind = Literal["text", "integer", "real", "boolean"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its type, what it means (with its unit), and whether it may be absent."""
+
+    name: str
+    kind: Kind
+    meaning: str
+    optional: bool = False
+
+
+def _columns(text: str) -> tuple[Column, ...]:
+    found = []
+    for line in filter(None, text.splitlines()):
+        name, kind, meaning = (part.strip() for part in line.split("|", 2))
+        found.append(Column(name, kind.rstrip("?"), meaning, kind.endswith("?")))  # type: ignore[arg-type]
+    return tuple(found)
+
+
+_WHO = """
+participant   | text     | pseudonym of the participant, drawn anew for each release
+kind          | text     | human, or script: a synthetic player, never part of a human figure
+phase         | text     | tutorial, warm_up (does not count) or ranked
+trial         | integer  | 0, 1, ... in the order played within the phase
+terrain_index | integer  | which of the phase's terrains, the same for everybody: i of the seed's formula
+episode       | text     | id of the episode; joins the tables
+"""
+
+EPISODES = _columns(
+    _WHO
+    + """
+driver        | text     | human when every move came from a trusted key or touch of the participant, else script
+script        | text?    | what played, for kind script
+level         | text     | random, or t-m-b of section 3.3 of the paper
+rows          | integer  | cells from north to south
+cols          | integer  | cells from west to east
+sensor_radius | integer  | reach of the lidar, cells
+beta          | real     | share of all cells to discover
+max_steps     | integer  | moves after which an episode times out
+config_hash   | text     | SHA-256 of the configuration's canonical JSON
+seed          | integer? | draws the terrain under this core_version
+start_row     | integer  | where the rover began; row 0 is the north edge
+start_col     | integer  | where the rover began; column 0 is the west edge
+terrain       | text     | the obstacle map: bits row by row, hexadecimal (numpy.packbits)
+core_version  | text     | version of the rules it was played under
+started_ms    | integer  | server time, milliseconds since 1970 (UTC)
+ended_ms      | integer  | server time, milliseconds since 1970 (UTC)
+outcome       | text     | explored, collided, out_of_bounds, timed_out or abandoned
+steps         | integer  | moves made
+discovered    | integer  | cells discovered
+coverage      | real     | share of all cells, 0..1
+return        | real     | sum of the rewards; abandoning costs r_invalid more
+score         | real     | (return + r_invalid) / (r_invalid + r_bonus + cells): 0 for an invalid first move, at most 1
+steps_to_99   | integer  | moves of an explored episode, max_steps of any other
+trajectory_hash | text   | SHA-256 over configuration, terrain, start and each move's position, discovered cells and reward
+"""
+)
+
+STEPS = _columns(
+    """
+participant   | text     | pseudonym, as in episodes
+episode       | text     | id of the episode
+step          | integer  | moves made before this one, from 0
+action        | text     | north, east, south or west
+row           | integer  | where the rover stands after it (replayed)
+col           | integer  | where the rover stands after it (replayed)
+discovered    | integer  | cells discovered after it
+coverage      | real     | their share of all cells, 0..1
+reward        | real     | what it paid
+server_ms     | integer  | when the server made it, milliseconds since 1970 (UTC)
+client_ms     | real?    | when the page sent it, milliseconds of the page's own clock
+key_down_ms   | real?    | when the key went down, same clock
+key_up_ms     | real?    | when the key went up, same clock
+input         | text?    | key or touch; absent when it came from elsewhere
+driver        | text     | who made this move: human or script
+"""
+)
+
+INPUT_EVENTS = _columns(
+    """
+participant   | text     | pseudonym, as in episodes
+episode       | text     | id of the episode
+number        | integer  | 0, 1, ... in the order received
+event         | text     | keydown, keyup, touchdown, touchup, focus, blur, visible, hidden, pause or resume
+code          | text?    | the key by its place on the keyboard (KeyboardEvent.code)
+repeat        | boolean? | the key was held and repeated itself
+trusted       | boolean? | the browser says a person's device made it (isTrusted)
+client_ms     | real     | milliseconds of the page's own monotonic clock
+step          | integer? | moves made in the frame that was on screen
+round_trip_ms | real?    | last measured round trip between page and server, milliseconds
+server_ms     | integer  | when the server received it, milliseconds since 1970 (UTC)
+"""
+)
+
+SCORES = tuple(
+    column
+    for column in EPISODES
+    if column.name
+    in {
+        *("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "seed", "started_ms", "ended_ms"),
+        *("outcome", "steps", "discovered", "coverage", "return", "score", "steps_to_99"),
+    }
+)
+
+TABLES: dict[str, tuple[Column, ...]] = {"episodes": EPISODES, "steps": STEPS, "input_events": INPUT_EVENTS, "scores": SCORES}
+SUMMARIES = {
+    "episodes": "one row an episode: who, what was played, what it came to",
+    "steps": "one row a move",
+    "input_events": "one row a key, touch, focus, visibility or pause event of the page",
+    "scores": "one row an episode, for a spreadsheet: who, which terrain, what it came to",
+}
+
+_JSON = {"text": "string", "integer": "integer", "real": "number", "boolean": "boolean"}
+
+
+def dictionary() -> dict[str, Any]:
+    """Return the column dictionary, JSON-ready: table -> its columns with type, meaning, optional."""
+    return {
+        table: {
+            "summary": SUMMARIES[table],
+            "columns": [
+                {"name": column.name, "type": column.kind, "meaning": column.meaning, "optional": column.optional}
+                for column in columns
+            ],
+        }
+        for table, columns in TABLES.items()
+    }
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
+    properties: dict[str, Any] = {}
+    for column in EPISODES:
+        kinds: Any = [_JSON[column.kind], "null"] if column.optional else _JSON[column.kind]
+        properties[column.name] = {"type": kinds, "description": column.meaning}
+    actions = {"type": "array", "items": {"enum": ["north", "east", "south", "west"]}, "description": "the moves, in order"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "One episode of a MarsExplorer study",
+        "type": "object",
+        "properties": {**properties, "actions": actions},
+        "required": [*properties, "actions"],
+        "additionalProperties": False,
+    }
+
+
+def markdown(table: str) -> str:
+    """Return a table's columns as Markdown, as docs/release.md and the datasheet print them."""
+    lines = ["| column | type | meaning |", "|---|---|---|"]
+    for column in TABLES[table]:
+        kind = f"{column.kind}, may be absent" if column.optional else column.kind
+        lines.append(f"| `{column.name}` | {kind} | {column.meaning} |")
+    return "\n".join(lines)

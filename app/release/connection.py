@@ -1,0 +1,38 @@
+"""A database read at one moment, and rows by column."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.migrations import hold, open_read_only
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """Return a block with a read-only connection that sees one moment of a database; StoreError when it is not ours."""
+    db = open_read_only(path)
+    release = hold(path)
+    try:
+        conn: sqlite3.Connection = db.conn
+        conn.execute("BEGIN")
+        yield conn
+    finally:
+        db.close()
+        release()
+
+
+def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:
+    """Return a query's rows by column, one at a time."""
+    cursor = conn.execute(sql, values)
+    names = [column[0] for column in cursor.description]
+    for row in cursor:
+        yield dict(zip(names, row, strict=True))
+
+
+def rows(conn: sqlite3.Connection, sql: str, *values: Any) -> list[dict[str, Any]]:
+    """Return a query's rows by column."""
+    return list(stream(conn, sql, *values))

@@ -1,0 +1,88 @@
+"""What a release says of itself: the one source of its manifest, datasheet, citation and Croissant metadata."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.study.protocol import Protocol
+
+FORMAT = "marsexplorer-release-1"
+DATABASE = "study.sqlite"
+
+
+@dataclass(frozen=True)
+class Header:
+    """A release.
+
+    version     1, 2, ... of this study's releases
+    released    ISO 8601, UTC
+    secret      hex; None while the study is open
+    supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
+    rows        rows by table
+    left_out    what the release does not hold, counted
+    """
+
+    study: str
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    secret: str | None
+    version: int
+    released: str
+    software_version: str
+    supersedes: dict[str, Any] | None
+    authors: tuple[str, ...]
+    url: str | None
+    rows: dict[str, int] = field(default_factory=dict)
+    left_out: dict[str, int] = field(default_factory=dict)
+    outcomes: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def interim(self) -> bool:
+        """Whether the study is still open: such a release gives its terrains away and is the operator's alone."""
+        return self.secret is None
+
+    @property
+    def title(self) -> str:
+        """The dataset's title."""
+        return f"{self.protocol.title}: every episode"
+
+    def summary(self) -> str:
+        """Return what the dataset is, in a few sentences."""
+        config = self.protocol.env_config
+        counted = ", ".join(f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED)
+        where = f"level {config.level} at {config.rows}x{config.cols}"
+        return (
+            f"Recordings of the MarsExplorer study {self.study}: {counted}, on {where}. Every participant met the same "
+            f"{self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the header as the manifest holds it."""
+        return {
+            "format": FORMAT,
+            "study": self.study,
+            "title": self.title,
+            "version": self.version,
+            "released": self.released,
+            "interim": self.interim,
+            "software_version": self.software_version,
+            "core_version": self.protocol.core_version,
+            "protocol_hash": self.protocol_hash,
+            "commitment": self.commitment,
+            "secret": self.secret,
+            "data_licence": self.protocol.data_licence,
+            "authors": list(self.authors),
+            "supersedes": self.supersedes,
+            "rows": self.rows,
+            "left_out": self.left_out,
+        }
+
+
+_COUNTED = (
+    ("participants", "participants"),
+    ("episodes", "episodes"),
+    ("steps", "moves"),
+    ("input_events", "input events"),
+)

@@ -1,0 +1,172 @@
+"""A study's rows written afresh into an empty database, every person, browser and board under a new pseudonym.
+
+Nothing is copied as a file. Identities, cookies' keys, completion codes and everything of other studies stay behind, and so
+do people who did not agree to the consent text, and episodes that were never finished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app import digests
+from app.migrations import open_database, transaction
+from app.release.connection import rows, stream
+from app.release.errors import ReleaseError
+
+PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
+KEPT_SETTINGS = ("modality", "palette", "keys")
+FREE_TEXT = {"stage_events": ("detail",), "participants": ("settings", "script"), "input_events": ("code",)}
+"""Columns whose text a browser had a hand in: looked through for identities before anything leaves."""
+
+_REFERENCES = {"participant_id": "participants", "session_id": "sessions", "player_id": "players"}
+_PEOPLE = "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
+_OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
+_EPISODES = f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+_SELECTS = {
+    "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODES}) ORDER BY started_ms, id",
+    "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id, step",
+    "study_episodes": f"SELECT * FROM study_episodes WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id",
+    "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id, number",
+    "stage_events": f"SELECT * FROM stage_events WHERE {_OF} ORDER BY participant_id, number",
+}
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a release does not hold: unfinished episodes, and people who did not consent."""
+
+    open_episodes: int
+    without_consent: int
+
+
+class Names:
+    """Pseudonyms drawn with one release's key; a name means nothing without it."""
+
+    def __init__(self, key: bytes) -> None:
+        self._key = key
+        self.known: dict[str, str] = {}
+
+    def of(self, table: str, ident: str | None) -> str | None:
+        """Return the pseudonym of an id, remembered; None for none."""
+        if ident is None:
+            return None
+        made = hmac.new(self._key, f"{table}|{ident}".encode(), hashlib.sha256).hexdigest()[:12]
+        self.known[ident] = PREFIXES[table] + made
+        return self.known[ident]
+
+
+def write_afresh(
+    source: sqlite3.Connection, study: str, target: Path, key: bytes, closed: tuple[int | None, str | None]
+) -> LeftOut:
+    """Return what was left out; the study's rows stand in a new database at `target`, sealed and in one file.
+
+    source  a connection that reads one moment
+    key     of this release's pseudonyms; forget it afterwards
+    closed  (closed_ms, the secret in hex) of a closed study, (None, None) of an open one
+    """
+    names = Names(key)
+    conn: sqlite3.Connection = open_database(target).conn
+    try:
+        with transaction(conn):
+            conn.execute("PRAGMA defer_foreign_keys = ON")
+            for table, found in _rows(source, study, names, closed):
+                marks = ",".join("?" * len(found))
+                conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))
+            digests.renew(conn)
+        conn.execute("PRAGMA journal_mode = DELETE")
+        conn.execute("VACUUM")
+    finally:
+        conn.close()
+    return _left_out(source, study)
+
+
+def _rows(
+    source: sqlite3.Connection, study: str, names: Names, closed: tuple[int | None, str | None]
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    row = rows(source, "SELECT * FROM studies WHERE name = ?", study)[0]
+    yield "studies", {**row, "closed_ms": closed[0], "secret": closed[1]}
+    people = rows(source, _PEOPLE, study)
+    yield from _boards(source, study, people, names)
+    for person in people:
+        names.of("participants", person["id"])
+    cleaned = Cleaner(names, _identities(source, study))
+    for person in people:
+        yield "participants", cleaned.row("participants", _without_traces(person))
+    for table, sql in _SELECTS.items():
+        for row in stream(source, sql, study):
+            yield table, cleaned.row(table, row)
+
+
+def _without_traces(person: dict[str, Any]) -> dict[str, Any]:
+    """Return a participant's row without the completion code and with the settings that are covariates alone."""
+    settings = json.loads(person["settings"])
+    kept = {name: settings[name] for name in KEPT_SETTINGS if name in settings}
+    return {**person, "completion_code": None, "settings": json.dumps(kept, sort_keys=True)}
+
+
+def _boards(
+    source: sqlite3.Connection, study: str, people: list[dict[str, Any]], names: Names
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Return the players and sessions that the people and their episodes refer to."""
+    played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODES})"
+    used = {row["session_id"] for row in rows(source, played_on, study)}
+    used |= {person["session_id"] for person in people if person["session_id"]}
+    boards = [row for ident in sorted(used) for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)]
+    players = {person["player_id"] for person in people} | {row[name] for row in boards for name in ("player_id", "owner_id")}
+    for ident in sorted(players - {None}):
+        for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
+            yield "players", {**row, "id": names.of("players", ident)}
+    for row in sorted(boards, key=lambda row: row["created_ms"]):
+        owners = {name: names.of("players", row[name]) for name in ("player_id", "owner_id")}
+        yield "sessions", {**row, **owners, "id": names.of("sessions", row["id"]), "rival_of": None}
+
+
+class Cleaner:
+    """Rows with every reference under its pseudonym, in columns of their own and inside free text."""
+
+    def __init__(self, names: Names, identities: Mapping[str, str]) -> None:
+        self._names = names
+        self._identities = identities
+        self._texts: dict[str, str] = {}
+
+    def row(self, table: str, row: dict[str, Any]) -> dict[str, Any]:
+        """Return the row renamed; ReleaseError when its free text holds an identity."""
+        for name, of in _REFERENCES.items():
+            if name in row:
+                row[name] = self._names.of(of, row[name])
+        if table == "participants":
+            row["id"] = self._names.of("participants", row["id"])
+        for name in FREE_TEXT.get(table, ()):
+            if row[name] is not None:
+                row[name] = self._text(row[name], f"{table}.{name}")
+        return row
+
+    def _text(self, text: str, place: str) -> str:
+        if text not in self._texts:
+            for value, what in self._identities.items():
+                if value in text:
+                    raise ReleaseError(f"{place} holds somebody's {what}: nothing was written; correct that row and try again")
+            made = text
+            for ident, pseudonym in self._names.known.items():
+                made = made.replace(ident, pseudonym)
+            self._texts[text] = made
+        return self._texts[text]
+
+
+def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
+    """Return the outside ids of a study's people that are long enough to be told from other text: value -> its name."""
+    sql = "SELECT name, value FROM identities WHERE participant_id IN (SELECT id FROM participants WHERE study = ?)"
+    return {value: name for name, value in source.execute(sql, [study]) if len(value) >= 5}
+
+
+def _left_out(source: sqlite3.Connection, study: str) -> LeftOut:
+    sql = f"""SELECT (SELECT count(*) FROM study_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODES})),
+        (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
+    return LeftOut(*source.execute(sql, (study, study, study)).fetchone())

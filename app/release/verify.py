@@ -1,0 +1,138 @@
+"""Every finished episode of a database simulated again, every digest made again: whatever differs, by name.
+
+That proves the file consistent: what it says happened is what its causes give. It cannot prove who made it; the signature
+of a release does that for whoever knows the key.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from app import digests
+from app.release.connection import reading, rows
+from app.release.resimulate import Finding, differences
+from app.release.study_checks import check_studies
+
+Advance = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What a verification came to.
+
+    episodes, moves   simulated
+    still_open        unfinished episodes, not simulated
+    findings          what differs; empty when all is well
+    """
+
+    episodes: int
+    moves: int
+    still_open: int
+    findings: tuple[Finding, ...]
+    seconds: float
+
+    @property
+    def failed(self) -> int:
+        """How many episodes, participants, studies or files have a finding."""
+        return len({finding.where for finding in self.findings})
+
+
+def verify_database(
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+) -> Verified:
+    """Return what a database's verification came to; StoreError when it is not one of ours.
+
+    advance   called with (episodes simulated, of how many)
+    secrets   of studies that are still open, where they are known; closed ones hold theirs
+    study     only this study's episodes and participants
+    """
+    began = time.monotonic()
+    findings: list[Finding] = []
+    moves = 0
+    with reading(path) as conn:
+        named = _idents(conn, study)
+        for done, ident in enumerate(named, 1):
+            made, found = check_episode(conn, ident)
+            moves += made
+            findings += found
+            advance(done, len(named))
+        findings += _check_events(conn, study)
+        findings += check_studies(conn, secrets or {}, study)
+        findings += _check_participants(conn, study)
+        if study is None:
+            findings += _orphans(conn)
+        (still_open,) = conn.execute(f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}").fetchone()
+    return Verified(len(named), moves, still_open, tuple(findings), time.monotonic() - began)
+
+
+def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
+    """Return the moves of a finished episode and what is wrong with it."""
+    row = rows(conn, "SELECT * FROM episodes WHERE id = ?", ident)[0]
+    steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
+    return len(steps), [*differences(row, steps), *_compare(conn, "episode", ident, digests.of_rows(conn, "episode", ident))]
+
+
+def _within(study: str | None, column: str = "id") -> str:
+    """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything else."""
+    if study is None:
+        return ""
+    inner = "SELECT s.episode_id FROM study_episodes s JOIN participants p ON p.id = s.participant_id"
+    return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
+
+
+def _idents(conn: sqlite3.Connection, study: str | None) -> list[str]:
+    sql = f"SELECT id FROM episodes WHERE ended_ms IS NOT NULL{_within(study)} ORDER BY started_ms, id"
+    return [str(row[0]) for row in conn.execute(sql)]
+
+
+def _compare(conn: sqlite3.Connection, kind: digests.Kind, ident: str, found: str) -> Iterator[Finding]:
+    stored = digests.kept(conn, kind, ident)
+    if stored != found:
+        where = f"{'participant' if kind == 'participant' else 'episode'} {ident}"
+        what = "digest of its input events" if kind == "events" else "digest of its stored fields"
+        yield Finding(where, what, stored or "missing", found)
+
+
+def _check_events(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
+    for (ident,) in conn.execute(
+        f"SELECT DISTINCT episode_id FROM input_events WHERE 1{_within(study, 'episode_id')}"
+    ).fetchall():
+        yield from _compare(conn, "events", ident, digests.of_events(conn, ident))
+
+
+def _check_participants(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
+    for (ident,) in conn.execute("SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)).fetchall():
+        yield from _compare(conn, "participant", ident, digests.of_rows(conn, "participant", ident))
+
+
+_OWNERS = {
+    "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
+    "events": "SELECT episode_id FROM input_events",
+    "participant": "SELECT id FROM participants",
+}
+_LOOSE = {
+    "steps": "episode_id NOT IN (SELECT id FROM episodes)",
+    "input_events": "episode_id NOT IN (SELECT id FROM episodes)",
+    "study_episodes": "episode_id NOT IN (SELECT id FROM episodes) OR participant_id NOT IN (SELECT id FROM participants)",
+    "stage_events": "participant_id NOT IN (SELECT id FROM participants)",
+}
+
+
+def _orphans(conn: sqlite3.Connection) -> Iterator[Finding]:
+    """Return digests of what is no longer there, and rows that belong to nothing."""
+    for kind, owners in _OWNERS.items():
+        sql = f"SELECT id FROM digests WHERE kind = ? AND id NOT IN ({owners})"
+        for (ident,) in conn.execute(sql, [kind]).fetchall():
+            where = f"{'participant' if kind == 'participant' else 'episode'} {ident}"
+            yield Finding(where, f"a digest of kind {kind}", "kept", "nothing it belongs to (deleted or opened again)")
+    for table, loose in _LOOSE.items():
+        for (count,) in conn.execute(f"SELECT count(*) FROM {table} WHERE {loose}").fetchall():
+            if count:
+                yield Finding(f"table {table}", "rows", count, "no episode or participant that they belong to")
