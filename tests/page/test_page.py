@@ -13,7 +13,8 @@ from marsexplorer.config import ACTIONS, OUTCOMES
 
 ROOT = Path(__file__).parent.parent.parent
 STATIC = ROOT / "static"
-MODULES = sorted(STATIC.glob("*.js"))
+MODULES = sorted(STATIC.rglob("*.js"))
+PAGES = sorted(STATIC.glob("*.html"))
 
 
 def test_the_pure_modules_pass_under_node():
@@ -30,33 +31,42 @@ def test_the_pure_modules_pass_under_node():
     assert re.search(r"# pass [1-9]", done.stdout)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.name)
+def name_of(path):
+    return str(path.relative_to(STATIC))
+
+
+def page_of(module):
+    """The page a module is written for: index.html at the top, else the one named after its folder."""
+    return STATIC / ("index.html" if module.parent == STATIC else f"{module.parent.name}.html")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_module_is_checked_small_and_alone(path):
     text = path.read_text()
     assert text.startswith("// @ts-check\n")
     assert len(text.splitlines()) <= 250
     for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
-        assert (STATIC / name).is_file(), f"{path.name} imports {name}: the page runs from its own files"
+        assert (path.parent / name).is_file(), f"{path.name} imports {name}: the page runs from its own files"
     if path.name != "main.js":
         assert "main.js" not in re.findall(r'from "\./([^"]+)"', text)
 
 
 def test_the_page_asks_nobody_but_us():
-    for path in [STATIC / "index.html", STATIC / "style.css", *MODULES]:
-        strange = set(re.findall(r"https?://[\w.]+", path.read_text()))
+    for path in [*PAGES, *STATIC.glob("*.css"), *MODULES]:
+        strange = set(re.findall(r"https?://[\w.]+", path.read_text())) - {"http://www.w3.org"}  # the name of SVG
         assert not strange, f"{path.name} names {strange}"
 
 
-def test_the_addresses_in_the_page_are_relative():
-    found = re.findall(r'(?:href|src|action)="([^"]*)"', (STATIC / "index.html").read_text())
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_the_addresses_in_a_page_are_relative(page):
+    found = re.findall(r'(?:href|src|action)="([^"]*)"', page.read_text())
     assert found
     assert not [url for url in found if url.startswith("/")]
 
 
 def test_every_id_the_page_looks_up_is_there():
-    html = (STATIC / "index.html").read_text()
-    ids = set(re.findall(r'\bid="([^"]+)"', html))
     for path in MODULES:
+        ids = set(re.findall(r'\bid="([^"]+)"', page_of(path).read_text()))
         asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"\)', path.read_text()))
         assert asked <= ids, f"{path.name} looks for {asked - ids}"
 
@@ -73,11 +83,19 @@ def contrast(one, other):
     return (bright + 0.05) / (dark + 0.05)
 
 
+def palette(name):
+    """The colours of a palette: those of style.css, and what study.css puts in their place."""
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "style.css").read_text()))
+    changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study.css").read_text(), re.S)
+    return colours | dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else ""))
+
+
+@pytest.mark.parametrize(("name", "least"), [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)])
 @pytest.mark.parametrize("ink", ["text", "muted", "accent", "rival", "alarm"])
 @pytest.mark.parametrize("ground", ["night", "panel", "raised"])
-def test_text_stands_out_from_its_ground(ink, ground):
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "style.css").read_text()))
-    assert contrast(colours[ink], colours[ground]) >= 4.5
+def test_text_stands_out_from_its_ground(ink, ground, name, least):
+    colours = palette(name)
+    assert contrast(colours[ink], colours[ground]) >= least
 
 
 def test_the_board_reads_in_greyscale():
@@ -92,6 +110,16 @@ def test_the_board_reads_in_greyscale():
     )
 
 
+@pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])
+def test_the_boards_of_the_study_read_in_greyscale(name, least):
+    block = (STATIC / "study/palettes.js").read_text().split(f'"{name}": {{')[1]
+    unknown, free, rock = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#")
+    rover = palette(name)["accent"]
+    assert contrast(unknown, free) > least
+    assert contrast(free, rover) > least
+    assert contrast(free, rock) > least
+
+
 def listed(name):
     """The strings of an exported list in static/protocol.js."""
     text = (STATIC / "protocol.js").read_text()
@@ -103,6 +131,7 @@ def test_the_page_and_the_server_name_the_same_messages():
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
     sent = [protocol.Act.model_fields["kind"].default, *get_args(protocol.AskHistory.model_fields["kind"].annotation)]
+    sent += get_args(protocol.Events.model_fields["kind"].annotation)
     assert listed("TO_SERVER") == sent
     act = (STATIC / "protocol.js").read_text()
     for name in protocol.Act.model_fields:

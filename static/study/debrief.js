@@ -1,0 +1,100 @@
+// @ts-check
+// The debrief: own figures, own trials as bars, and the replay of a warm-up terrain beside a policy.
+import { paintBoard } from "../board.js";
+import { put } from "../panels.js";
+import { describeBoard, many, outcomeShort, percent, score } from "../words.js";
+import { boardAt, lastStep } from "./replay.js";
+import { screenOf } from "./state.js";
+import { debriefLine } from "./words.js";
+
+/** @typedef {import("./state.js").State} State @typedef {import("./calls.js").Debrief} Debrief */
+
+const TICK_MS = 160;
+
+/**
+ * @param {Document} page @param {{look: () => import("./table.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
+ *   dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
+ */
+export function createDebrief(page, { look, terrain, dispatch, replay: current }) {
+  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+
+  /** Both runs of a warm-up terrain. @param {number} index */
+  async function load(index) {
+    try {
+      dispatch({ kind: "replay-loaded", index, runs: await terrain(index) });
+    } catch (error) {
+      dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
+    }
+  }
+  by("replay-play").addEventListener("click", () => dispatch({ kind: "replay-toggled" }));
+  by("replay-step").addEventListener("click", () => dispatch({ kind: "replay-moved", step: (current()?.step ?? 0) + 1 }));
+  by("replay-at").addEventListener("input", () => dispatch({ kind: "replay-moved", step: Number(by("replay-at").value) }));
+  by("replay-index").addEventListener("change", () => load(Number(by("replay-index").value)));
+  setInterval(() => current()?.isPlaying && dispatch({ kind: "replay-stepped" }), TICK_MS);
+
+  /** @param {Debrief} debrief */
+  function paintFigures(debrief) {
+    const { episodes, mean_score, mean_steps, warm_up_terrains: terrains } = debrief;
+    put(by("own-score"), score(mean_score));
+    put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
+    put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
+    put(by("debrief-line"), debriefLine(debrief));
+    by("trials").replaceChildren(Object.assign(page.createElement("h2"), { textContent: "Terrain by terrain" }), trialTable(episodes));
+    if (by("replay-index").options.length !== terrains) {
+      by("replay-index").replaceChildren(...Array.from({ length: terrains }, (_, index) => new Option(`${index + 1} of ${terrains}`, String(index))));
+    }
+  }
+  /** A row a trial, its score as a bar. @param {Debrief["episodes"]} episodes */
+  function trialTable(episodes) {
+    const table = page.createElement("table");
+    table.className = "bars";
+    table.innerHTML = "<thead><tr><th scope=\"col\">Terrain</th><th scope=\"col\">Outcome</th><th scope=\"col\">Moves</th><th scope=\"col\">Score</th></tr></thead>";
+    const body = table.createTBody();
+    for (const { trial, outcome, steps, score: value } of episodes) {
+      const row = body.insertRow();
+      const head = Object.assign(page.createElement("th"), { scope: "row", textContent: String(trial + 1) });
+      row.append(head);
+      row.insertCell().textContent = outcomeShort(outcome);
+      row.insertCell().textContent = String(steps);
+      const cell = row.insertCell();
+      const bar = page.createElement("i");
+      bar.style.setProperty("--share", String(Math.max(0, Math.min(1, value))));
+      cell.append(bar, score(value));
+    }
+    return table;
+  }
+  /** @param {"own" | "policy"} side @param {import("../protocol.js").Frame[]} frames @param {string} name @param {number} step */
+  function paintSide(side, frames, name, step) {
+    const board = boardAt(frames, name, step);
+    if (!board) return;
+    const canvas = by(`${side}-board`);
+    const { clientWidth: width_px, clientHeight: height_px } = canvas.parentElement;
+    const { soil, accent, rival } = look();
+    paintBoard(canvas, board, { soil, accent: side === "own" ? accent : rival, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
+    const { frame } = board;
+    canvas.setAttribute("aria-label", describeBoard(frame, name));
+    put(by(`${side}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
+  }
+  /** @param {import("./replay.js").Replay} replay */
+  function paintReplay(replay) {
+    const { runs, step, isPlaying, index } = replay;
+    put(by("policy-name"), runs.policy.name);
+    put(by("replay-play"), isPlaying ? "Pause" : "Play");
+    by("replay-index").value = String(index);
+    by("replay-at").max = String(lastStep(replay));
+    by("replay-at").value = String(step);
+    by("replay-at").setAttribute("aria-valuetext", `move ${step} of ${lastStep(replay)}`);
+    paintSide("own", runs.own, "You", step);
+    paintSide("policy", runs.policy.frames, runs.policy.name, step);
+  }
+  return {
+    load,
+    /** @param {State} state @param {State | null} before */
+    paint(state, before) {
+      if (screenOf(state) !== "debrief" || !state.where?.debrief) return;
+      if (state.where !== before?.where) paintFigures(state.where.debrief);
+      by("replay").hidden = state.replay === null;
+      if (state.replay && (state.replay !== before?.replay || screenOf(before) !== "debrief")) paintReplay(state.replay);
+    },
+  };
+}

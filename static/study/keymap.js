@@ -1,0 +1,53 @@
+// @ts-check
+// Which key drives where: two keys a direction, each remappable, never one key for two directions. No document here.
+import { ACTIONS } from "../protocol.js";
+
+/** @typedef {import("../protocol.js").Action} Action */
+/** @typedef {Record<Action, string[]>} KeyMap  codes of event.code, two a direction */
+/** @type {Readonly<KeyMap>} */
+export const DEFAULT_KEYS = Object.freeze({ north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"],
+  west: ["ArrowLeft", "KeyA"] });
+const DRIVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
+const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", ArrowLeft: "\u2190", Comma: ",", Period: ".", Slash: "/",
+  Semicolon: ";", Quote: "'", BracketLeft: "[", BracketRight: "]", Backslash: "\\", Minus: "-", Equal: "=", Backquote: "`" };
+const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
+
+/** Whether a key may drive: Tab, Enter, Escape, space and the like stay with the page. @param {string} code */
+export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
+
+/** Where a key drives, or undefined. @param {KeyMap} keys @param {string} code @returns {Action | undefined} */
+export const actionOf = (keys, code) => ACTIONS.find((action) => keys[action].includes(code));
+
+/**
+ * The map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the one it replaces.
+ * @param {KeyMap} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {KeyMap | string}
+ */
+export function assign(keys, action, slot, code) {
+  if (!mayDrive(code)) return `${keyName(code)} cannot drive the rover: choose a letter, a digit, an arrow or a number-pad key.`;
+  const old = keys[action][slot];
+  const swapped = ACTIONS.map((each) => [each, keys[each].map((known, place) => {
+    if (each === action && place === slot) return code;
+    return known === code ? old : known;
+  })]);
+  return /** @type {KeyMap} */ (Object.fromEntries(swapped));
+}
+
+/** A kept map if it is a whole one, else the default. @param {any} kept @returns {KeyMap} */
+export function readKeys(kept) {
+  const lists = ACTIONS.map((action) => kept?.[action]);
+  const isWhole = lists.every((list) => Array.isArray(list) && list.length === 2 && list.every((code) => typeof code === "string" && mayDrive(code)));
+  if (!isWhole || new Set(lists.flat()).size !== 8) return { ...DEFAULT_KEYS };
+  return /** @type {KeyMap} */ (Object.fromEntries(ACTIONS.map((action, index) => [action, lists[index]])));
+}
+
+/**
+ * What stands on a key. @param {string} code @param {{get: (code: string) => string | undefined}} [layout] of navigator.keyboard
+ */
+export function keyName(code, layout) {
+  const own = /** @type {Record<string, string>} */ (NAMES)[code];
+  const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
+  return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
+}
+
+/** The same for a screen reader. @param {string} code @param {{get: (code: string) => string | undefined}} [layout] */
+export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);

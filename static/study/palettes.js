@@ -1,0 +1,27 @@
+// @ts-check
+// Three ways to colour the page and its boards; the page's own colours stand in study.css under the same names.
+import { SOIL } from "../board.js";
+import { INKS } from "../chart.js";
+
+/** @typedef {import("./calls.js").PaletteName} PaletteName */
+/** @typedef {{title: string, hint: string, soil: import("../board.js").Soil, inks: import("../chart.js").Inks}} Palette */
+/** @type {Record<PaletteName, Palette>} */
+export const PALETTES = {
+  mars: { title: "Mars", hint: "Soil and night", soil: SOIL, inks: INKS },
+  "colour-blind": {
+    title: "Colour-blind", hint: "Blue and yellow, told apart by lightness too",
+    soil: { shades: { "?": "#04070b", ".": "#3f5068", "#": "#f2f4f7" }, edge: "#27374c", rockEdge: "#b9c3cf" },
+    inks: { text: "#a9b7c6", goal: "#e6ecf2", base: "#4b5f76", line: "#1f2b39" },
+  },
+  "high-contrast": {
+    title: "High contrast", hint: "White on black, strong edges",
+    soil: { shades: { "?": "#000000", ".": "#6e6e6e", "#": "#ffffff" }, edge: "#000000", rockEdge: "#000000" },
+    inks: { text: "#ffffff", goal: "#ffffff", base: "#ffffff", line: "#5a5a5a" },
+  },
+};
+
+/** A kept name if it is one of ours, else what the system asks for. @param {unknown} name @param {boolean} wantsContrast @returns {PaletteName} */
+export function readPalette(name, wantsContrast) {
+  if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {PaletteName} */ (name);
+  return wantsContrast ? "high-contrast" : "mars";
+}

@@ -1,0 +1,74 @@
+// @ts-check
+// The understanding questions: chosen answers stay, a wrong one is explained, and one may try again.
+
+/** @typedef {import("./calls.js").Where} Where */
+const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
+
+/** @param {Document} page @param {(answers: number[]) => void} onAnswers */
+export function createQuiz(page, onAnswers) {
+  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const form = /** @type {HTMLFormElement} */ (by("quiz"));
+  /** @type {{question: string, choices: string[]}[]} */
+  let asked = [];
+  /** @type {any} */
+  let judged = null;
+
+  /** @param {{question: string, choices: string[]}} each @param {number} number */
+  function item({ question, choices }, number) {
+    const field = page.createElement("fieldset");
+    field.dataset.testid = `question-${number}`;
+    const legend = Object.assign(page.createElement("legend"), { textContent: `${number + 1}. ${question}` });
+    const verdict = Object.assign(page.createElement("p"), { className: "verdict", id: `verdict-${number}`, hidden: true });
+    const labels = choices.map((choice, value) => {
+      const input = Object.assign(page.createElement("input"), { type: "radio", name: `q${number}`, value: String(value) });
+      const label = page.createElement("label");
+      label.append(input, choice);
+      return label;
+    });
+    field.append(legend, ...labels, verdict);
+    return field;
+  }
+  /** @param {number} number @returns {number} -1 while nothing is chosen */
+  const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
+
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const answers = asked.map((_, number) => chosen(number));
+    const open = answers.indexOf(-1);
+    if (open < 0) return onAnswers(answers);
+    by("quiz-told").textContent = `Please choose an answer to question ${open + 1} as well.`;
+    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
+  });
+  form.addEventListener("change", (event) => {
+    const field = /** @type {HTMLElement} */ (event.target).closest("fieldset");
+    if (!field) return;
+    delete field.dataset.right;
+    /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
+    by("quiz-told").textContent = "";
+  });
+  /** @param {Where} where */
+  function judge({ right, why }) {
+    if (!right || right === judged) return;
+    judged = right;
+    form.querySelectorAll("fieldset").forEach((field, number) => {
+      field.dataset.right = String(right[number]);
+      const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
+      verdict.hidden = false;
+      verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
+    });
+    const wrong = right.filter((each) => !each).length;
+    by("quiz-told").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
+    if (wrong > 0) by("rules").open = true;
+    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
+  }
+  return {
+    /** @param {Where} where */
+    paint(where) {
+      if (JSON.stringify(asked) !== JSON.stringify(where.questions)) {
+        asked = where.questions;
+        by("quiz-list").replaceChildren(...asked.map(item));
+      }
+      judge(where);
+    },
+  };
+}

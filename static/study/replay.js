@@ -1,0 +1,35 @@
+// @ts-check
+// The debrief's replay: the participant's run and a policy's on one terrain, in step. Pure: a tick answers the next replay.
+
+/** @typedef {import("../protocol.js").Frame} Frame @typedef {import("../state.js").Board} Board */
+/** @typedef {{own: Frame[], policy: {name: string, frames: Frame[]}}} Runs  what GET debrief/{index} answers */
+/** @typedef {{index: number, runs: Runs, step: number, isPlaying: boolean}} Replay */
+
+/** @param {number} index @param {Runs} runs @returns {Replay} */
+export const begun = (index, runs) => ({ index, runs, step: 0, isPlaying: false });
+
+/** The last step of the longer run. @param {Replay} replay */
+export const lastStep = ({ runs }) => Math.max(0, runs.own.length - 1, runs.policy.frames.length - 1);
+
+/** One step on; at the end it stops. @param {Replay} replay @returns {Replay} */
+export function stepped(replay) {
+  const step = Math.min(replay.step + 1, lastStep(replay));
+  return { ...replay, step, isPlaying: replay.isPlaying && step < lastStep(replay) };
+}
+
+/** At a step of its own choosing, standing. @param {Replay} replay @param {number} step @returns {Replay} */
+export const moved = (replay, step) => ({ ...replay, step: Math.max(0, Math.min(step, lastStep(replay))), isPlaying: false });
+
+/** Playing, from the start when it stood at the end; or standing. @param {Replay} replay @returns {Replay} */
+export function toggled(replay) {
+  if (replay.isPlaying) return { ...replay, isPlaying: false };
+  return { ...replay, isPlaying: true, step: replay.step >= lastStep(replay) ? 0 : replay.step };
+}
+
+/** A run's board as it stood after `step` moves; one that ended before stays at its end. @param {Frame[]} frames @param {string} name @param {number} step @returns {Board | null} */
+export function boardAt(frames, name, step) {
+  if (frames.length === 0) return null;
+  const shown = frames.slice(0, step + 1);
+  return { session: name, name, frame: shown[shown.length - 1], trail: shown.map(({ position }) => position),
+    discovered: shown.map(({ discovered }) => discovered), hasGap: false, pace: null, isReplay: true };
+}

@@ -1,0 +1,89 @@
+// @ts-check
+// All the study's page knows, in one object. `apply` answers the next state; `screenOf` says which screen it stands for.
+import * as game from "../state.js";
+import * as replays from "./replay.js";
+
+/** @typedef {import("./calls.js").Where} Where @typedef {import("./replay.js").Replay} Replay */
+/** @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen */
+/**
+ *   table    the board, the line and the notices: the playground's own state, its rival's seat empty
+ *   problem  one sentence when the study cannot be taken part in
+ *   passed   the finished episode whose end card was passed by
+ *   isPaused the board waits for a key
+ *   replay   the debrief's, null until one is loaded
+ * @typedef {{table: import("../state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
+ *   replay: Replay | null}} State
+ */
+/**
+ * @typedef {import("../state.js").Event | {kind: "where", where: Where} | {kind: "problem", text: string} | {kind: "passed", episode: string}
+ *   | {kind: "paused", isPaused: boolean} | {kind: "replay-loaded", index: number, runs: import("./replay.js").Runs}
+ *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number}} Event
+ */
+
+/** @returns {State} */
+export function initialState() {
+  return { table: game.initialState(), where: null, problem: null, passed: null, isPaused: false, replay: null };
+}
+
+/** @param {State} state @param {Where} where @returns {State} */
+function arrived(state, where) {
+  const table = where.about ? game.apply(state.table, { kind: "begun", about: where.about }) : { ...state.table, player: null };
+  return settled({ ...state, where, table, problem: null });
+}
+
+/** No pause outlives its episode. @param {State} state @returns {State} */
+function settled(state) {
+  const frame = state.table.player?.frame;
+  return state.isPaused && (!frame || frame.outcome) ? { ...state, isPaused: false } : state;
+}
+
+/** The state after `event`. @param {State} state @param {Event} event @returns {State} */
+export function apply(state, event) {
+  const { replay } = state;
+  switch (event.kind) {
+    case "where": return arrived(state, event.where);
+    case "problem": return { ...state, problem: event.text };
+    case "passed": return { ...state, passed: event.episode };
+    case "paused": return state.isPaused === event.isPaused ? state : settled({ ...state, isPaused: event.isPaused });
+    case "replay-loaded": return { ...state, replay: replays.begun(event.index, event.runs) };
+    case "replay-toggled": return replay ? { ...state, replay: replays.toggled(replay) } : state;
+    case "replay-stepped": return replay ? { ...state, replay: replays.stepped(replay) } : state;
+    case "replay-moved": return replay ? { ...state, replay: replays.moved(replay, event.step) } : state;
+    default: {
+      const table = game.apply(state.table, event);
+      return table === state.table ? state : settled({ ...state, table });
+    }
+  }
+}
+
+const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
+
+/** Whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one before. @param {Where} where */
+function endsHere({ stage, phase }) {
+  return phase !== null && (stage === phase || stage === FOLLOWS[phase]);
+}
+
+/** The screen of a state: where the server says one is, and what was seen of it. @param {State} state @returns {Screen} */
+export function screenOf({ where, table, passed, problem }) {
+  if (problem !== null) return "problem";
+  if (!where) return "loading";
+  const { stage } = where;
+  const frame = table.player?.frame;
+  if (frame && endsHere(where) && (!frame.outcome || frame.episode !== passed)) return "play";
+  if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && where.break_due ? "break" : "ready";
+  return stage;
+}
+
+/** Whether the board waits for a move. @param {State} state */
+export function isDriving(state) {
+  return screenOf(state) === "play" && state.table.player?.frame.outcome === null;
+}
+
+/** Whether the server has told where one stands after the end of the episode on the board. @param {State} state */
+export function knowsTheEnd({ where, table }) {
+  const frame = table.player?.frame;
+  return Boolean(frame?.outcome && where?.about?.frame.episode === frame.episode && where.about.frame.outcome);
+}
+
+/** Whether the next episode follows at once: the same stage goes on and no break is due. @param {Where} where */
+export const goesOn = (where) => where.stage === where.phase && !where.break_due;

@@ -1,0 +1,96 @@
+// @ts-check
+// The study's sentences; no document here, so node can test every one.
+import { many, outcomeLine, outcomeTitle, percent, score } from "../words.js";
+
+/** @typedef {import("./calls.js").Where} Where @typedef {import("../protocol.js").Frame} Frame */
+
+/** Where one stands, for the bar. @param {Where} where @param {boolean} isPlaying while an episode runs its number counts as begun */
+export function progress(where, isPlaying) {
+  const { stage } = where;
+  const part = stage === "warm_up" || stage === "ranked" ? where[stage] : null;
+  const name = stage === "ranked" ? "Ranked" : "Warm-up";
+  if (part) return isPlaying ? `${name}: terrain ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
+  return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: "Three questions", debrief: "Debrief",
+    complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
+}
+
+/** The share of the whole way, 0..1: each terrain weighs the same, the rest a little. @param {Where} where */
+export function share({ stage, warm_up, ranked }) {
+  const terrains = warm_up.of + ranked.of;
+  const before = { consent: 0, instructions: 1, tutorial: 2, questions: 3, warm_up: 4, ranked: 4, debrief: 5, complete: 6, withdrawn: 0 }[stage];
+  return (before + warm_up.done + ranked.done) / (terrains + 6);
+}
+
+/** The screen before the first episode of a phase. @param {Where} where */
+export function readyText({ stage, warm_up, ranked }) {
+  if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
+  if (stage === "warm_up") {
+    const begin = warm_up.done > 0 ? `You have done ${warm_up.done} of ${warm_up.of}.` : "";
+    return { title: "Warm-up", lines: [begin,
+      `${many(warm_up.of, "terrain")} to get used to the task. After each you see how you did. They do not count for your result.`].filter(Boolean),
+    go: warm_up.done > 0 ? "Go on" : "Start the warm-up" };
+  }
+  const isFirst = ranked.done === 0;
+  return { title: isFirst ? "Now it counts" : "Ranked terrains", lines: isFirst
+    ? [`${many(ranked.of, "terrain")} that count. Scores stay hidden until the end, for everybody; you see your moves and your map.`,
+      "Every terrain that begins is part of your result: reloading the page brings it back as it stood.",
+      "There is no clock. Think as long as you like; only moves count."]
+    : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? "Start the first terrain" : "Go on" };
+}
+
+/** The break screen. @param {Where} where */
+export const breakLine = ({ ranked }) =>
+  `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
+
+/** The card at the end of an episode: warm-up tells the score, ranked keeps it. @param {Frame} frame @param {Where} where */
+export function endCard(frame, where) {
+  const { phase } = where;
+  const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
+  if (frame.score !== null) figures.push(["Score", score(frame.score)]);
+  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome), figures, note: endNote(frame, where), go: endGo(where, phase) };
+}
+
+/** @param {Frame} frame @param {Where} where */
+function endNote({ outcome, score: scored }, { phase, stage }) {
+  if (phase === "tutorial") {
+    return outcome === "explored" ? "That is all there is to it."
+      : outcome === "collided" || outcome === "out_of_bounds" ? "In the study that would have ended this terrain. Try once more, or go on." : "";
+  }
+  if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : "Fewer moves to 99 % are better. This one does not count.";
+  return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
+}
+
+/** @param {Where} where @param {Where["phase"]} phase */
+function endGo(where, phase) {
+  if (phase === "tutorial") return "Go on to three questions";
+  return where.stage === where.phase && !where.break_due ? "Next terrain" : "Go on";
+}
+
+/** What the coach says during the practice drive. @param {Frame} frame @param {{east: string, south: string}} keys as printed on them */
+export function coach(frame, keys) {
+  const { step, coverage } = frame;
+  if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keys.east} or ${keys.south} to drive one cell.`];
+  if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
+  if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
+  if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
+  if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
+  return ["Nearly there", "The terrain is done at 99 %. The last black cells are often behind rocks and in corners."];
+}
+
+/** The debrief in one sentence. @param {import("./calls.js").Debrief} debrief */
+export function debriefLine({ policy }) {
+  const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
+  if (!policy || theirs === null || mine === null) return "";
+  const gap = Math.abs(mine - theirs);
+  const told = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
+  return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${told} (${mine.toFixed(1)}).`;
+}
+
+/** Rows of a grid in words, for those who hear the map: "row 1: rover, 3 free, 2 rock, 15 unknown". @param {Frame} frame */
+export function mapInWords({ grid }) {
+  const names = { "?": "unknown", ".": "free", "#": "rock", "@": "rover" };
+  return grid.map((line) => (line.match(/(.)\1*/g) ?? []).map((run) => {
+    const name = names[/** @type {"?"} */ (run[0])];
+    return name === "rover" ? name : `${run.length} ${name}`;
+  }).join(", "));
+}

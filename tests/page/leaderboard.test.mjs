@@ -1,0 +1,71 @@
+// The leaderboard's words, order and scales, without a page.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { heat, inWords, topOf } from "../../static/leaderboard/maps.js";
+import { coverageEnd, curveText, headline, rows, scaleOf, tickText, ticks, working } from "../../static/leaderboard/standing.js";
+import { footing } from "../../static/leaderboard/trials.js";
+
+const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });
+const figure = (steps, score, half = 2) => ({ episodes: 100, score: interval(score, 0.01), steps: interval(steps, half), completed: 1, curve: null, visits: null });
+const ready = (name, steps, score) => ({ name, state: "ready", done: 100, of: 100, figure: figure(steps, score), error: null });
+const waiting = (name) => ({ name, state: "waiting", done: 0, of: 100, figure: null, error: null });
+const board = { id: "random-21x21", title: "", study: null, level: "random", rows: 21, cols: 21, max_steps: 441, terrains: 100, players: 2, episodes: 9 };
+const people = { ...figure(90, 0.9), players: 2, episodes: 9, trials: [] };
+
+test("the best stands first by either measure, whoever has no figure last", () => {
+  const detail = { board, people, policies: [waiting("planner"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
+  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "People", "random", "planner"]);
+  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "People", "random", "planner"]);
+  assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "planner"]);
+});
+
+test("the scale holds whoever is near the best; one far out stands at its edge", () => {
+  const scale = scaleOf([figure(78, 0.95), figure(90, 0.94), figure(441, 0.2)], "steps");
+  assert.ok(scale.low < 76 && scale.high > 92 && scale.high < 110);
+  assert.ok(scale.ticks.every((tick) => tick >= scale.low && tick <= scale.high));
+  assert.ok(scaleOf([figure(78, 0.95), figure(441, 0.2)], "score").low > 0.8);
+  assert.deepEqual(scaleOf([], "steps").ticks, []);
+});
+
+test("ticks are round and few", () => {
+  assert.deepEqual(ticks(72, 118), [80, 90, 100, 110]);
+  assert.deepEqual(ticks(0, 100), [0, 20, 40, 60, 80, 100]);
+  assert.equal(tickText(0.945), "0.945");
+  assert.equal(tickText(-0.1), "\u22120.1");
+});
+
+test("honest words when nobody has played, one player, and several", () => {
+  const policies = [ready("ppo", 78, 0.95)];
+  assert.match(headline({ board, people: null, policies }), /^Nobody has played random 21 \u00d7 21 .* no human level/);
+  assert.match(headline({ board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
+  assert.match(headline({ board, people, policies }), /90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
+  assert.doesNotMatch(headline({ board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
+});
+
+test("what is being evaluated is said, and nothing once all is done", () => {
+  assert.equal(working([ready("ppo", 78, 0.9)]), null);
+  const busy = working([ready("ppo", 78, 0.9), { ...waiting("planner"), state: "computing", done: 20 }, waiting("random")]);
+  assert.deepEqual([busy.done, busy.of], [120, 300]);
+  assert.match(busy.text, /Evaluating 2 policies: planner plays terrain 21 of 100/);
+});
+
+test("the axis of coverage ends where the last who finishes is done", () => {
+  const done = { steps: [0, 50, 100], mean: [0.1, 0.9, 0.99], low: [], high: [] };
+  const never = { steps: [0, 441], mean: [0.1, 0.6], low: [], high: [] };
+  assert.equal(coverageEnd([done, never]), 120);
+  assert.equal(coverageEnd([never]), 500);
+  assert.match(curveText("ppo", done), /50 percent after 50 moves, 90 percent after 50 moves; 99\.0 percent in the end/);
+});
+
+test("heat rises in lightness all the way, and the scale is not a random walk's", () => {
+  const light = [0, 0.25, 0.5, 0.75, 1, 2].map((share) => heat(share).reduce((a, b) => a + b, 0));
+  assert.deepEqual(light, [...light].sort((a, b) => a - b));
+  assert.equal(topOf([{ name: "random", visits: [[9, 9]] }, { name: "ppo", visits: [[1, 2]] }]), 2);
+  assert.match(inWords([[4, 0], [0, 0]]), /100 percent in the north-west, 0 percent in the north-east/);
+});
+
+test("later points that rest on fewer people say so", () => {
+  const trial = (number, players) => ({ trial: number, players, score: interval(1), steps: interval(1) });
+  assert.match(footing([trial(1, 6), trial(2, 1)]), /6 players in the first episode, 1 player in episode 2: the later points rest on fewer/);
+  assert.doesNotMatch(footing([trial(1, 2), trial(2, 2)]), /fewer/);
+});
