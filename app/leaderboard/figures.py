@@ -71,12 +71,14 @@ class Figures:
         self._waiting: dict[str, Job] = {}
         self._progress: tuple[str, int] = ("", 0)
         self._task: asyncio.Task[None] | None = None
+        self._process: Process | None = None
+        self._closed = False
 
     def ask(self, jobs: Sequence[Job]) -> list[dict[str, Any]]:
         """Return per job {"state", "done", "of", "figure", "error"}; what is missing is begun. On the event loop only."""
         keys = {job.key: job for job in jobs}
         missing = {key: job for key, job in keys.items() if key not in self._done and key not in self._failed}
-        if missing:
+        if missing and not self._closed:
             self._waiting = {**missing, **self._waiting}
             if self._task is None or self._task.done():
                 self._task = asyncio.create_task(self._work(), name="leaderboard")
@@ -84,10 +86,12 @@ class Figures:
 
     async def close(self) -> None:
         """Return with the process ended; what it had not finished is begun again another time."""
+        self._waiting.clear()
+        self._closed = True
+        if self._process is not None:
+            _kill(self._process)
         if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
+            await self._task
 
     def _state(self, key: str, job: Job) -> dict[str, Any]:
         made, error = self._done.get(key), self._failed.get(key)
@@ -101,20 +105,16 @@ class Figures:
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         command = (sys.executable, "-m", "app.leaderboard.worker")
         # a session of its own: Ctrl-C in the server's terminal is not meant for it
-        process = await asyncio.create_subprocess_exec(
+        process = self._process = await asyncio.create_subprocess_exec(
             *command, stdin=PIPE, stdout=PIPE, limit=LARGEST_LINE, env=environment, start_new_session=True
         )
-        try:
-            while self._waiting:
-                key, job = next(iter(self._waiting.items()))
-                await self._make(process, key, job)
-                self._waiting.pop(key, None)
-                await asyncio.to_thread(_write, self.path, dict(self._done))
-        finally:
-            self._progress = ("", 0)
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+        while self._waiting:
+            key, job = next(iter(self._waiting.items()))
+            await self._make(process, key, job)
+            self._waiting.pop(key, None)
+            await asyncio.to_thread(_write, self.path, dict(self._done))
+        self._progress, self._process = ("", 0), None
+        await _end(process)
 
     async def _make(self, process: Process, key: str, job: Job) -> None:
         assert process.stdin is not None
@@ -133,10 +133,26 @@ class Figures:
             else:
                 self._failed[key] = message["error"]
                 return
-        for each in self._waiting:  # the process has died: nothing more comes
+        for each in self._waiting:  # none when we close; else the process has died: nothing more comes
             self._failed[each] = "the evaluation ended early; restart the server to try again"
-        _log.warning("the leaderboard's evaluation ended early (%s)", job.policy)
+        if self._waiting:
+            _log.warning("the leaderboard's evaluation ended early (%s)", job.policy)
         self._waiting.clear()
+
+
+async def _end(process: Process) -> None:
+    """Return with the process gone and its pipes closed."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    _kill(process)
+    process.stdin.close()
+    await process.stdout.read()
+    await process.wait()
+
+
+def _kill(process: Process) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        process.kill()
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

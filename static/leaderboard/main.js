@@ -1,0 +1,131 @@
+// @ts-check
+// Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
+import { createCall } from "../api.js";
+import { paintLegend, paintLines } from "./lines.js";
+import { GRADIENT, paintMaps, topOf } from "./maps.js";
+import { paintRanks } from "./ranks.js";
+import { paintTrials } from "./trials.js";
+import * as standing from "./standing.js";
+
+const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
+const call = createCall((path, options) => fetch(path, options), "");
+const SOON_MS = 1500;
+const LATER_MS = 20000;
+
+/** @type {{boards: standing.Board[], board: string, measure: standing.Measure, detail: standing.Detail | null}} */
+let state = { boards: [], board: "", measure: "steps", detail: null };
+let timer = 0;
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+
+/** What the address asks for: `#random-21x21&score`. */
+function fromAddress() {
+  const [board, measure] = decodeURIComponent(location.hash.slice(1)).split("&");
+  return { board, measure: /** @type {standing.Measure} */ (measure === "score" ? "score" : "steps") };
+}
+
+/** @param {Partial<typeof state>} change */
+function set(change) {
+  state = { ...state, ...change };
+  history.replaceState(null, "", `#${encodeURIComponent(state.board)}${state.measure === "score" ? "&score" : ""}`);
+  paint();
+}
+
+async function load() {
+  clearTimeout(timer);
+  const wanted = state.board;
+  try {
+    if (state.boards.length === 0) await loadBoards();
+    const detail = await call(`leaderboard/${encodeURIComponent(state.board)}`, undefined, 60000);
+    if (wanted && wanted !== state.board) return;
+    set({ detail });
+    schedule(standing.working(detail.policies) ? SOON_MS : LATER_MS);
+  } catch (error) {
+    by("sentence").textContent = `${/** @type {Error} */ (error).message} Trying again.`;
+    schedule(2 * SOON_MS);
+  }
+}
+
+async function loadBoards() {
+  const boards = await call("leaderboard");
+  const { board, measure } = fromAddress();
+  state = { ...state, boards, measure, board: boards.some((/** @type {standing.Board} */ each) => each.id === board) ? board : boards[0].id };
+  const group = (/** @type {string} */ label, /** @type {standing.Board[]} */ members) => {
+    const element = Object.assign(document.createElement("optgroup"), { label });
+    element.append(...members.map(({ id, title }) => new Option(title, id)));
+    return element;
+  };
+  const [studies, rest] = [boards.filter((/** @type {standing.Board} */ each) => each.study), boards.filter((/** @type {standing.Board} */ each) => !each.study)];
+  const parts = [["Studies", studies], ["Played by people", rest.filter((/** @type {standing.Board} */ each) => each.players)],
+    ["Not yet played by people", rest.filter((/** @type {standing.Board} */ each) => !each.players)]];
+  by("board").replaceChildren(...parts.filter(([, members]) => members.length).map(([label, members]) => group(String(label), /** @type {any} */ (members))));
+}
+
+/** @param {number} ms */
+function schedule(ms) {
+  clearTimeout(timer);
+  timer = setTimeout(() => (document.hidden ? schedule(ms) : load()), ms);
+}
+
+function paint() {
+  by("board").value = state.board;
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
+    button.setAttribute("aria-pressed", String(button.dataset.measure === state.measure));
+  }
+  const { detail, measure } = state;
+  if (!detail || detail.board.id !== state.board) return;
+  const rows = standing.rows(detail, measure);
+  const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
+  by("sentence").textContent = standing.headline(detail);
+  by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
+  paintWorking(standing.working(detail.policies));
+  paintRanks(by("ranks"), by("ticks"), rows, standing.scaleOf(figures, measure), measure);
+  by("ranks-note").textContent = detail.people ? "The dashed line is the human level." : "There is no line for the human level: nobody has played this terrain for the human score yet.";
+  paintCoverage(rows);
+  paintTrials({ svg: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
+  paintVisits(rows);
+}
+
+/** @param {ReturnType<typeof standing.working>} work */
+function paintWorking(work) {
+  const place = by("working");
+  place.hidden = !work;
+  if (!work) return;
+  const bar = Object.assign(document.createElement("progress"), { max: work.of, value: work.done });
+  bar.setAttribute("aria-label", "Evaluation of all policies");
+  place.replaceChildren(Object.assign(document.createElement("span"), { textContent: work.text }), bar);
+}
+
+const legendOf = (/** @type {string} */ chart) => by(chart).closest("section").querySelector(".legend");
+
+/** @param {standing.Row[]} rows */
+function paintCoverage(rows) {
+  const drawn = rows.flatMap((row) => (row.figure?.curve ? [{ ...row, curve: row.figure.curve }] : []));
+  const end = standing.coverageEnd(drawn.map(({ curve }) => curve));
+  const lines = drawn.map(({ name, colour, dash, curve }) => ({ name, colour, dash, x: curve.steps, y: curve.mean, low: curve.low, high: curve.high }));
+  paintLegend(legendOf("coverage"), drawn);
+  paintLines(by("coverage"), lines.reverse(), {
+    x: { low: 0, high: end, ticks: standing.ticks(0, end), text: standing.tickText, title: "moves" }, goal: 0.99,
+    y: { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75], text: (share) => `${share * 100} %`, title: "" },
+    label: drawn.map(({ name, curve }) => standing.curveText(name, curve)).join(". ") || "No figures yet",
+  });
+}
+
+/** @param {standing.Row[]} rows */
+function paintVisits(rows) {
+  const maps = rows.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
+  maps.sort((a, b) => Number(b.name === "People") - Number(a.name === "People"));
+  paintMaps(by("visits"), maps);
+  const note = by("visits-note");
+  note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";
+  if (!maps.length) return;
+  const key = Object.assign(document.createElement("span"), { className: "scale-key" });
+  key.style.background = GRADIENT;
+  note.append(key, `${topOf(maps).toFixed(1)} and more. Every episode begins in the north-west corner.`);
+}
+
+by("board").addEventListener("change", () => { set({ board: by("board").value, detail: null }); load(); });
+for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
+  button.addEventListener("click", () => set({ measure: /** @type {standing.Measure} */ (button.dataset.measure) }));
+}
+new ResizeObserver(() => paint()).observe(by("coverage"));
+load();

@@ -1,0 +1,115 @@
+// @ts-check
+// From what the server says of a board to what stands on the page: order, scale, sentences. No document here.
+
+/** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
+/** @typedef {{steps: number[], mean: number[], low: number[], high: number[]}} Curve */
+/** @typedef {{trial: number, players: number, score: Interval, steps: Interval}} Trial */
+/** @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure */
+/** @typedef {Figure & {players: number, trials: Trial[]}} People */
+/** @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy */
+/** @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} Board */
+/** @typedef {{board: Board, people: People | null, policies: Policy[]}} Detail */
+/** @typedef {"steps" | "score"} Measure */
+/** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
+
+const INKS = ["#5fd0c5", "#b9a3f5", "#8fb8f0", "#e08fa8", "#cfc3b6", "#a9c77f"];
+const DASHES = ["7 4", "2 3", "9 3 2 3", "4 4", "1 4", "12 4"];
+export const PEOPLE_INK = "#ffb347";
+
+/** @param {number} count @param {string} one */
+const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
+/** @param {number} value @param {Measure} measure */
+export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1) : value.toFixed(3).replace("-", "\u2212"));
+/** @param {Interval} value @param {Measure} measure */
+export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
+
+/** Everyone on the board, the best first; those still without a figure last. @param {Detail} detail @param {Measure} measure @returns {Row[]} */
+export function rows({ people, policies }, measure) {
+  /** @type {Row[]} */
+  const found = policies.map((policy, k) => ({ who: "policy", name: policy.name, colour: INKS[k % INKS.length], dash: DASHES[k % DASHES.length], figure: policy.figure, policy }));
+  if (people) found.unshift({ who: "people", name: "People", colour: PEOPLE_INK, dash: "", figure: people, policy: null });
+  const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
+  return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
+}
+
+/** At most six round numbers that span low..high. @param {number} low @param {number} high */
+export function ticks(low, high) {
+  const rough = (high - low) / 5 || 1;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((each) => each >= rough) ?? rough;
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) found.push(Number((k * step).toPrecision(12)));
+  return found;
+}
+
+/** A round number as it stands at an axis. @param {number} tick */
+export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
+
+/**
+ * The scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
+ * @param {Figure[]} figures @param {Measure} measure @returns {{low: number, high: number, ticks: number[]}}
+ */
+export function scaleOf(figures, measure) {
+  const means = figures.map((figure) => figure[measure].mean).sort((a, b) => a - b);
+  if (means.length === 0) return { low: 0, high: 1, ticks: [] };
+  const best = measure === "steps" ? means[0] : means[means.length - 1];
+  const isNear = (/** @type {number} */ mean) => (measure === "steps" ? mean <= 2.5 * best : mean >= best - 0.3);
+  const near = figures.filter((figure) => isNear(figure[measure].mean)).map((figure) => figure[measure]);
+  const lowest = Math.min(...near.map(({ low, mean }) => low ?? mean));
+  const highest = Math.max(...near.map(({ high, mean }) => high ?? mean));
+  const room = Math.max((highest - lowest) * 0.08, measure === "steps" ? 2 : 0.005);
+  const [low, high] = [lowest - room, highest + room];
+  return { low, high, ticks: ticks(low, high) };
+}
+
+/** Where the axis of coverage ends: when the last of those who finish has 98.5 % on the map. @param {Curve[]} curves */
+export function coverageEnd(curves) {
+  const ends = curves.flatMap(({ steps, mean }) => {
+    const at = mean.findIndex((share) => share >= 0.985);
+    return at < 0 ? [] : [steps[at]];
+  });
+  const longest = Math.max(20, ...(ends.length ? ends : curves.map(({ steps }) => steps[steps.length - 1])));
+  const unit = longest <= 200 ? 20 : longest <= 1000 ? 100 : 500;
+  return Math.ceil((longest * 1.06) / unit) * unit;
+}
+
+/** Moves until a curve's mean first reaches a share, or null. @param {Curve} curve @param {number} share */
+export function movesTo({ steps, mean }, share) {
+  const at = mean.findIndex((each) => each >= share);
+  return at < 0 ? null : steps[at];
+}
+
+/** The sentence under the heading. @param {Detail} detail */
+export function headline({ board, people, policies }) {
+  const where = board.study ? `the study ${board.study}` : `${board.level} ${board.rows} \u00d7 ${board.cols}`;
+  const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
+  const best = ready.length === policies.length ? ready[0] : undefined;
+  const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")}.` : "";
+  if (!people) return `Nobody has played ${where} for the human score yet, so there is no human level here.${policy}`;
+  const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
+  return `Human level on ${where}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${many(people.players, "player")} and ${many(people.episodes, "episode")}.${policy}`;
+}
+
+/** Where a figure comes from. @param {Row} row */
+export function source({ who, figure }) {
+  if (!figure) return "";
+  return who === "people" ? `${many(/** @type {People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
+}
+
+/** What is still being made, or null. @param {Policy[]} policies @returns {{text: string, done: number, of: number} | null} */
+export function working(policies) {
+  const open = policies.filter(({ state }) => state === "waiting" || state === "computing");
+  if (open.length === 0) return null;
+  const now = open.find(({ state }) => state === "computing");
+  const done = policies.reduce((sum, each) => sum + (each.state === "failed" ? each.of : each.done), 0);
+  const of = policies.reduce((sum, each) => sum + each.of, 0);
+  const what = now ? `${now.name} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
+  return { text: `Evaluating ${many(open.length, "policy").replace("policys", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
+}
+
+/** A coverage curve in words. @param {string} name @param {Curve} curve */
+export function curveText(name, curve) {
+  const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
+  const last = curve.mean[curve.mean.length - 1];
+  return `${name}: ${at.map(([share, moves]) => `${Math.round(100 * Number(share))} percent after ${moves} moves`).join(", ")}; ${(100 * last).toFixed(1)} percent in the end`;
+}

@@ -1,0 +1,176 @@
+"""People and policies on one scale: figures from the database and from real evaluation, kept, never invented."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from conftest import eventually
+from recorded import SMALL, add_session, open_episode, play
+from scipy import stats
+
+from app.leaderboard import boards as listing
+from app.leaderboard.figures import Figures, Job, policy_hash
+from app.leaderboard.tally import Played, curve, figure, trials, visits
+from app.store import Store
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.evaluate import evaluate
+from marsexplorer.training.ppo import EVALUATION_SEEDS
+
+TINY = EnvConfig("random", 5, 7)
+
+
+def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, outcome="explored"):
+    return Played(outcome, score, steps, discoveries, path)
+
+
+def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had():
+    made = curve(TINY, [[episode([7, 14]), episode([7, 21])], [episode([7, 7, 35])]])
+    assert made["steps"] == [0, 1, 2]
+    first, second = np.array([7, 17.5, 17.5]) / 35, np.array([7, 7, 35]) / 35
+    assert made["mean"] == pytest.approx((first + second) / 2, abs=1e-4)
+    low, high = stats.t.interval(0.95, 1, loc=(first[2] + second[2]) / 2, scale=stats.sem([first[2], second[2]]))
+    assert (made["low"][2], made["high"][2]) == pytest.approx((low, high), abs=1e-4)
+    alone = curve(TINY, [[episode([7, 14])]])
+    assert (alone["low"], alone["high"]) == ([], []), "one group gives no interval"
+
+
+def test_visits_count_each_stand_and_leave_out_what_lies_off_the_grid():
+    found = np.array(visits(TINY, [[episode([1], [(0, 0), (0, 1), (0, 0), (-1, 0)])], [episode([1], [(0, 0), (4, 6)])]]))
+    assert found.shape == (5, 7)
+    assert (found[0, 0], found[0, 1], found[4, 6], found.sum()) == (1.5, 0.5, 0.5, 2.5)
+
+
+def test_trials_say_on_how_many_people_each_point_rests():
+    made = trials([[episode([1], steps=10), episode([1], steps=8)], [episode([1], steps=20)]])
+    assert [(each["trial"], each["players"], each["steps"]["mean"]) for each in made] == [(1, 2, 15.0), (2, 1, 8.0)]
+    assert made[1]["steps"]["low"] is None
+
+
+def test_policies_terrains_are_those_that_training_refuses():
+    assert EVALUATION_SEEDS.start == listing.FIRST_SEED
+    for size, count in ((21, 100), (42, 40), (84, 10)):
+        seeds = listing.held_out(EnvConfig.of("random", size))
+        assert (len(seeds), set(seeds) - set(EVALUATION_SEEDS)) == (count, set())
+
+
+def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
+    store = Store(tmp_path / "play.db")
+    try:
+        assert [board.to_dict()["players"] for board in listing.boards(store)] == [0] * len(listing.OFFERED)
+        play(store, seed=1, explore=True)
+        first, *rest = listing.boards(store)
+    finally:
+        store.close()
+    assert first.config == SMALL
+    assert first.id == f"random-5x7-{SMALL.hash[:8]}", "another sensor than the level's own"
+    assert first.to_dict()["players"] == 1
+    assert [board.id for board in rest][:2] == ["random-21x21", "1-1-1-21x21"]
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Boards of five terrains: the server evaluates in seconds."""
+    monkeypatch.setattr(listing, "held_out", lambda config: tuple(range(listing.FIRST_SEED, listing.FIRST_SEED + 5)))
+
+
+def settled(client, board):
+    """The board once every policy has its figure; every answer on the way is honest."""
+
+    def ask():
+        found = client.get(f"/api/leaderboard/{board}").json()
+        for policy in found["policies"]:
+            assert policy["state"] in ("ready", "computing", "waiting"), policy["error"]
+            assert (policy["figure"] is None) == (policy["state"] != "ready")
+            assert policy["done"] <= policy["of"] == 5
+        return found if all(policy["figure"] for policy in found["policies"]) else None
+
+    return eventually(ask, 120)
+
+
+def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick, tmp_path):
+    config = EnvConfig("random", 5, 7)
+    store = Store(tmp_path / "playground.db")
+    for seed in (1, 2, 3):
+        play(store, seed, "ada", explore=True, config=config)
+    play(store, 4, "bob", config=config)
+    play(store, 5, "rob", config=config, driver="script")
+    play(store, 6, "eve", explore=True, config=config, assisted=True)
+    open_episode(store, add_session(store, "bob"), 7, config)
+    store.close()
+    server = serve()
+    client = server.client()
+    first = client.get("/api/leaderboard").json()[0]
+    assert (first["id"], first["players"], first["episodes"]) == ("random-5x7", 2, 4)
+
+    found = settled(client, "random-5x7")
+    level = client.get("/api/human-level").json()["figures"][0]
+    assert found["people"]["score"] == level["score"], "the page's one human level"
+    assert [each["players"] for each in found["people"]["trials"]] == [2, 1, 1]
+    assert np.shape(found["people"]["visits"]) == (5, 7)
+    assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
+
+    table = evaluate([policy["name"] for policy in found["policies"]], config, 5, listing.FIRST_SEED, workers=1)
+    for policy, row in zip(found["policies"], table.rows, strict=True):
+        made = policy["figure"]
+        assert policy["name"] == row.policy
+        assert (made["episodes"], made["completed"]) == (5, row.completion)
+        assert made["steps"] == pytest.approx({"mean": row.steps_mean, "low": row.steps_low, "high": row.steps_high})
+        assert made["score"] == pytest.approx({"mean": row.score_mean, "low": row.score_low, "high": row.score_high})
+    server.stop()
+
+    again = serve().client().get("/api/leaderboard/random-5x7").json()
+    assert [policy["figure"] for policy in again["policies"]] == [policy["figure"] for policy in found["policies"]]
+
+
+def test_nobody_has_played(serve, quick):
+    client = serve().client()
+    found = client.get("/api/leaderboard/random-21x21").json()
+    assert found["people"] is None
+    assert "Nobody has played" in found["sentence"]
+    assert all(policy["figure"] is None for policy in found["policies"]), "no figure before it is made"
+    missing = client.get("/api/leaderboard/random-9x9")
+    assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
+
+
+def test_a_page_for_people_that_links_back(serve):
+    answer = serve().client().get("/leaderboard")
+    assert answer.status_code == 200
+    assert 'href="./"' in answer.text
+
+
+def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path):
+    path = tmp_path / "figures.json"
+    kept = {"curve": {}}
+    path.write_text(json.dumps({f"{CORE_VERSION}|a": kept, "0|b": kept}))
+    assert list(Figures(path)._done) == [f"{CORE_VERSION}|a"]
+    path.write_text('{"1|a": {"cur')
+    assert Figures(path)._done == {}
+
+
+def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
+    async def settle():
+        figures = Figures(tmp_path / "figures.json")
+        jobs = [Job("nope", TINY, (1, 2)), Job("frontier-cost", TINY, (1, 2))]
+        try:
+            while any(each["state"] in ("waiting", "computing") for each in figures.ask(jobs)):
+                await asyncio.sleep(0.05)
+            return figures.ask(jobs)
+        finally:
+            await figures.close()
+
+    failed, made = asyncio.run(asyncio.wait_for(settle(), 60))
+    assert (failed["state"], failed["figure"], made["state"]) == ("failed", None, "ready")
+    assert 'no policy "nope"' in failed["error"]
+
+
+def test_a_policys_hash_is_of_its_file(tmp_path):
+    one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
+    one.write_bytes(b"1")
+    two.write_bytes(b"2")
+    assert len({policy_hash(str(one)), policy_hash(str(two)), policy_hash("ppo"), policy_hash("random")}) == 4
+
+
+def test_the_unit_of_a_figure_is_the_group():
+    made = figure(TINY, [[episode([1], steps=10), episode([1], steps=20, outcome="collided")], [episode([1], steps=30)]])
+    assert (made["groups"], made["episodes"], made["steps"]["mean"], made["completed"]) == (2, 3, 22.5, 0.75)
