@@ -15,9 +15,10 @@
  * Where a participant stands: what every call but `show` and `terrain` answers.
  * @typedef {{study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
  *   questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
- *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: number | boolean}, break_due: boolean,
+ *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean}, break_due: boolean,
  *   pause_after_s: number, session: string | null, about: import("../protocol.js").About | null, phase: Phase | null,
- *   settings: Partial<Settings>, debrief: Debrief | null}} Where
+ *   settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: import("./keymap.js").KeyMap | null},
+ *   debrief: Debrief | null, note?: string | null}} Where  note: a closed study, or what is kept of one who left
  */
 
 /** The study's name in the page's address. @param {string} pathname */

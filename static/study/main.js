@@ -72,6 +72,7 @@ const links = createLinks({
   base: new URL(ROOT, location.href).href,
   onMessage(_, message) {
     driver.heard(message);
+    if (message.kind === "refused") way.refresh();
     dispatch({ kind: "received", seat: "player", message });
   },
   onLink(_, link) {
@@ -129,7 +130,7 @@ function repaint(isAll = false) {
     const before = painted;
     painted = state;
     pages.paint(state, before);
-    if (state.where && screenOf(state) === "questions") quiz.paint(state.where);
+    if (state.where && screenOf(state) === "questions" && before?.where !== state.where) quiz.paint(state.where);
     table.paint(state, before);
     debrief.paint(state, before);
     if (state.table.notices !== before?.table.notices) paintNotices(by("notices"), state.table.notices, (id) => dispatch({ kind: "dismiss", id }));
@@ -158,7 +159,11 @@ function passEnd() {
   dispatch({ kind: "passed", episode: ended.episode });
 }
 const goNext = () => way.take(() => study.next(), state.where?.stage);
-const leaveTutorial = () => way.take(() => study.advance("tutorial"), "tutorial");
+const leaveTutorial = () => way.take(async () => {
+  const on = frame();
+  if (on && !on.outcome) await study.giveUp(on.episode, on.step);
+  return study.advance("tutorial");
+}, "tutorial");
 
 /** Enter presses the screen's button, unless it belongs to another one. */
 function onEnter() {

@@ -1,9 +1,7 @@
 // @ts-check
 // The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
 import { put } from "../panels.js";
-import { many } from "../words.js";
-import { ACTIONS } from "../protocol.js";
-import { keyName, spokenKey } from "./keymap.js";
+import { keyName } from "./keymap.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
 
@@ -63,7 +61,7 @@ export function createPages(page) {
           put(by("progress"), words.progress(where, screen === "play" && !state.table.player?.frame.outcome));
           by("way").style.width = `${(100 * words.share(where)).toFixed(1)}%`;
           page.title = `${where.title} \u00b7 ${words.progress(where, false)}`;
-          put(by("withdrawn-label"), where.participant);
+          if (where.note) put(by("withdrawn-note"), where.note);
         }
         if (where && screen === "consent") paintConsent(where);
         if (where && screen === "ready") paintReady(where);
@@ -90,7 +88,3 @@ export function createPages(page) {
   };
 }
 
-/** The keys in a sentence, for a label. @param {import("./keymap.js").KeyMap} keys @param {any} layout */
-export const keysInWords = (keys, layout) => ACTIONS.map((action) => `${action} ${spokenKey(keys[action][0], layout)}`).join(", ");
-/** @param {number} count */
-export const questionsTitle = (count) => (count === 1 ? "One short question" : `${count === 3 ? "Three" : many(count, "").trim().split(" ")[0]} short questions`);

@@ -67,6 +67,8 @@ export function createQuiz(page, onAnswers) {
       if (JSON.stringify(asked) !== JSON.stringify(where.questions)) {
         asked = where.questions;
         by("quiz-list").replaceChildren(...asked.map(item));
+        by("quiz-title").textContent = asked.length === 1 ? "One short question" : asked.length === 3 ? "Three short questions" : "A few short questions";
+        if (asked.length === 0) onAnswers([]);
       }
       judge(where);
     },

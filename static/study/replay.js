@@ -9,7 +9,7 @@
 export const begun = (index, runs) => ({ index, runs, step: 0, isPlaying: false });
 
 /** The last step of the longer run. @param {Replay} replay */
-export const lastStep = ({ runs }) => Math.max(0, runs.own.length - 1, runs.policy.frames.length - 1);
+export const lastStep = ({ runs }) => Math.max(0, ...[runs.own, runs.policy.frames].map((frames) => frames.at(-1)?.step ?? 0));
 
 /** One step on; at the end it stops. @param {Replay} replay @returns {Replay} */
 export function stepped(replay) {
@@ -26,10 +26,10 @@ export function toggled(replay) {
   return { ...replay, isPlaying: true, step: replay.step >= lastStep(replay) ? 0 : replay.step };
 }
 
-/** A run's board as it stood after `step` moves; one that ended before stays at its end. @param {Frame[]} frames @param {string} name @param {number} step @returns {Board | null} */
+/** A run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames left out. @param {Frame[]} frames @param {string} name @param {number} step @returns {Board | null} */
 export function boardAt(frames, name, step) {
   if (frames.length === 0) return null;
-  const shown = frames.slice(0, step + 1);
+  const shown = frames.filter((frame) => frame.step <= step);
   return { session: name, name, frame: shown[shown.length - 1], trail: shown.map(({ position }) => position),
     discovered: shown.map(({ discovered }) => discovered), hasGap: false, pace: null, isReplay: true };
 }

@@ -114,7 +114,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     /** @returns {Choices} */
     get: () => choices,
     paint,
-    /** What the server keeps wins over what this browser kept. @param {Partial<Settings>} told */
+    /** What the server keeps wins over what this browser kept. @param {import("./calls.js").Where["settings"]} told */
     adopt(told) {
       if (!told.keys || !told.palette) return;
       choices = { ...choices, keys: readKeys(told.keys), palette: readPalette(told.palette, false), modality: told.modality ?? choices.modality };

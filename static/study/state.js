@@ -28,7 +28,7 @@ export function initialState() {
 /** @param {State} state @param {Where} where @returns {State} */
 function arrived(state, where) {
   const table = where.about ? game.apply(state.table, { kind: "begun", about: where.about }) : { ...state.table, player: null };
-  return settled({ ...state, where, table, problem: null });
+  return settled({ ...state, where, table, problem: where.stage === "withdrawn" ? null : where.note ?? null });
 }
 
 /** No pause outlives its episode. @param {State} state @returns {State} */

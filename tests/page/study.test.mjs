@@ -92,6 +92,12 @@ test("apply leaves the state before as it was", () => {
   assert.equal(screenOf(before), "play");
 });
 
+test("a closed study says so in the place of the screen, and one who left reads what is kept", () => {
+  assert.equal(screenOf(standing({ note: "closed" })), "problem");
+  assert.equal(screenOf(standing({ stage: "withdrawn", note: "kept" })), "withdrawn");
+  assert.equal(screenOf(apply(standing({ note: "closed" }), { kind: "where", where: where() })), "ready");
+});
+
 test("a key drives one way: a taken one changes places", () => {
   assert.equal(actionOf(DEFAULT_KEYS, "KeyW"), "north");
   assert.equal(actionOf(DEFAULT_KEYS, "KeyQ"), undefined);
