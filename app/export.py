@@ -44,14 +44,17 @@ def new_key() -> bytes:
     return secrets.token_bytes(32)
 
 
-def rows(source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None) -> Iterator[bytes]:
+def rows(
+    source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None, public: bool = False
+) -> Iterator[bytes]:
     """Return the table in pieces, the header first, one piece an episode.
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
     who      "all", or "human" for the episodes that count for the human score
+    public   True leaves out the episodes of studies that are not closed
     """
     columns = _checked(table, fmt, who)
-    reader = Reader.open(source.path if isinstance(source, Reader) else source)
+    reader = Reader.open(source.path if isinstance(source, Reader) else source, public)
     return _stream(reader, table, fmt, who, columns, key or new_key())
 
 

@@ -11,19 +11,23 @@ import secrets
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
 from app.agents import ALONE_PER_SECOND, Agent, Policies
 from app.protocol import ChangePace, NewEpisode, NewSession, Pace, PaceMode
-from app.session import HUMAN, Session, resume
+from app.session import HUMAN, Seat, Session, resume
 from app.store import EpisodeRow, SessionRow, Store, StoreError
 from marsexplorer.config import MAX_SEED, EnvConfig
 from marsexplorer.episode import Episode
 
 
 class UnknownSession(LookupError):  # noqa: N818 - says what it is
-    """No session goes by this id."""
+    """No session goes by this id, or none that is the asker's to see."""
+
+    def __init__(self, session_id: str, why: str | None = None) -> None:
+        super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
 
 
 def now_ms() -> int:
@@ -40,6 +44,8 @@ class Sources:
     player_id: Callable[[], str] = lambda: secrets.token_hex(16)
     seed: Callable[[], int] = lambda: secrets.randbelow(MAX_SEED + 1)
     clock_ms: Callable[[], int] = now_ms
+    participant_id: Callable[[], str] = lambda: secrets.token_hex(16)
+    completion_code: Callable[[], str] = lambda: secrets.token_hex(4).upper()
 
 
 @dataclass
@@ -57,11 +63,16 @@ class Group:
         return [self.player] if self.rival is None else [self.player, self.rival]
 
 
+Within = Callable[[EpisodeRow], AbstractContextManager[None]]
+"""What else is written in the transaction that opens an episode: before it, then after it."""
+
+
 class Lobby:
-    """All sessions of one server."""
+    """All sessions of one server; `seat_of` gives the participant's seat of a session's id, None outside of studies."""
 
     def __init__(self, store: Store, policies: Policies, sources: Sources, idle_s: float) -> None:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
+        self.seat_of: Callable[[str], Seat | None] = lambda session_id: None
         self._groups: dict[str, Group] = {}
         self._waking = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "policies")
@@ -111,6 +122,19 @@ class Lobby:
             seed, episodes = await self._draw(config, wanted.seed, len(group.boards))
             self._open(group.boards, episodes, seed, wanted.seed is not None)
 
+    def new_board(self, player_id: str, seat: Seat) -> Session:
+        """Return a participant's board, known to nobody before `begin` opens its first episode."""
+        id_, now = self.sources.session_id(), self.sources.clock_ms()
+        row = SessionRow(id_, player_id, HUMAN, None, "paused", ALONE_PER_SECOND, now)
+        return Session(row, self.store, self.sources.clock_ms, seat)
+
+    async def begin(self, board: Session, config: EnvConfig, seed: int, within: Within) -> None:
+        """Return with the next episode of a participant's board begun, on the terrain of a seed that the study fixed."""
+        _, episodes = await self._draw(config, seed, 1)
+        self._open([board], episodes, seed, False, within)
+        if board.id not in self._groups:
+            self._admit([board])
+
     def change_pace(self, session: Session, change: ChangePace) -> Pace:
         """Return the pace after the change; ValueError when the session has none or cannot follow."""
         if session.pace is None:
@@ -155,7 +179,9 @@ class Lobby:
         chosen = self.sources.seed() if seed is None else seed
         return chosen, await asyncio.to_thread(lambda: [Episode.begin(config, seed=chosen) for _ in range(boards)])
 
-    def _open(self, boards: list[Session], episodes: list[Episode], seed: int, seed_chosen: bool) -> None:
+    def _open(
+        self, boards: list[Session], episodes: list[Episode], seed: int, seed_chosen: bool, within: Within | None = None
+    ) -> None:
         """Close what runs and open the next in one transaction, then show it; after an error all is as it was."""
         now = self.sources.clock_ms()
         rows = [
@@ -169,7 +195,7 @@ class Lobby:
                 terrain=episode.record().terrain,
                 start=episode.start,
                 policy_seed=self.sources.seed(),
-                driver=HUMAN if board.is_human else f"policy:{board.row.driver_name}",
+                driver=board.driver,
                 assisted=len(boards) > 1,
                 started_ms=now,
             )
@@ -178,7 +204,8 @@ class Lobby:
         running = [board for board in boards if board.number and not board.episode.ended]
         closing = [board.give_up() for board in running]
         try:
-            self.store.next_episode(closing, rows)
+            with self.store.transaction(), within(rows[0]) if within else nullcontext():
+                self.store.next_episode(closing, rows)
         except StoreError:
             for board in running:
                 board.rewind(board.episode.steps)
@@ -206,13 +233,17 @@ class Lobby:
             ids = [player_id, self._rivals.get(player_id)]
             rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
             if found is None or rows[0] is None:
-                raise UnknownSession(f"no session {session_id!r}; begin one with POST /api/sessions")
+                raise UnknownSession(session_id)
             kept = [row for row in rows if row is not None]
             try:
                 clock = self.sources.clock_ms
                 boards = [await asyncio.to_thread(resume, row, self.store, clock) for row in kept]
             except ValueError as error:
-                raise UnknownSession(f"session {session_id!r} cannot be resumed: {error}") from error
+                raise UnknownSession(session_id, f"session {session_id!r} cannot be resumed: {error}") from error
+            for board in boards:
+                board.seat = self.seat_of(board.id)
+                if board.seat is not None:
+                    board.tell()
             return self._admit(boards)
 
     def _dismiss(self, group: Group) -> None:

@@ -27,6 +27,8 @@ from marsexplorer.episode import Episode
 
 MAX_BYTES = 64 * 1024
 """Longest message or body taken."""
+MAX_EVENTS = 200
+"""Most input events in a message."""
 MAX_API_SIDE = 128
 """Longest side of a board over the API (cells)."""
 CELLS = bytes.maketrans(bytes(range(4)), b"?.@#")
@@ -92,9 +94,10 @@ class Message(BaseModel):
     @classmethod
     def _know_every_field(cls, data: Any) -> Any:
         if isinstance(data, dict):
-            unknown = [str(name) for name in data if name not in cls.model_fields]
+            known = [info.alias or name for name, info in cls.model_fields.items()]
+            unknown = [str(name) for name in data if name not in known]
             if unknown:
-                raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {', '.join(cls.model_fields)}")
+                raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {', '.join(known)}")
         return data
 
 
@@ -120,6 +123,28 @@ class AskHistory(Message):
     """Asks for the path so far: a follower that skipped a step does."""
 
     kind: Literal["history"]
+
+
+class InputEvent(Message):
+    """What a hand did or where the eyes were, as the page saw it."""
+
+    kind: Literal[
+        "keydown", "keyup", "touchdown", "touchup", "focus", "blur", "visible", "hidden", "pause", "resume"
+    ]  # fmt: skip
+    code: str | None = Field(default=None, max_length=64, description="`event.code` of a key")
+    repeat: bool | None = None
+    trusted: bool | None = Field(default=None, description="`event.isTrusted`")
+    client_ms: Milliseconds = Field(description="monotonic client clock")
+    step: int | None = Field(default=None, ge=0, description="`step` of the frame that was on screen")
+    round_trip_ms: Milliseconds | None = Field(default=None, description="from the last move to its frame")
+
+
+class Events(Message):
+    """Input events of a study's episode; nothing answers when they were taken."""
+
+    kind: Literal["events"]
+    episode: str = Field(max_length=64)
+    events: list[InputEvent] = Field(max_length=MAX_EVENTS)
 
 
 class NewEpisode(Message):
@@ -171,9 +196,9 @@ class Frame(BaseModel):
     discovered: int = Field(description="cells")
     coverage: float
     heading: ActionName
-    reward: float = Field(description="of the last move (eq. 8)")
-    return_: float = Field(alias="return", description="sum of the rewards")
-    score: float = Field(description="normalized (section 3.2)")
+    reward: float | None = Field(description="of the last move (eq. 8); this and the next two null where a study hides them")
+    return_: float | None = Field(alias="return", description="sum of the rewards")
+    score: float | None = Field(description="normalized (section 3.2)")
     outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
 
 
@@ -196,11 +221,12 @@ class Pace(BaseModel):
     moves_per_second: float
 
 
-ClientMessage = Annotated[Act | AskHistory, Field(discriminator="kind")]
-_CLIENT: TypeAdapter[Act | AskHistory] = TypeAdapter(ClientMessage)
+ClientMessage = Annotated[Act | AskHistory | Events, Field(discriminator="kind")]
+_CLIENT: TypeAdapter[Act | AskHistory | Events] = TypeAdapter(ClientMessage)
+_KINDS = '"act", "history" or "events"'
 
 
-def parse(text: str) -> Act | AskHistory:
+def parse(text: str) -> Act | AskHistory | Events:
     """Return the message a socket sent; BadMessage with one sentence when it is none."""
     size = len(text.encode())
     if size > MAX_BYTES:
@@ -217,6 +243,9 @@ _TYPES = {
 }  # fmt: skip
 
 
+_TAGS = ("body", "query", "path", "act", "history", "events")
+
+
 def sentence(errors: Sequence[Any]) -> str:
     """Return pydantic's findings as one sentence, the first three at most."""
     return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
@@ -224,7 +253,8 @@ def sentence(errors: Sequence[Any]) -> str:
 
 def _clause(error: dict[str, Any]) -> str:
     kind, context = str(error["type"]), error.get("ctx", {})
-    names = [str(part) for part in error["loc"] if part not in ("body", "query", "path", "act", "history")]
+    loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
+    names = [str(part) for part in loc]
     name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
     bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than", "max_length": "at most"}
     bound = next((f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context), None)
@@ -232,14 +262,16 @@ def _clause(error: dict[str, Any]) -> str:
         return str(context["error"])
     if kind == "json_invalid":
         return f"a message must be JSON, and this is not: {context['error']}"
+    if kind == "too_long":
+        return f"{name} must hold at most {context['max_length']}, got {context['actual_length']}"
     if kind == "missing":
         return f"{name} is missing" if names else NO_BODY
     if kind == "model_attributes_type" and not names:
         return f"{NO_BODY}, got {came}"
     if kind == "union_tag_not_found":
-        return 'kind is missing: expected "act" or "history"'
+        return f"kind is missing: expected {_KINDS}"
     if kind == "union_tag_invalid":
-        return f'kind must be "act" or "history", got {context["tag"]!r}'
+        return f"kind must be {_KINDS}, got {context['tag']!r}"
     if kind == "literal_error":
         return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
     if bound is not None:
@@ -257,8 +289,8 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def encode_frame(episode_id: str, episode: Episode) -> str:
-    """Return the frame of an episode as it stands, as JSON text."""
+def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:
+    """Return the frame of an episode as it stands, as JSON text; reward, return and score null where they are hidden."""
     rows, cols = episode.codes.shape
     cells = episode.codes.tobytes().translate(CELLS).decode()
     row, col = episode.position
@@ -273,9 +305,9 @@ def encode_frame(episode_id: str, episode: Episode) -> str:
         "discovered": int(episode.discovered),
         "coverage": float(episode.coverage),
         "heading": episode.heading,
-        "reward": float(episode.reward),
-        "return": float(episode.total),
-        "score": float(episode.score),
+        "reward": None if hides_scores else float(episode.reward),
+        "return": None if hides_scores else float(episode.total),
+        "score": None if hides_scores else float(episode.score),
         "outcome": episode.outcome if episode.ended else None,
     }
     return json.dumps(frame, separators=(",", ":"))

@@ -22,8 +22,13 @@ from marsexplorer.score import steps_to_target
 Who = Literal["all", "human"]
 
 COUNTED = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
-    AND e.steps > 0 AND s.owner_id IS NOT NULL)"""
-"""What counts for the human score. An episode without a move was driven by nobody: a script's cannot slip in."""
+    AND e.steps > 0 AND s.owner_id IS NOT NULL
+    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
+"""What counts for the human score. An episode without a move was driven by nobody: a script's cannot slip in. A study's
+episodes make a figure of their own."""
+
+_NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
+    JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
 
 # A rival that ended first would tell the terrain its player is still on.
 FINISHED = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
@@ -35,17 +40,18 @@ _FILTER = {"all": "", "human": f" AND {COUNTED}"}
 
 
 class Reader:
-    """Queries over finished episodes."""
+    """Queries over finished episodes; a public one sees nothing of a study before it is closed."""
 
-    def __init__(self, db: Database, path: Path) -> None:
+    def __init__(self, db: Database, path: Path, public: bool = False) -> None:
         self._db = db
         self.path = path
+        self._select = _SELECT + (_NOT_SECRET if public else "")
         self._release = hold(path)
 
     @classmethod
-    def open(cls, path: Path | str) -> Reader:
+    def open(cls, path: Path | str, public: bool = False) -> Reader:
         """Return a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
-        return cls(open_read_only(Path(path)), Path(path))
+        return cls(open_read_only(Path(path)), Path(path), public)
 
     def close(self) -> None:
         """Return with the connection closed."""
@@ -67,16 +73,16 @@ class Reader:
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
-        return next(iter(self._db.query(f"SELECT count(*) AS n FROM ({_SELECT}{_FILTER[who]})")))["n"]  # type: ignore[no-any-return]
+        return next(iter(self._db.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")))["n"]  # type: ignore[no-any-return]
 
     def totals(self, who: Who = "all") -> list[dict[str, Any]]:
         """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
-        sql = f"SELECT owner_id, config, outcome, steps, score FROM ({_SELECT}{_FILTER[who]}) ORDER BY started_ms, id"
+        sql = f"SELECT owner_id, config, outcome, steps, score FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
         return list(self._db.query(sql))
 
     def finished(self, who: Who = "all") -> Iterator[dict[str, Any]]:
         """Return finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
-        return self._db.query(f"{_SELECT}{_FILTER[who]} ORDER BY e.started_ms, e.id")
+        return self._db.query(f"{self._select}{_FILTER[who]} ORDER BY e.started_ms, e.id")
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
@@ -84,12 +90,12 @@ class Reader:
 
     def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
         """Return finished episodes, newest first, with seed, totals and the actions in words."""
-        sql = f"{_SELECT}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
+        sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
         return [_described(row, self.steps(row["id"])) for row in list(self._db.query(sql, [limit, offset]))]
 
     def episode(self, episode_id: str) -> dict[str, Any] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
-        for row in list(self._db.query(f"{_SELECT} AND e.id = ?", [episode_id])):
+        for row in list(self._db.query(f"{self._select} AND e.id = ?", [episode_id])):
             steps = self.steps(episode_id)
             moves = [_move(step) for step in steps]
             return {**_described(row, steps), "moves": moves}

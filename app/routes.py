@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from app.doors import enter
 from app.export import rows
 from app.human_level import human_level
 from app.lobby import Lobby
@@ -45,8 +46,15 @@ def _bad_input() -> Iterator[None]:
 @contextmanager
 def _reader(request: Request) -> Iterator[Reader]:
     """Return a read-only connection for one request: long queries run in a thread and hold no move up."""
-    with closing(Reader.open(request.app.state.store.path)) as reader:
+    with closing(Reader.open(request.app.state.store.path, public=True)) as reader:
         yield reader
+
+
+def _not_seated(session: Session, what: str, instead: str) -> Session:
+    """Return the session; 409 when it is a participant's of a study, which has its own way."""
+    if session.seat is not None:
+        raise HTTPException(409, f"this board is a participant's of a study: {what}; {instead}")
+    return session
 
 
 def about(lobby: Lobby, session: Session) -> dict[str, Any]:
@@ -122,20 +130,20 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
 @router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
 async def get_frame(request: Request, session_id: str) -> Response:
     """The same bytes as the session's socket sends."""
-    return _json((await _lobby(request).get(session_id)).frame)
+    return _json((await enter(request, session_id)).frame)
 
 
 @router.get("/sessions/{session_id}/about", tags=["play"], summary="What POST answered, as it stands now")
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """A page that was reloaded begins here."""
-    session = await _lobby(request).get(session_id)
+    session = await enter(request, session_id)
     return about(_lobby(request), session)
 
 
 @router.get("/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses={200: {"model": History}})
 async def get_history(request: Request, session_id: str) -> Response:
     """Positions and discovered cells per step, the start first."""
-    session = await _lobby(request).get(session_id)
+    session = await enter(request, session_id)
     return _json(encode_history(session.current.id, session.episode))
 
 
@@ -151,7 +159,8 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
 
     When it does not, 409 brings the current frame and nothing changes, so a repeat after a lost answer is harmless.
     """
-    session = await _lobby(request).get(session_id)
+    found = await enter(request, session_id)
+    session = _not_seated(found, "its moves come over the socket", "open /ws/sessions/{id}")
     try:
         session.act(as_move(wanted, SCRIPT))
     except Refused as refusal:
@@ -163,7 +172,8 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
 async def create_episode(request: Request, session_id: str, wanted: NewEpisode | None = None) -> dict[str, Any]:
     """One still running is abandoned: it counts at its return so far minus `r_invalid`. A rival begins anew as well."""
     lobby = _lobby(request)
-    session = await lobby.get(session_id)
+    found = await enter(request, session_id)
+    session = _not_seated(found, "its terrains are the study's", "POST /api/studies/{name}/next begins the next episode")
     with _bad_input():
         await lobby.restart(session, wanted or NewEpisode())
     return about(lobby, session)
@@ -172,7 +182,7 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
 async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> Pace:
     """For a session that a policy drives: exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only)."""
-    session = await _lobby(request).get(session_id)
+    session = _not_seated(await enter(request, session_id), "it has no pace and no rival", "its participant moves it")
     with _bad_input():
         return _lobby(request).change_pace(session, wanted)
 
@@ -213,4 +223,5 @@ async def export(
     """Pseudonymous; `who=human` gives the counted ones."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
     headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
-    return StreamingResponse(rows(request.app.state.store, table, fmt, who), media_type=kind, headers=headers)
+    pieces = rows(request.app.state.store, table, fmt, who, public=True)
+    return StreamingResponse(pieces, media_type=kind, headers=headers)

@@ -24,6 +24,7 @@ from starlette.exceptions import HTTPException
 
 from app import api_page, routes, sockets
 from app.agents import Policies
+from app.doors import enter
 from app.leaderboard.routes import Leaderboard
 from app.leaderboard.routes import router as leaderboard_routes
 from app.lobby import Lobby, Sources, UnknownSession
@@ -32,6 +33,10 @@ from app.players import Players, has_own_origin
 from app.protocol import NO_BODY, sentence
 from app.settings import ROOT, Settings
 from app.store import Store, StoreError
+from app.study.debrief import Debriefs
+from app.study.flow import Flow
+from app.study.folder import Folder
+from app.study.routes import router as study_routes
 from app.viewer import Viewer
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
@@ -61,6 +66,7 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         viewer = Viewer()
         app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
         app.state.players = Players(store.secret())
+        app.state.flow, app.state.debriefs = Flow(lobby, Folder(settings.studies)), Debriefs(store)
         app.state.leaderboard = Leaderboard(store.path, {each.name: each.source for each in on_offer.offers()})
         sweeper = asyncio.create_task(lobby.sweep(), name="sweep")
         gc.collect()
@@ -78,9 +84,11 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         title="MarsExplorer Playground", version=CORE_VERSION, description=DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
+    app.state.is_admin = lambda connection: False
     app.add_middleware(Guard)
     _add_errors(app)
     app.include_router(routes.router)
+    app.include_router(study_routes)
     app.include_router(sockets.router)
     app.include_router(leaderboard_routes(STATIC / "leaderboard.html"))
     _add_viewer(app)
@@ -120,7 +128,7 @@ def _add_errors(app: FastAPI) -> None:
 def _add_viewer(app: FastAPI) -> None:
     @app.get("/viewer/{session_id}/", include_in_schema=False)
     async def viewer_page(request: Request, session_id: str) -> Response:
-        await app.state.lobby.get(session_id)
+        await enter(request, session_id)
         viewer: Viewer = app.state.viewer
         return viewer.html(request)
 
@@ -130,7 +138,7 @@ def _add_viewer(app: FastAPI) -> None:
             await websocket.close(sockets.FOREIGN_ORIGIN)
             return
         try:
-            session = await app.state.lobby.get(session_id)
+            session = await enter(websocket, session_id)
         except UnknownSession:
             await websocket.accept()
             await websocket.close(sockets.UNKNOWN_SESSION, "unknown session")
@@ -142,6 +150,10 @@ def _add_page(app: FastAPI) -> None:
     @app.get("/", include_in_schema=False)
     async def index() -> Response:
         return FileResponse(STATIC / "index.html")
+
+    @app.get("/study/{name}", include_in_schema=False)
+    async def study(name: str) -> Response:
+        return FileResponse(STATIC / "study.html")
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:

@@ -10,11 +10,11 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 from app.channel import Channel
-from app.protocol import Pace, encode_frame
-from app.store import Closing, EpisodeRow, Resumable, SessionRow, StepRow, Store, StoreError
+from app.protocol import Events, Pace, encode_frame
+from app.store import Closing, EpisodeRow, Resumable, SessionRow, StepRow, Store
 from marsexplorer.episode import Episode, Record, replay
 
 HUMAN, SCRIPT = "human", "script"
@@ -38,17 +38,42 @@ class Move:
     client_ms: float | None = None
 
 
+class Seat(Protocol):
+    """What a study asks of a participant's board: a board without a seat is anybody's who knows its id."""
+
+    @property
+    def driver(self) -> str:
+        """Who an episode is driven by at its start: "human" or "script"."""
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of the episode keep reward, return and score to themselves."""
+
+    def check(self) -> None:
+        """Return when moves may be made; Refused when the study is closed."""
+
+    def note_script(self, episode_id: str) -> None:
+        """Note that a person's episode has become a script's, in the transaction of the move that made it so."""
+
+    def note_end(self) -> None:
+        """Note that an episode has ended, in the transaction that ends it."""
+
+    def take(self, events: Events) -> None:
+        """Keep input events; Refused when they are of no episode of this seat."""
+
+
 class Session:
     """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
 
     pace      how the policy at the controls moves, None for a person's board
     number    of the current episode, counting from 1; 0 before the first
+    seat      a participant's, in a study; else None
     fault     one sentence when the policy at the controls has failed, else None
     touched   monotonic seconds of the last access
     """
 
-    def __init__(self, row: SessionRow, store: Store, clock: Callable[[], int]) -> None:
+    def __init__(self, row: SessionRow, store: Store, clock: Callable[[], int], seat: Seat | None = None) -> None:
         self.id = row.id
+        self.seat = seat
         self.row = row
         self.channel = Channel()
         self.pace = None if self.is_human else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
@@ -74,19 +99,50 @@ class Session:
     def counts(self) -> bool:
         """Whether the episode, as far as can be said while it runs, counts for the human score."""
         row = self.current
-        return self.is_human and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+        mine = self.is_human and self.seat is None
+        return mine and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+
+    @property
+    def driver(self) -> str:
+        """Who an episode is driven by at its start: "human", "script" or "policy:NAME"."""
+        if self.seat is not None:
+            return self.seat.driver
+        return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
 
     def act(self, move: Move) -> None:
         """Return when the move is committed and told; Refused or StoreError otherwise, and then nothing has changed."""
-        self._check_current(move)
+        self._check_current(move.episode, move.step)
+        if not self.is_human and move.driver in (HUMAN, SCRIPT):
+            raise Refused(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
         reward = self.episode.step(move.action)
+        is_deviation = move.driver == SCRIPT and self.current.driver == HUMAN
         try:
-            self._store.add_step(self._step_row(move, reward), self.episode.record() if self.episode.ended else None)
-        except StoreError:
+            with self._store.transaction():
+                if is_deviation and self.seat is not None:
+                    self.seat.note_script(self.current.id)
+                self._store.add_step(self._step_row(move, reward), self.episode.record() if self.episode.ended else None)
+                if self.episode.ended and self.seat is not None:
+                    self.seat.note_end()
+        except BaseException:
             self.rewind(move.step)
             raise
-        if move.driver == SCRIPT and self.current.driver == HUMAN:
+        if is_deviation:
             self.current = dataclasses.replace(self.current, driver=SCRIPT)
+        self.tell()
+
+    def abandon(self, episode: str, step: int, note: Callable[[], None] | None = None) -> None:
+        """Return with the running episode given up, for good, and told; `note()` runs in the same transaction."""
+        self._check_current(episode, step)
+        try:
+            with self._store.transaction():
+                self._store.close_episode(*self.give_up())
+                if note is not None:
+                    note()
+                if self.seat is not None:
+                    self.seat.note_end()
+        except BaseException:
+            self.rewind(step)
+            raise
         self.tell()
 
     def begin(self, row: EpisodeRow, episode: Episode) -> None:
@@ -117,17 +173,18 @@ class Session:
 
     def tell(self) -> None:
         """Publish the frame as it stands, encoded once."""
-        self.channel.publish(encode_frame(self.current.id, self.episode))
+        hides_scores = self.seat is not None and self.seat.hides_scores(self.current.id)
+        self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 
-    def _check_current(self, move: Move) -> None:
-        if move.episode != self.current.id:
-            raise Refused(f"episode {move.episode!r} is not the current one, which is {self.current.id!r}")
+    def _check_current(self, episode: str, step: int) -> None:
+        if self.seat is not None:
+            self.seat.check()
+        if episode != self.current.id:
+            raise Refused(f"episode {episode!r} is not the current one, which is {self.current.id!r}")
         if self.episode.ended:
             raise Refused(f"the episode has ended ({self.episode.outcome}); begin the next one")
-        if move.step != self.episode.steps:
-            raise Refused(f"step {move.step} is not the current one, which is {self.episode.steps}")
-        if not self.is_human and move.driver in (HUMAN, SCRIPT):
-            raise Refused(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
+        if step != self.episode.steps:
+            raise Refused(f"step {step} is not the current one, which is {self.episode.steps}")
 
     def _step_row(self, move: Move, reward: float) -> StepRow:
         return StepRow(

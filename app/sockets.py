@@ -11,9 +11,10 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from app.lobby import Lobby, UnknownSession
-from app.players import Players, has_own_origin
-from app.protocol import Act, BadMessage, Pace, encode_error, encode_history, encode_refused, parse
+from app.doors import enter, owns
+from app.lobby import UnknownSession
+from app.players import has_own_origin
+from app.protocol import Act, BadMessage, Events, Pace, encode_error, encode_history, encode_refused, parse
 from app.session import HUMAN, SCRIPT, Move, Refused, Session
 from app.store import StoreError
 
@@ -30,24 +31,21 @@ async def play(websocket: WebSocket, session_id: str) -> None:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
         return
     await websocket.accept()
-    lobby: Lobby = websocket.app.state.lobby
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await lobby.get(session_id)
+            session = await enter(websocket, session_id)
         except UnknownSession as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
-        players: Players = websocket.app.state.players
-        is_own = has_own_origin(websocket) is True and players.of(websocket) == session.row.player_id
-        await Socket(websocket, session, is_own and session.row.player_id is not None).serve()
+        await Socket(websocket, session, owns(websocket, session), has_own_origin(websocket) is True).serve()
 
 
 class Socket:
-    """One connection to a session; `is_own` says that it is a page of ours with the session's own cookie."""
+    """One connection to a session; `is_owner` says that it came with the session's own cookie, `is_page` from a page of ours."""
 
-    def __init__(self, websocket: WebSocket, session: Session, is_own: bool) -> None:
-        self._websocket, self._session, self._is_own = websocket, session, is_own
+    def __init__(self, websocket: WebSocket, session: Session, is_owner: bool, is_page: bool) -> None:
+        self._websocket, self._session, self._is_owner, self._is_page = websocket, session, is_owner, is_page
 
     async def serve(self) -> None:
         """Return when the socket has left."""
@@ -99,7 +97,11 @@ class Socket:
         session = self._session
         try:
             message = parse(text)
+            if isinstance(message, Events):
+                self._take(message)
+                return None
             if isinstance(message, Act):
+                self._check_owner()
                 session.act(as_move(message, self._driver(message)))
                 return None
             return encode_history(session.current.id, session.episode)
@@ -109,7 +111,19 @@ class Socket:
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:
-        return HUMAN if self._is_own and act.input is not None else SCRIPT
+        seat = self._session.seat
+        is_human = self._is_owner and self._is_page and act.input is not None and (seat is None or seat.driver == HUMAN)
+        return HUMAN if is_human else SCRIPT
+
+    def _take(self, events: Events) -> None:
+        if self._session.seat is None:
+            raise BadMessage("input events are kept for a study's episodes alone; this session belongs to none")
+        self._check_owner()
+        self._session.seat.take(events)
+
+    def _check_owner(self) -> None:
+        if self._session.seat is not None and not self._is_owner:
+            raise Refused("this board is a participant's of a study: nobody else can move its rover")
 
 
 def as_move(act: Act, driver: str) -> Move:

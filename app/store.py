@@ -104,7 +104,7 @@ _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.se
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
 _LATEST = """SELECT e.*, (e.ended_ms IS NOT NULL) AS ended FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
-    WHERE (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since)"""
+    WHERE (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
 
 
 class Store(Reader):
@@ -126,8 +126,17 @@ class Store(Reader):
         super().close()
         self._lock.close()
 
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The one connection that writes: for SQL of a study's, inside `transaction`."""
+        return self._conn
+
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
+    def transaction(self) -> Iterator[None]:
+        """Return a block that is committed as a whole or not at all (StoreError); inside another it is a part of that."""
+        if self._conn.in_transaction:
+            yield
+            return
         try:
             with transaction(self._conn):
                 yield
@@ -136,18 +145,18 @@ class Store(Reader):
 
     def secret(self) -> str:
         """Return the key that signs cookies: made once, kept in the database."""
-        with self._transaction():
+        with self.transaction():
             self._conn.execute("INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)])
         return str(self._conn.execute("SELECT value FROM meta WHERE name = 'secret'").fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
         """Return with the player known; a second time changes nothing."""
-        with self._transaction():
+        with self.transaction():
             self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
         """Return with the session kept; a rival's belongs to its player's player."""
-        with self._transaction():
+        with self.transaction():
             self._conn.execute(
                 _ADD_SESSION,
                 (
@@ -163,7 +172,7 @@ class Store(Reader):
 
     def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
         """Return with the pace kept for the next start."""
-        with self._transaction():
+        with self.transaction():
             self._conn.execute(
                 "UPDATE sessions SET pace_mode = ?, moves_per_second = ? WHERE id = ?",
                 (mode, moves_per_second, session_id),
@@ -175,7 +184,7 @@ class Store(Reader):
 
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[EpisodeRow]) -> None:
         """Return with the given episodes closed and the next ones open: all of it or nothing."""
-        with self._transaction():
+        with self.transaction():
             for episode_id, record, at_ms in closing:
                 self._close(episode_id, record, at_ms)
             met = [self._has_met(row) for row in rows]
@@ -191,7 +200,7 @@ class Store(Reader):
             row.episode_id, row.step, row.action, row.reward, row.discovered, row.server_ms,
             row.client_ms, row.key_down_ms, row.key_up_ms, row.input, row.driver,
         )  # fmt: skip
-        with self._transaction():
+        with self.transaction():
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
             if row.driver != "human":
@@ -208,13 +217,15 @@ class Store(Reader):
         return [self._resumable(row) for row in self._latest("", {}, now_ms)]
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
-        """Return what `sessions_to_resume` holds for one id; None when it holds nothing."""
-        found = self._latest(" AND s.id = :id", {"id": session_id}, now_ms)
+        """Return what `sessions_to_resume` holds for one id, a participant's at any age; None when it holds nothing."""
+        seated = self._conn.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
+        values = {"id": session_id, "participants": seated and seated[0]}
+        found = self._latest(" AND s.id = :id", values, now_ms)
         return self._resumable(found[0]) if found else None
 
     def _latest(self, extra: str, values: dict[str, Any], now_ms: int | None) -> list[dict[str, Any]]:
         now = int(time.time() * 1000) if now_ms is None else now_ms
-        return list(self._db.query(_LATEST + extra, {**values, "since": now - DAY_MS}))
+        return list(self._db.query(_LATEST + extra, {"participants": None, **values, "since": now - DAY_MS}))
 
     def _resumable(self, row: dict[str, Any]) -> Resumable:
         session = dict(self._db.table("sessions").get(row["session_id"]))

@@ -26,7 +26,7 @@ export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_b
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
   "reward", "return", "score", "outcome"];
 export const FROM_SERVER = ["frame", "history", "refused", "error", "pace"];
-export const TO_SERVER = ["act", "history"];
+export const TO_SERVER = ["act", "history", "events"];
 
 /**
  * The act message. `step` is the number of moves made when it is due; `action` is where the rover should go.

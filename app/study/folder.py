@@ -22,8 +22,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-from app.study.protocol import NAME, Protocol, StudyError, canonical_json, checked, protocol_hash
-from app.study.seeds import Label, commitment, seed
+from app.study.protocol import (
+    NAME,
+    DraftStudy,
+    Protocol,
+    StudyError,
+    UnknownStudy,
+    canonical_json,
+    checked,
+    protocol_hash,
+)
+from app.study.seeds import TUTORIAL_SEED, Label, commitment, seed
 from marsexplorer.config import CORE_VERSION
 
 __all__ = ["Folder", "Study", "StudyError"]
@@ -73,7 +82,7 @@ class Folder:
     def path(self, name: str) -> Path:
         """Return where a study lies; StudyError when no study can be called so."""
         if not re.fullmatch(NAME, name):
-            raise StudyError(
+            raise UnknownStudy(
                 f"a study's name is 1 to 40 small letters, digits and dashes, beginning with a letter or digit; got {name!r}"
             )
         return self.root / name
@@ -163,12 +172,12 @@ class Folder:
         path = self.path(name)
         if not (path / "protocol.json").is_file():
             known = ", ".join(self.names()) or "none"
-            raise StudyError(f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)")
+            raise UnknownStudy(f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)")
         return path
 
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
-            raise StudyError(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
+            raise DraftStudy(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
         frozen, raw = _read(path / "frozen.json"), _read(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
             raise StudyError(
@@ -191,7 +200,7 @@ def _check_terrains(study: Study, advance: Advance) -> None:
     """Return when every terrain can be solved; StudyError otherwise."""
     from marsexplorer.terrain import generate
 
-    seeds = study.seeds()
+    seeds = [TUTORIAL_SEED, *study.seeds()]
     for number, each in enumerate(seeds, 1):
         try:
             generate(study.protocol.env_config, each)

@@ -32,6 +32,14 @@ class StudyError(Exception):
     """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
 
 
+class UnknownStudy(StudyError):  # noqa: N818 - says what it is
+    """No study goes by this name."""
+
+
+class DraftStudy(StudyError):  # noqa: N818 - says what it is
+    """The study has not been frozen yet."""
+
+
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -27,7 +27,7 @@ def test_an_act_and_a_request_for_history_are_understood():
         ("[1]", "JSON object"),
         ("null", "JSON object"),
         ("{}", "kind is missing"),
-        ('{"kind":"jump"}', 'kind must be "act" or "history", got \'jump\''),
+        ('{"kind":"jump"}', 'kind must be "act", "history" or "events", got \'jump\''),
         ('{"kind":"act","episode":"e","step":0}', "action is missing"),
         (json.dumps({**ACT, "action": "up"}), "action must be 'north', 'east', 'south' or 'west', got \"up\""),
         (json.dumps({**ACT, "step": "0"}), 'step must be a whole number, got "0"'),

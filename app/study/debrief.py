@@ -1,0 +1,120 @@
+"""What a participant is shown at the end: their own figures, and a policy beside them on the study's warm-up terrains.
+
+Warm-up terrains alone: the ranked ones stay secret until the study is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from app.protocol import encode_frame
+from app.store import Store
+from app.study.folder import Study
+from app.study.records import Participant, Trial
+from marsexplorer.episode import Episode, Record, replay
+from marsexplorer.policies import load
+from marsexplorer.score import steps_to_target
+
+MAX_CELLS = 2_000_000
+"""Most cells in the frames of one replay: beyond it some frames are left out."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the debrief policy did on a warm-up terrain."""
+
+    record: Record
+    steps: int
+
+
+class Debriefs:
+    """Debriefs of one server; what a policy does on a study's warm-up terrains is worked out once, in a thread."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._runs: dict[str, list[Run]] = {}
+        self._working = asyncio.Lock()
+
+    async def summary(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> dict[str, Any]:
+        """Return `Where.debrief`."""
+        config, runs = study.protocol.env_config, await self._policy_runs(study)
+        ranked = [trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None]
+        own = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in trials if trial.phase == "warm_up"]
+        steps = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in ranked]
+        url, code = study.protocol.return_url, participant.completion_code or ""
+        return {
+            "mean_score": _mean([trial.score or 0.0 for trial in ranked]),
+            "mean_steps": _mean(steps),
+            "episodes": [
+                {"trial": trial.trial, "outcome": trial.outcome, "steps": trial.steps, "score": trial.score} for trial in ranked
+            ],
+            "policy": {
+                "name": study.protocol.debrief_policy,
+                "mean_steps_warm_up": _mean([run.steps for run in runs]),
+                "own_mean_steps_warm_up": _mean(own),
+            }
+            if runs and own
+            else None,
+            "warm_up_terrains": len(own) if runs else 0,
+            "completion_code": participant.completion_code,
+            "return_url": None if url is None else url.replace("{code}", code),
+        }
+
+    async def replays(self, study: Study, trials: Sequence[Trial], index: int) -> dict[str, Any]:
+        """Return the participant's own warm-up episode on terrain `index` and the policy's; LookupError when there is none."""
+        own = [trial for trial in trials if trial.phase == "warm_up" and trial.terrain == index and trial.ended_ms is not None]
+        runs = await self._policy_runs(study)
+        if not own or index >= len(runs):
+            raise LookupError(f"no warm-up terrain {index}: there are {len(runs)}, counted from 0")
+        record = self._store.load_record(own[0].episode_id)
+        mine = await asyncio.to_thread(frames, record, own[0].episode_id)
+        its = await asyncio.to_thread(frames, runs[index].record, f"policy-{index}")
+        return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
+
+    async def _policy_runs(self, study: Study) -> list[Run]:
+        async with self._working:
+            if study.protocol_hash not in self._runs:
+                self._runs[study.protocol_hash] = await asyncio.to_thread(_play, study)
+            return self._runs[study.protocol_hash]
+
+
+def _play(study: Study) -> list[Run]:
+    """Return what the debrief policy does on the warm-up terrains; nothing when it cannot be loaded any more."""
+    config, runs = study.protocol.env_config, list[Run]()
+    try:
+        policy = load(study.protocol.debrief_policy, config.sensor_radius)
+    except (LookupError, ValueError, OSError) as error:
+        _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
+        return []
+    for i in range(study.protocol.warm_up):
+        episode = Episode.begin(config, seed=study.seed("warm-up", i))
+        policy.reset(i)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes.copy()))
+        runs.append(Run(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
+    return runs
+
+
+def frames(record: Record, episode_id: str) -> list[dict[str, Any]]:
+    """Return the frames of a finished episode from its start to its end; evenly thinned out on large boards."""
+    config = record.config
+    stride = max(1, -(-len(record.actions) * config.n // MAX_CELLS))
+    episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
+    told = [encode_frame(episode_id, episode)]
+    for number, action in enumerate(record.actions, 1):
+        episode.step(action)
+        if number % stride == 0 or number == len(record.actions):
+            told.append(encode_frame(episode_id, episode))
+    if record.outcome == "abandoned":
+        told.append(encode_frame(episode_id, replay(record)))
+    return [json.loads(each) for each in told]
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None
