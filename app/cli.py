@@ -21,8 +21,16 @@ COMMANDS = {
     "bench": "Measure how fast the environment is here.",
     "study": "Plan, freeze and close a study of how well people play.",
     "simulate": "Let synthetic players take part in a study.",
+    "verify": "Simulate every episode again and compare.",
+    "release": "Write a study as a citable, signed bundle.",
+    "import": "Bring a released bundle into a database.",
+    "merge": "Join the databases of several servers.",
+    "forget": "Erase a participant.",
 }
 """Name -> what `marsexplorer --help` says of it. The command NAME is `app.commands.NAME.NAME`, a dash an underscore."""
+
+_MODULES = {"import": "import_release"}
+"""Where a command's name is a word of Python's."""
 
 
 class Commands(click.Group):
@@ -38,7 +46,7 @@ class Commands(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        name = cmd_name.replace("-", "_")
+        name = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
         command = getattr(import_module(f"app.commands.{name}"), name)
         assert isinstance(command, click.Command)
         return command

@@ -175,6 +175,8 @@ def _whole_folder(out: Path) -> Iterator[Path]:
         part.replace(out)
     except OSError as error:
         raise ReleaseError(f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out") from error
+    except sqlite3.Error as error:
+        raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
 

@@ -132,7 +132,7 @@ def _metadata(each: Played) -> dict[str, Any]:
 def _datasets_in(root: Path) -> Iterator[None]:
     """Return a block in which Minari writes below `root`."""
     before = os.environ.get("MINARI_DATASETS_PATH")
-    os.environ["MINARI_DATASETS_PATH"] = str(root)
+    os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())  # it looks below a relative one twice
     try:
         with warnings.catch_warnings():
             # it misses an address to write to and a link to the code, which a study need not have

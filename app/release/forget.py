@@ -1,0 +1,188 @@
+"""A participant erased for good: nothing of theirs remains in the database or its log, and a re-import cannot bring it back."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app import digests
+from app.migrations import StoreError, open_database, take_lock, transaction
+from app.release.connection import reading, rows
+from app.release.errors import ReleaseError
+from app.release.join import id_hash
+
+
+@dataclass(frozen=True)
+class Forgotten:
+    """Who was erased.
+
+    episodes    erased with their steps and input events, those played outside the study too
+    keeps       True where the protocol keeps episodes: they stay, under new ids
+    outdated    versions of the study's releases that hold the person
+    """
+
+    study: str
+    episodes: int
+    keeps: bool
+    outdated: tuple[int, ...]
+
+
+def find(database: Path, who: str, study: str | None = None) -> dict[str, Any]:
+    """Return the one participant meant by an id or an outside id; ReleaseError when there is none, or several."""
+    with reading(database) as conn:
+        return _found(conn, database, who, study)
+
+
+def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
+    """Return what was erased.
+
+    who  a participant's id, or an outside id of theirs
+
+    Needs the database alone: StoreError while a server, or any other program, has it open.
+    """
+    if not database.exists():
+        raise StoreError(f"no database at {database}: give its path with --database")
+    lock = take_lock(database)
+    try:
+        conn: sqlite3.Connection = open_database(database).conn
+        try:
+            person = _found(conn, database, who, study)
+            _have_alone(conn, database)
+            with transaction(conn):
+                conn.execute("PRAGMA defer_foreign_keys = ON")
+                done = _erase(conn, person)
+            conn.execute("VACUUM")
+            conn.execute("PRAGMA locking_mode = NORMAL")
+            conn.execute("PRAGMA journal_mode = WAL")
+        finally:
+            conn.close()
+        return done
+    except sqlite3.Error as error:
+        raise StoreError(f"the database {database} did not take the erasure: {error}; try again") from error
+    finally:
+        lock.close()
+
+
+def _found(conn: sqlite3.Connection, database: Path, who: str, study: str | None) -> dict[str, Any]:
+    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
+        WHERE (p.id = ?1 OR i.value = ?1) AND (?2 IS NULL OR p.study = ?2)"""
+    found = rows(conn, sql, who, study)
+    if not found:
+        where = f"the study {study!r} of {database}" if study else str(database)
+        raise ReleaseError(f"no participant {who!r} in {where}: give the participant's id or the outside id of their link")
+    if len(found) > 1:
+        studies = ", ".join(sorted({person["study"] for person in found}))
+        raise ReleaseError(
+            f"{who!r} stands for {len(found)} participants (studies: {studies}): give --study, or one participant's id; "
+            "nothing was erased"
+        )
+    return found[0]
+
+
+def _erase(conn: sqlite3.Connection, person: dict[str, Any]) -> Forgotten:
+    now = int(time.time() * 1000)
+    (protocol,) = conn.execute("SELECT protocol FROM studies WHERE name = ?", [person["study"]]).fetchone()
+    keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
+    conn.execute("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", (id_hash(person["id"]), now))
+    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
+    elsewhere = conn.execute(
+        "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
+    ).fetchall()
+    boards = _boards(conn, person, {row[0] for row in elsewhere})
+    if keeps:
+        kept = _rename(conn, person)
+        boards = [board for board in boards if board != kept]
+    episodes = [row[0] for board in boards for row in conn.execute("SELECT id FROM episodes WHERE session_id = ?", [board])]
+    _delete_episodes(conn, episodes, now)
+    outdated: tuple[int, ...] = ()
+    if not keeps:
+        conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
+        conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [person["id"]])
+        conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
+        outdated = _outdate(conn, person, now)
+    for board in boards:
+        conn.execute("DELETE FROM sessions WHERE id = ?", [board])
+    if not elsewhere:
+        conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
+    return Forgotten(person["study"], len(episodes), keeps, outdated)
+
+
+def _boards(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]) -> list[str]:
+    """Return the person's sessions, those outside the study too, without those of other studies' participants."""
+    mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
+    played = """SELECT DISTINCT e.session_id FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        WHERE s.participant_id {} ?"""
+    found = {row[0] for row in conn.execute(mine, (person["player_id"], person["session_id"]))}
+    found |= {row[0] for row in conn.execute(played.format("="), [person["id"]])}
+    others = others | {row[0] for row in conn.execute(played.format("<>"), [person["id"]])}
+    return sorted(found - others)
+
+
+def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
+    for ident in episodes:
+        conn.execute(
+            "INSERT OR IGNORE INTO forgotten SELECT trajectory_hash, ? FROM episodes WHERE id = ? AND ended_ms IS NOT NULL",
+            (now, ident),
+        )
+        for table in ("input_events", "steps", "study_episodes"):
+            conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
+        conn.execute("DELETE FROM digests WHERE kind IN ('episode', 'events') AND id = ?", [ident])
+        conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
+
+
+def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
+    """Return the new id of the board; participant, browser and board have new ids, and nothing else of the person is left."""
+    new = {name: prefix + secrets.token_hex(6) for name, prefix in (("id", "P"), ("player", "B"), ("session", "S"))}
+    old = person["id"]
+    finished = "SELECT episode_id FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE participant_id = ? AND {}"
+    ended = [row[0] for row in conn.execute(finished.format("ended_ms IS NOT NULL"), [old])]
+    sound = [ident for ident in ended if digests.kept(conn, "episode", ident) == digests.of_rows(conn, "episode", ident)]
+    conn.execute("INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new["player"], person["player_id"]))
+    conn.execute(
+        "UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?",
+        (new["session"], new["player"], new["player"], person["session_id"]),
+    )
+    conn.execute("UPDATE episodes SET session_id = ? WHERE session_id = ?", (new["session"], person["session_id"]))
+    conn.execute(
+        "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL WHERE id = ?",
+        (new["id"], new["player"], new["session"] if person["session_id"] else None, old),
+    )
+    for table in ("study_episodes", "stage_events"):
+        conn.execute(f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new["id"], old))
+    for was, now in ((old, new["id"]), (person["player_id"], new["player"]), (person["session_id"] or old, new["session"])):
+        conn.execute("UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?", (was, now, new["id"]))
+    conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [old])
+    digests.seal(conn, "participant", new["id"])
+    for ident in sound:
+        digests.seal(conn, "episode", ident)
+    return new["session"]
+
+
+def _outdate(conn: sqlite3.Connection, person: dict[str, Any], now: int) -> tuple[int, ...]:
+    """Return the versions that were released after the person had joined, marked as outdated."""
+    where = "study = ? AND released_ms >= ?"
+    values = (person["study"], person["joined_ms"])
+    found = [row[0] for row in conn.execute(f"SELECT version FROM releases WHERE {where} ORDER BY version", values)]
+    conn.execute(f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}", (now, *values))
+    return tuple(found)
+
+
+def _have_alone(conn: sqlite3.Connection, database: Path) -> None:
+    """Return with the log folded into the file and nobody else on it until the end; StoreError when somebody is.
+
+    Without a log, and with deleted rows overwritten, no old page survives the VACUUM that follows.
+    """
+    try:
+        mode = conn.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
+    except sqlite3.OperationalError:
+        mode = "wal"
+    if mode != "delete":
+        raise StoreError(f"{database} is open in another program: stop it, nothing was erased")
+    conn.execute("PRAGMA locking_mode = EXCLUSIVE")
+    conn.execute("PRAGMA secure_delete = ON")
