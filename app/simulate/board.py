@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from app.simulate.mind import Minds
-from app.simulate.page import Lost, Page
+from app.simulate.page import Lost, Page, Refusal
 from app.simulate.persona import Nature
 from marsexplorer.config import ACTIONS
 
@@ -20,22 +21,32 @@ HIDDEN = ("reward", "return", "score")
 Fault = Callable[[str], None]
 
 
-class Board:
-    """One session as its page sees it, over any number of sockets.
+@dataclass(frozen=True)
+class Rule:
+    """What the frames of an episode must keep to themselves.
 
-    frame   the newest
+    hides      reward, return and score are null
+    shows_end  but for its last frame: no ranked episode comes after it
     """
+
+    episode: str
+    hides: bool = False
+    shows_end: bool = False
+
+
+class Board:
+    """One session as its page sees it, over any number of sockets; `frame` is the newest."""
 
     def __init__(self, page: Page, radius: int, fault: Fault) -> None:
         self.page, self._radius, self._fault = page, radius, fault
         self.frame: dict[str, Any] = {}
-        self.is_ranked = False
+        self._rule = Rule("")
         self.is_refused = False
         self._minds: Minds | None = None
 
-    async def show(self, session: str, episode: str, is_ranked: bool) -> None:
-        """Return with the newest frame of `episode` on the board and its path known; Lost when it does not come."""
-        self.is_ranked = is_ranked
+    async def show(self, session: str, rule: Rule) -> None:
+        """Return with the newest frame of an episode on the board and its path known; Lost when it does not come."""
+        self._rule, episode = rule, rule.episode
         if not self.page.is_open or self.page.session != session:
             await self.page.open(session)
             history = await self._until("history", episode)
@@ -77,6 +88,8 @@ class Board:
         message = await self.page.receive()
         if message["kind"] == "refused":
             self.is_refused = True
+            if "closed" in message["reason"]:
+                raise Refusal(409, message["reason"])
             self._see(message["frame"])
         elif message["kind"] == "frame":
             self._see(message)
@@ -89,7 +102,9 @@ class Board:
         last = self.frame
         if last.get("episode") == frame["episode"] and frame["step"] < last["step"]:
             self._fault(f"episode {frame['episode']} went back from move {last['step']} to {frame['step']}")
-        if self.is_ranked and any(frame[name] is not None for name in HIDDEN) and frame["outcome"] is None:
+        rule = self._rule
+        may_tell = not rule.hides or (rule.shows_end and frame["outcome"] is not None)
+        if frame["episode"] == rule.episode and not may_tell and any(frame[name] is not None for name in HIDDEN):
             self._fault(f"a ranked frame tells its score: episode {frame['episode']}, move {frame['step']}")
         self.frame = frame
 

@@ -94,7 +94,7 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
                 group.create_task(_arrive(each, JOIN_EVERY_MS * number / 1000 / plan.speed))
     except ExceptionGroup as errors:
         over = errors.subgroup(Over)
-        raise (errors if over is None else first_of(over)) from None
+        raise first_of(over or errors) from None
     finally:
         watch.cancel()
         seats.write()

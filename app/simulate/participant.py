@@ -10,17 +10,20 @@ import asyncio
 from dataclasses import dataclass
 from typing import Any
 
-from app.simulate.board import Board
+from app.simulate.board import Board, Rule
 from app.simulate.cheats import Cheats
 from app.simulate.hands import BATCH, Clock, Hands
 from app.simulate.page import Lost, Page, Refusal
-from app.simulate.persona import Persona
+from app.simulate.persona import Nature, Persona
 from app.simulate.tally import Line, Tally
 
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
 """Waits between attempts to find the server again, as the page's."""
-REFUSALS_IN_A_ROW = 20
-"""Refusals without any progress after which a player gives up: the study is not what it was written for."""
+SETBACKS = 30
+"""Refusals and lost connections without any progress after which a player gives up."""
+
+STEPS_BEFORE_LEAVING = 7
+"""Moves that a player makes in the episode which it leaves for ever."""
 
 
 class Over(Exception):  # noqa: N818 - what has happened
@@ -60,10 +63,10 @@ class Participant:
         self.progress = 0
         """Episodes ended since the player joined, in this run of the command or an earlier one."""
         self._neighbours = neighbours
-        self._refusals = 0
+        self._setbacks = 0
         self._loads = 0
         self._answers: list[int] = []
-        self._last: dict[str, Any] = {}
+        self._last: tuple[tuple[str, int] | None, dict[str, Any]] = (None, {})
         tally.lines.append(self.line)
         self._load_page()
 
@@ -73,8 +76,9 @@ class Participant:
             while not self.line.is_done:
                 try:
                     await self._turn(await self._where())
-                except Lost:
+                except Lost as error:
                     self._tally.lost += 1
+                    self._set_back(str(error))
                     await self._find_server()
                 except Refusal as refusal:
                     await self._refused(refusal)
@@ -110,11 +114,8 @@ class Participant:
         elif stage == "debrief":
             await self._debrief(where)
         elif stage == "complete":
-            self.line.debrief, self.line.code = (
-                where["debrief"],
-                where["completion_code"] or where["debrief"]["completion_code"],
-            )
-        self._refusals = 0
+            self.line.debrief, self.line.code = where["debrief"], where["debrief"]["completion_code"]
+        self._setbacks = 0
 
     async def _read(self, text: str) -> None:
         """Return after the time it takes to read a text, four words a second."""
@@ -131,67 +132,79 @@ class Participant:
                 self._answers[i] = (self._answers[i] + 1) % len(questions[i]["choices"])
 
     async def _trial(self, where: dict[str, Any], phase: str) -> None:
-        """Play one episode, from where it stands."""
-        done = where[phase]["done"] if phase != "tutorial" else 0
-        leaves = self.persona.leaves_after
-        if phase == "ranked" and leaves is not None and done >= leaves * where["ranked"]["of"]:
-            await self._leave()
+        """Play one episode, from where it stands; leave in the middle of it, or before it, if the time has come."""
+        counts = where.get(phase, {})
+        done, of = (0, 1) if phase == "tutorial" else (counts["done"], counts["of"])
+        leaves = self.persona.leaves_after is not None and phase == "ranked" and done >= int(self.persona.leaves_after * of)
+        if leaves and self.persona.withdraws:
+            await self._page.call("withdraw", {})
+            self._leave()
             return
         if where["break_due"]:
             await self._clock.wait(45_000)
         where = await self._page.call("next", {})
-        self.session = where["session"]
-        episode = where["about"]["frame"]["episode"]
-        self._check_resumed(where["about"]["frame"], phase, done)
-        await self._drive(episode, phase, done)
+        self.session, frame = where["session"], where["about"]["frame"]
+        self._check_resumed(frame, (phase, done))
+        rule = Rule(frame["episode"], hides=phase == "ranked", shows_end=done + 1 == of)
+        if not await self._drive(rule, phase, done, STEPS_BEFORE_LEAVING if leaves else None):
+            self._leave()
+            return
         self.line.episodes[phase] += 1
         await self._clock.wait(1500)
 
-    def _check_resumed(self, frame: dict[str, Any], phase: str, done: int) -> None:
-        """Find a fault when an episode that ran has become another one, or has lost moves."""
-        last = self._last
-        if last.get("place") == (phase, done) and last["frame"]["outcome"] is None:
-            seen = last["frame"]
-            if frame["episode"] != seen["episode"]:
-                self._tally.fault(f"player {self.persona.number}: {phase} {done} became another episode")
-            elif not seen["step"] <= frame["step"] <= seen["step"] + 1:
-                self._tally.fault(
-                    f"player {self.persona.number}: {phase} {done} went from move {seen['step']} to {frame['step']}"
-                )
-        self._last = {"place": (phase, done), "frame": frame}
+    def _leave(self) -> None:
+        """Go for ever."""
+        self.seat.has_left = True
+        self.line.stage = "left"
 
-    async def _drive(self, episode: str, phase: str, trial: int) -> None:
-        """Return when the episode has ended."""
+    def _check_resumed(self, frame: dict[str, Any], place: tuple[str, int]) -> None:
+        """Find a fault when an episode that ran has become another one, or has lost or gained moves."""
+        was, seen = self._last
+        if was == place and seen["outcome"] is None:
+            who = f"player {self.persona.number}: {place[0]} {place[1]}"
+            if frame["episode"] != seen["episode"]:
+                self._tally.fault(f"{who} became another episode")
+            elif not seen["step"] <= frame["step"] <= seen["step"] + 1:
+                self._tally.fault(f"{who} went from move {seen['step']} to {frame['step']}")
+        self._last = (place, frame)
+
+    async def _drive(self, rule: Rule, phase: str, trial: int, until: int | None) -> bool:
+        """Return True when the episode has ended, False after `until` moves."""
         assert self.session is not None
-        persona, kind, board = self.persona, self.persona.kind, self._board
-        nature, habits = persona.nature(phase, trial), persona.rng(9, self._loads)
+        kind, place = self.persona.kind, (phase, trial)
+        nature, habits = self.persona.nature(phase, trial), self.persona.rng(9, self._loads)
         cheats = Cheats(self._page, self._tally) if kind.cheats else None
-        await board.show(self.session, episode, phase == "ranked")
-        while board.frame["outcome"] is None:
-            self._last["frame"] = board.frame
+        await self._board.show(self.session, rule)
+        while (frame := self._board.frame)["outcome"] is None:
+            self._last = (place, frame)
+            if until is not None and frame["step"] >= until:
+                return False
             if habits.random() < kind.pauses:
-                await self._hands.idle(habits.uniform(61_000, 180_000), board.frame["step"])
+                await self._hands.idle(habits.uniform(61_000, 180_000), frame["step"])
             if habits.random() < kind.reloads:
+                await self._tell_events(rule.episode)
                 await self._reload(bool(habits.random() < 0.5))
-                await board.show(self.session, episode, phase == "ranked")
-                board = self._board
+                await self._board.show(self.session, rule)
                 continue
             if cheats is not None:
-                await cheats.maybe(self.session, board.frame, phase, self._other_session())
-            action = board.decide(nature)
-            await self._move(board, action)
-        self._last["frame"] = board.frame
-        await self._tell_events(episode)
+                await cheats.maybe(self.session, frame, phase, self._other_session())
+            await self._move(nature)
+        self._last = (place, self._board.frame)
+        await self._tell_events(rule.episode)
+        return True
 
     def _other_session(self) -> str | None:
         """Return the session of somebody else in this study, None while there is none."""
         return next((each.session for each in self._neighbours if each is not self and each.session), None)
 
-    async def _move(self, board: Board, action: str) -> None:
-        step, hands = board.frame["step"], self._hands
+    async def _move(self, nature: Nature) -> None:
+        """Make one move: think, press, see the frame, release."""
+        board, hands = self._board, self._hands
+        step, action = board.frame["step"], board.decide(nature)
         await hands.think(action)
         round_trip = await board.act(action, hands.press(action, step))
         if not board.is_refused:
+            self._setbacks = 0
             self._tally.round_trips_ms.append(round_trip)
         await hands.release(action, board.frame["step"], round_trip)
         if len(hands.events) >= BATCH:
@@ -208,13 +221,6 @@ class Participant:
             await self._page.call("debrief/0")
             await self._clock.wait(20_000)
         await self._page.call("advance", {"from": "debrief"})
-
-    async def _leave(self) -> None:
-        """Go for ever."""
-        if self.persona.withdraws:
-            await self._page.call("withdraw", {})
-        self.seat.has_left = True
-        self.line.stage = "left"
 
     async def _reload(self, is_second_tab: bool) -> None:
         """Return on a fresh page; a second tab looks in for a moment, and the first one goes on."""
@@ -260,9 +266,15 @@ class Participant:
 
     async def _refused(self, refusal: Refusal) -> None:
         """Take a refusal: the study was closed, or things stand otherwise than thought (after a lost answer)."""
-        self._refusals += 1
         if "closed" in refusal.detail:
             raise Over(f"the study {self.place.study!r} cannot go on: {refusal.detail}")
-        if self._refusals >= REFUSALS_IN_A_ROW or refusal.status in (404, 422):
+        self._set_back(refusal.detail)
+        if refusal.status in (404, 422):
             raise Over(f"the server refused player {self.persona.number} at stage {self.line.stage!r}: {refusal.detail}")
         await asyncio.sleep(0.05)
+
+    def _set_back(self, why: str) -> None:
+        """Count a refusal or a lost connection; Over after SETBACKS of them without any progress."""
+        self._setbacks += 1
+        if self._setbacks >= SETBACKS:
+            raise Over(f"player {self.persona.number} gets no further at stage {self.line.stage!r}: {why}")
