@@ -83,6 +83,10 @@ class Lobby:
         """How many sessions are in memory."""
         return len(self._groups)
 
+    def sessions(self) -> list[Session]:
+        """Return the sessions in memory, in the order they came."""
+        return [next(board for board in group.boards if board.id == id_) for id_, group in self._groups.items()]
+
     async def create(self, wanted: NewSession, player_id: str) -> Session:
         """Return a new player's session, its rival beside it; ValueError for an unknown policy or an unsolvable level."""
         if wanted.player != HUMAN:

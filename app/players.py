@@ -27,7 +27,6 @@ class Players:
 
     def remember(self, response: Response, connection: HTTPConnection, player_id: str) -> None:
         """Set the cookie, readable by no script and sent from our own pages alone; Secure when the page came by TLS."""
-        forwarded = connection.headers.get("x-forwarded-proto", "").split(",")[0].strip()
         response.set_cookie(
             COOKIE,
             self._signer.sign(player_id).decode(),
@@ -35,8 +34,14 @@ class Players:
             path="/",
             httponly=True,
             samesite="lax",
-            secure="https" in (connection.url.scheme, forwarded) or connection.url.scheme == "wss",
+            secure=is_secure(connection),
         )
+
+
+def is_secure(connection: HTTPConnection) -> bool:
+    """Return whether the page came by TLS, to us or to a proxy before us."""
+    forwarded = connection.headers.get("x-forwarded-proto", "").split(",")[0].strip()
+    return "https" in (connection.url.scheme, forwarded) or connection.url.scheme == "wss"
 
 
 def has_own_origin(connection: HTTPConnection) -> bool | None:

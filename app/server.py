@@ -23,6 +23,9 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from app import api_page, routes, sockets
+from app.admin.door import Door
+from app.admin.routes import Console
+from app.admin.routes import router as admin_routes
 from app.agents import Policies
 from app.doors import enter
 from app.leaderboard.routes import Leaderboard
@@ -68,6 +71,8 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         app.state.players = Players(store.secret())
         app.state.flow, app.state.debriefs = Flow(lobby, Folder(settings.studies)), Debriefs(store)
         app.state.leaderboard = Leaderboard(store.path, {each.name: each.source for each in on_offer.offers()})
+        if app.state.door:
+            app.state.console = Console(app.state.door, app.state.flow, settings.studies)
         sweeper = asyncio.create_task(lobby.sweep(), name="sweep")
         gc.collect()
         gc.freeze()  # what is loaded stays: collections that walk it would hold a move up for tens of milliseconds
@@ -76,6 +81,8 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         finally:
             sweeper.cancel()
             await app.state.leaderboard.close()
+            if app.state.door:
+                await app.state.console.exports.close()
             lobby.close()
             viewer.close()
             store.close()
@@ -84,13 +91,16 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         title="MarsExplorer Playground", version=CORE_VERSION, description=DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    app.state.is_admin = lambda connection: False
+    app.state.door = Door.of(settings)
+    app.state.is_admin = app.state.door.admits if app.state.door else lambda connection: False
     app.add_middleware(Guard)
     _add_errors(app)
     app.include_router(routes.router)
     app.include_router(study_routes)
     app.include_router(sockets.router)
     app.include_router(leaderboard_routes(STATIC / "leaderboard.html"))
+    if app.state.door:
+        app.include_router(admin_routes(STATIC / "admin.html"))
     _add_viewer(app)
     _add_page(app)
     return app
@@ -153,7 +163,7 @@ def _add_page(app: FastAPI) -> None:
 
     @app.get("/study/{name}", include_in_schema=False)
     async def study(name: str) -> Response:
-        return FileResponse(STATIC / "study.html")
+        return FileResponse(STATIC / "study.html")  # which says so when there is no such study
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
@@ -211,6 +221,10 @@ def _policy_errors() -> Iterator[None]:
 
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C; ServerError or StoreError before anything starts when it cannot."""
+    try:
+        Door.of(settings)
+    except ValueError as error:
+        raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
     with listen(settings.host, settings.port) as sock:
         with _policy_errors():
             for path in settings.policies:
@@ -220,7 +234,10 @@ def run(settings: Settings) -> None:
         with _policy_errors():
             policies = Policies(settings.policies)
         sys.setswitchinterval(0.001)  # a policy thinking in a thread lets a move through within a millisecond
-        server = _Announcing(uvicorn_config(create_app(settings, policies=policies)))
+        app = create_app(settings, policies=policies)
+        if app.state.door and app.state.door.drawn:
+            print(f"the operator's page is /admin, its password until the server stops: {app.state.door.drawn}", flush=True)
+        server = _Announcing(uvicorn_config(app))
         host, port = sock.getsockname()[:2]
         server.address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         try:

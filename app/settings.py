@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -22,6 +22,8 @@ class Settings(BaseSettings):
     studies      the folder of studies; need not exist
     policies     paths of further policies to offer beside the shipped ones (`serve --policy PATH`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
+    admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
+    admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
     idle_s       seconds after which a session that nobody follows or asks for leaves memory (it is resumed on access)
     """
 
@@ -33,4 +35,6 @@ class Settings(BaseSettings):
     studies: Path = DEFAULT_STUDIES
     policies: tuple[Path, ...] = ()
     durable: bool = False
+    admin: bool = False
+    admin_password: SecretStr | None = None
     idle_s: float = Field(default=600.0, gt=0)

@@ -1,0 +1,1 @@
+"""The operator's console at `/admin`: one password, one page, nobody else."""

@@ -1,0 +1,70 @@
+"""How disk and database are: room left, sizes, the last write, and what SQLite's own check says."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.migrations import StoreError
+from app.reader import Reader
+
+LOW_BYTES = 1_000_000_000
+"""Less room on the disk than this is said to be low."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What `PRAGMA quick_check` said, and when."""
+
+    result: str
+    at_ms: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is damaged."""
+        return self.result == "ok"
+
+
+class Health:
+    """Looks after one database; the check reads all of it, so it is made once and then when asked for."""
+
+    def __init__(self, database: Path) -> None:
+        self._database = database
+        self._check: Check | None = None
+
+    def check(self) -> None:
+        """Return with the database checked: milliseconds to minutes, in a thread of its own."""
+        try:
+            with closing(Reader.open(self._database)) as reader:
+                rows = reader.query("PRAGMA quick_check(5)")
+            result = "; ".join(str(next(iter(row.values()))) for row in rows)
+        except StoreError as error:
+            result = str(error)
+        self._check = Check(result, _now_ms())
+
+    def look(self) -> dict[str, Any]:
+        """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""
+        if self._check is None:
+            self.check()
+        assert self._check is not None
+        room = shutil.disk_usage(self._database.parent)
+        wal = self._database.with_name(self._database.name + "-wal")
+        written = max((path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0)
+        return {
+            "disk": {"free": room.free, "total": room.total, "is_low": room.free < LOW_BYTES},
+            "database": {"name": self._database.name, "size": _size(self._database), "wal_size": _size(wal)},
+            "last_write_ms": round(written * 1000),
+            "check": {"result": self._check.result, "is_whole": self._check.is_whole, "at_ms": self._check.at_ms},
+        }
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
