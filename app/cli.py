@@ -21,6 +21,7 @@ COMMANDS = {
     "bench": "Measure how fast the environment is here.",
     "study": "Plan, freeze and close a study of how well people play.",
     "simulate": "Let synthetic players take part in a study.",
+    "report": "A study's figures with their intervals, as a page and as JSON.",
     "verify": "Simulate every episode again and compare.",
     "release": "Write a study as a citable, signed bundle.",
     "import": "Bring a released bundle into a database.",

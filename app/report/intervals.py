@@ -175,14 +175,28 @@ def guaranteed_interval(values: Floats, bounds: tuple[float, float]) -> Ends:
     return floor + (ceiling - floor) * low, floor + (ceiling - floor) * high
 
 
+def guaranteed_covers(values: Floats, bounds: tuple[float, float], truth: Floats) -> NDArray[np.bool_]:
+    """Return whether `guaranteed_interval` covers `truth`, without working its ends out."""
+    floor, ceiling = bounds
+    share, mean = np.clip((values - floor) / (ceiling - floor), 0, 1), (truth - floor) / (ceiling - floor)
+    covered: NDArray[np.bool_] = ~_is_beaten(share, mean) & ~_is_beaten(1 - share, 1 - mean)
+    return covered
+
+
 def _bet(share: Floats) -> Floats:
     """Return the largest mean in 0..1 that the bettors still beat, by bisection; `share` float64[..., n] in 0..1."""
     low, high = np.zeros(share.shape[:-1]), share.mean(-1)
     for _ in range(40):
         middle = (low + high) / 2
-        gain = share / np.maximum(middle, 1e-12)[..., None] - 1
-        wealth = np.log1p(_BETS[:, None] * gain[..., None, :]).sum(-1)
-        most = wealth.max(-1)
-        beaten = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
+        beaten = _is_beaten(share, middle)
         low, high = np.where(beaten, middle, low), np.where(beaten, high, middle)
     return low
+
+
+def _is_beaten(share: Floats, mean: Floats) -> NDArray[np.bool_]:
+    """Return whether bets that the mean is larger than `mean` made 40 out of 1 on average over the stakes."""
+    gain = share / np.maximum(mean, 1e-12)[..., None] - 1
+    wealth = np.log1p(_BETS[:, None] * gain[..., None, :]).sum(-1)
+    most = wealth.max(-1)
+    beaten: NDArray[np.bool_] = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
+    return beaten

@@ -1,0 +1,132 @@
+"""What a reader must know before using a figure, and where a study left its protocol: a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from app.report import measured
+from app.report.intervals import TAIL, Estimate
+from app.report.sets import Cohort
+from app.study.data import StudyData, Trial
+from app.study.protocol import protocol_hash
+from app.study.seeds import commitment, seed
+from marsexplorer.config import CORE_VERSION
+
+if TYPE_CHECKING:
+    from app.report.model import Group
+
+LEAST_PLAYERS = 10
+STRONG_SKEW = 1.0
+
+
+def cautions(data: StudyData, group: Group) -> tuple[str, ...]:
+    """Return what to beware of in a group's primary figure."""
+    figure = group.figure
+    if figure.score is None or figure.steps is None:
+        return ()
+    found = []
+    if figure.players < data.protocol.players:
+        found.append(f"{figure.players} of the {data.protocol.players} players planned are in the primary figure.")
+    if figure.players < LEAST_PLAYERS:
+        found.append(f"{figure.players} players are few: their spread, and with it every interval, is poorly known.")
+    found += _about_skewness(figure.score, figure.steps)
+    found.append(_about_failures(group))
+    variances = [metric.variance for metric in group.metrics if metric.variance and metric.variance.design_effect > 1.5]
+    if variances:
+        effect = max(variance.design_effect for variance in variances)
+        resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
+        found.append(f"A player's episodes resemble each other: {resemblance}.")
+    return tuple(found)
+
+
+def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:
+    for name, estimate in (("score", score), ("steps to 99 %", steps)):
+        if estimate.players > 1 and estimate.sd == 0:
+            yield f"All players have the same mean {name}: the sample has no spread, so its interval says nothing."
+        elif estimate.skewness is not None and abs(estimate.skewness) > STRONG_SKEW and estimate.widened:
+            side = f"the {estimate.widened} end, which the t interval alone would put too near, was moved out"
+            yield f"The players' means of {name} are skewed ({estimate.skewness:+.1f}): {side}."
+
+
+def _about_failures(group: Group) -> str:
+    """Return what these players cannot tell of failures that happened to few of them or to none."""
+    inside = [player for player in group.players if player.in_primary]
+    bad = sum(player.failed > 0 for player in inside)
+    unseen = 1 - TAIL ** (1 / len(inside))
+    seen = (
+        f"{bad} of {len(inside)} players had episodes short of 99 %"
+        if bad
+        else f"none of {len(inside)} players fell short of 99 %"
+    )
+    cells = measured.nearest(len(inside))
+    worst = min(cells, key=lambda cell: cell.printed)
+    held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
+    return (
+        f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {unseen:.0%} of the "
+        "population, and no interval made from these players' spread can know of it. In simulation with "
+        f"{worst.players} players the printed interval covered the truth in {min(held):.0f} to {max(held):.0f} % of studies in "
+        f"which everybody's scores had one shape, but in only {worst.printed:.0f} % where {_described(worst)}. "
+        "The guaranteed interval holds there too."
+    )
+
+
+def _described(cell: measured.Cell) -> str:
+    rate = {population.name: population.collisions for population in measured.POPULATIONS}[cell.population]
+    return f"{rate:.0%} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
+
+
+def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
+    """Return how a cohort's episodes left the protocol."""
+    ids = {person.id for person in cohort.people}
+    ranked = [
+        trial for trial in data.trials if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
+    ]
+    found = []
+
+    def note(trials: list[Trial], what: str) -> None:
+        if trials:
+            count, people = len(trials), len({trial.participant for trial in trials})
+            one = f"{count} ranked episode{'s' * (count != 1)} of {people} participant{'s' * (people != 1)}"
+            found.append(f"{one} {what}.")
+
+    config, version = data.protocol.env_config.hash, data.protocol.core_version
+    if cohort.kind == "human":
+        note([trial for trial in ranked if trial.driver != "human"], "had a move made by a script; they enter no figure")
+    note([trial for trial in ranked if trial.config_hash != config], "ran on another configuration than the protocol's")
+    note([trial for trial in ranked if trial.core_version != version], f"ran on another core version than {version}")
+    note(
+        [trial for trial in ranked if trial.outcome == "abandoned"],
+        "were given up; each counts with its penalty and as max_steps",
+    )
+    note([trial for trial in ranked if trial.labels], "carry a label of implausible input")
+    if data.secret:
+        secret = bytes.fromhex(data.secret)
+        wrong = [trial for trial in ranked if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain)]
+        note(wrong, "were not on the terrain that the secret gives")
+    events = [event for person in cohort.people for event in person.events if event[1] == "deviation"]
+    for _, _, detail in events:
+        found.append(str(detail.get("sentence") or detail.get("reason") or detail or "A deviation was recorded without words."))
+    return tuple(found)
+
+
+def study_deviations(data: StudyData) -> tuple[str, ...]:
+    """Return how the study as a whole left what was frozen."""
+    found = []
+    if protocol_hash(data.protocol) != data.protocol_hash:
+        found.append("The protocol in the database is not the one whose hash was frozen.")
+    if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
+        found.append("The revealed secret is not the one that was committed to.")
+    if data.protocol.core_version != CORE_VERSION:
+        found.append(
+            f"The protocol is for core version {data.protocol.core_version}; this report was made by version {CORE_VERSION}."
+        )
+    early = [person for person in data.people if person.joined_ms < data.frozen_ms]
+    if early:
+        found.append(f"{len(early)} participants joined before the protocol was frozen.")
+    if data.closed_ms is None:
+        found.append("The study is still open: these figures are preliminary, and looking at them is no reason to stop.")
+    finished = sum(person.kind == "human" and person.completed_ms is not None for person in data.people)
+    if data.closed_ms is not None and finished != data.protocol.players:
+        found.append(f"{finished} people finished, {data.protocol.players} were planned.")
+    return tuple(found)

@@ -1,0 +1,215 @@
+"""The report's pictures: matplotlib figures as SVG text that stands in a page without anything from outside."""
+
+from __future__ import annotations
+
+import io
+import re
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from app.report.model import Group, PolicyRow, Report
+from app.report.statistics import Comparison
+
+PEOPLE = "#1b2733"
+COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""People in ink; policies in Okabe and Ito's colours, which colour-blind readers tell apart, the first one Mars's own."""
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
+STYLE: Any = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": "#5a6672",
+    "axes.linewidth": 0.7,
+    "xtick.color": "#3a4651",
+    "ytick.color": "#3a4651",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+_ALONE = threading.Lock()
+"""matplotlib's style is the process's: one figure at a time."""
+
+WIDTH = 5.6
+"""Inches: a phone's width still shows the letters."""
+
+
+def drawn(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str) -> str:
+    """Return a figure as an SVG element with its description; `name` keeps its ids apart from other figures'."""
+    with _ALONE, matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
+        canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
+        draw(canvas)
+        if is_synthetic:
+            canvas.text(0.5, 0.5, "SYNTHETIC", fontsize=46, color="#b00020", alpha=0.16, rotation=24, ha="center", va="center")
+        written = io.StringIO()
+        canvas.savefig(written, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    svg = written.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
+    size = r' width="[\d.]+pt" height="[\d.]+pt"'
+    svg = re.sub(size, "", svg, count=1)
+    for element in set(re.findall(r'id="([^"]+)"', svg)):  # ids are one name space in a page
+        svg = re.sub(rf'(id="|#){re.escape(element)}(?=["\)])', rf"\g<1>{name}-{element}", svg)
+    label = alt.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    return svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+
+
+def figures(report: Report, group: Group) -> dict[str, str]:
+    """Return the group's figures as SVG by name; what has nothing to show is left out."""
+    found: dict[str, str] = {}
+
+    def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
+        found[name] = drawn(f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt)
+
+    if group.metrics:
+        add("players", 3.4, lambda canvas: _players(canvas, group), "Each player's mean score and mean steps, with intervals")
+        add("learning", 3.6, lambda canvas: _learning(canvas, group), "Mean score and steps by ranked trial, with intervals")
+    if group.comparisons:
+        rows = len({each.policy for each in group.comparisons})
+        forest = "Policies over people: ratio of scores, human-normalized score, difference in steps"
+        add("forest", 1.6 + 0.32 * rows, lambda canvas: _forest(canvas, group), forest)
+    if group.pictures.get("curve") or any(policy.pictures for policy in report.policies):
+        add("curves", 3.0, lambda canvas: _curves(canvas, group, report.policies), "Mean coverage against steps")
+        shown = [(group.name, group.pictures), *((policy.name, policy.pictures) for policy in report.policies)]
+        maps = [(name, pictures["visits"]) for name, pictures in shown if pictures.get("visits")]
+        height = 2.05 * -(-len(maps) // 3) + 0.3
+        add("visits", height, lambda canvas: _visits(canvas, maps), "How often the rover stands on each cell of the grid")
+    return found
+
+
+def _players(canvas: Canvas, group: Group) -> None:
+    for axes, name, title in zip(canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True):
+        values = sorted(getattr(player, name) for player in group.players if player.in_primary)
+        heights = _stacked(values)
+        axes.plot(values, heights, "o", color=PEOPLE, markersize=5, alpha=0.75, markeredgewidth=0)
+        metric, estimate = group.metric(name), getattr(group.figure, name)
+        assert metric is not None
+        lines = [("printed", estimate.interval), ("t", estimate.t), ("bootstrap", estimate.bootstrap)]
+        lines.append(("new terrains", metric.new_terrains))
+        for row, (label, ends) in enumerate(lines):
+            y = -1.2 - row
+            if ends is not None:
+                axes.plot(ends, [y, y], color=COLOURS[0] if row == 0 else "#7b8794", linewidth=2.6 if row == 0 else 1.3)
+                axes.plot([estimate.mean], [y], "D", color=COLOURS[0] if row == 0 else "#7b8794", markersize=4)
+            lines[row] = (label if ends is not None else f"{label} (too few)", ends)
+        axes.set_yticks([-1.2 - row for row in range(len(lines))], [label for label, _ in lines] if name == "score" else [])
+        axes.set_ylim(-1.2 - len(lines) + 0.3, max(heights) + 1)
+        axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
+        axes.set_title(title)
+        axes.set_xlabel(f"mean of a player ({len(values)} players)")
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(left=False)
+
+
+def _stacked(values: Sequence[float]) -> list[float]:
+    """Return heights that keep dots of sorted values apart."""
+    if not values:
+        return [0.0]
+    near = (values[-1] - values[0]) / 24 or 1.0
+    last: list[float] = []
+    heights = []
+    for value in values:
+        row = next((row for row, at in enumerate(last) if value - at > near), len(last))
+        last[row : row + 1] = [value]
+        heights.append(0.6 * row)
+    return heights
+
+
+def _learning(canvas: Canvas, group: Group) -> None:
+    for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
+        rows = [(number, *row[1:]) for number, row in enumerate(metric.learning.by_trial, 1) if row[0]]
+        trials, means = [row[0] for row in rows], [row[1] for row in rows]
+        third = len(metric.learning.by_trial) // 3
+        for low, high in (
+            (0.5, third + 0.5),
+            (len(metric.learning.by_trial) - third + 0.5, len(metric.learning.by_trial) + 0.5),
+        ):
+            axes.axvspan(low, high, color="#eceff2", zorder=0)
+        banded = [row for row in rows if row[2] is not None]
+        axes.fill_between(
+            [row[0] for row in banded],
+            [float(row[2] or 0) for row in banded],
+            [float(row[3] or 0) for row in banded],
+            color=COLOURS[0],
+            alpha=0.18,
+            linewidth=0,
+        )
+        axes.plot(trials, means, color=COLOURS[0], marker="o", markersize=3, linewidth=1.2)
+        axes.set_title({"score": "Score", "steps": "Steps to 99 %"}[metric.name])
+    axes.set_xlabel("ranked trial, in the order played (grey: first and last third)")
+
+
+def _curves(canvas: Canvas, group: Group, policies: Sequence[PolicyRow]) -> None:
+    axes = canvas.subplots()
+    lines = [(group.name, group.pictures.get("curve"), PEOPLE, "-", 2.2)]
+    for number, policy in enumerate(policies):
+        style = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
+        lines.append((policy.name, policy.pictures.get("curve"), style[0], style[1], 1.4))  # type: ignore[arg-type]
+    for name, curve, colour, dash, width in lines:
+        if curve:
+            axes.plot(curve["steps"], curve["mean"], color=colour, linestyle=dash, linewidth=width, label=name)
+            if curve["low"]:
+                low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
+                axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
+    axes.axhline(0.99, color="#7b8794", linewidth=0.7, linestyle=":")
+    axes.set_ylim(0, 1.02)
+    axes.set_xlim(0)
+    axes.set_xlabel("moves")
+    axes.set_ylabel("coverage (dotted: 99 %)")
+    axes.legend(loc="lower right")
+
+
+def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> None:
+    most = max(float(np.quantile(visits, 0.98)) for _, visits in maps)
+    columns = min(3, len(maps))
+    grid = canvas.subplots(-(-len(maps) // columns), columns, squeeze=False).flat
+    image = None
+    for axes, (name, visits) in zip(grid, maps, strict=False):
+        image = axes.imshow(visits, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
+        axes.set_title(name)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_visible(True)
+    for axes in list(grid):
+        axes.set_visible(False)
+    if image is not None:
+        canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="visits an episode", fraction=0.04)
+
+
+def _forest(canvas: Canvas, group: Group) -> None:
+    score = [each for each in group.comparisons if each.metric == "score"]
+    steps = [each for each in group.comparisons if each.metric == "steps"]
+    left, middle, right = canvas.subplots(1, 3, sharey=True)
+    _rows(left, score, lambda row: (row.ratio, row.ratio_interval), "Score: policy / people", 1.0)
+    _rows(middle, score, lambda row: (row.normalized, row.normalized_interval), "Human-normalized", 1.0)
+    _rows(right, steps, lambda row: (row.difference, row.new), "Steps: policy − people", 0.0)
+    left.set_yticks(range(len(score)), [row.policy for row in score])
+    left.invert_yaxis()
+
+
+Valued = Callable[[Comparison], tuple[float | None, tuple[float, float] | None]]
+
+
+def _rows(axes: Axes, rows: Sequence[Comparison], value: Valued, title: str, none: float) -> None:
+    for y, row in enumerate(rows):
+        at, ends = value(row)
+        if at is None:
+            continue
+        if ends is not None:
+            axes.plot(ends, [y, y], color=PEOPLE, linewidth=1.5)
+        axes.plot([at], [y], "s", color=COLOURS[0], markersize=5)
+    axes.axvline(none, color="#7b8794", linewidth=0.8, linestyle=":")
+    axes.set_title(title)
+    axes.tick_params(left=False)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(rows) - 0.5, -0.5)

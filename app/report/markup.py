@@ -1,0 +1,61 @@
+"""Small pieces of HTML: escaped text, tables, figures, numbers as the report writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from app.report.statistics import Pair
+
+NONE = "–"
+
+
+def table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], words: bool = False, notes: Sequence[str] = ()
+) -> str:
+    """Return a table whose first column names the rows; cells are text and escaped.
+
+    words  left-aligned text instead of numbers; notes: a CSS class for each row, "" for none
+    """
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
+    body = []
+    for number, row in enumerate(rows):
+        first, *rest = (escape(cell) for cell in row)
+        mark = f' class="{notes[number]}"' if notes and notes[number] else ""
+        body.append(f'<tr{mark}><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>')
+    kind = ' class="words"' if words else ""
+    label = escape(caption, quote=True)
+    return (
+        f'<div class="wide" role="region" tabindex="0" aria-label="{label}"><table{kind}><caption>{escape(caption)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def figure(svg: str, caption: str) -> str:
+    """Return a figure with its caption."""
+    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph of escaped text."""
+    return f"<p{f' class={chr(34)}{kind}{chr(34)}' if kind else ''}>{escape(text)}</p>"
+
+
+def bullets(lines: Sequence[str]) -> str:
+    """Return a list of escaped lines; nothing for none."""
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>" if lines else ""
+
+
+def number(value: float | None, digits: int) -> str:
+    """Return a number with so many decimals, a dash for none."""
+    return NONE if value is None or value != value else f"{value:.{digits}f}".replace("-", "−")
+
+
+def interval(ends: Pair | None, digits: int) -> str:
+    """Return "low to high", a dash for none."""
+    return NONE if ends is None else f"{number(ends[0], digits)} to {number(ends[1], digits)}"
+
+
+def p_value(p: float | None) -> str:
+    """Return p with three decimals, "< 0.001" below."""
+    return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -1,0 +1,170 @@
+"""What a report holds, as frozen values; `to_json` is its machine-readable form (docs/report.md describes it)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from app.report.checklist import Item
+from app.report.intervals import Estimate
+from app.report.learning import Learning
+from app.report.statistics import Comparison, Pair, Variance
+
+FORMAT = "marsexplorer-report-1"
+SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
+NOBODY = "No human has played this study: it has no human figure."
+
+
+@dataclass(frozen=True)
+class Figure:
+    """The figure under one exclusion set.
+
+    name       "all", or a set of the protocol's ("protocol", "strict")
+    rule       who enters, in words
+    completed  share of episodes that reached 99 %, 0..1, the mean over players
+    """
+
+    name: str
+    rule: str
+    players: int
+    episodes: int
+    score: Estimate | None
+    steps: Estimate | None
+    completed: float | None
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What else is told of one metric ("score" or "steps") under the primary set.
+
+    new_terrains  interval of the mean over players and terrains alike
+    iqm           the interquartile mean over all episodes, with its percentile interval over players
+    """
+
+    name: str
+    mean: float
+    new_terrains: Pair | None
+    iqm: float
+    iqm_interval: Pair | None
+    variance: Variance | None
+    learning: Learning
+
+
+@dataclass(frozen=True)
+class PlayerRow:
+    """One player under a pseudonym of this report alone; means over their ranked episodes."""
+
+    name: str
+    episodes: int
+    score: float
+    steps: float
+    explored: int
+    failed: int
+    in_primary: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """The people of a study, or one kind of script.
+
+    joined, started, finished   participants who joined, began a ranked episode, ended all of them
+    stages      where participants stand, by stage
+    left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
+    outcomes    ranked episodes by outcome; labels: ranked episodes by label
+    deviations  from the protocol, a sentence each
+    cautions    what a reader must know before using the figure, a sentence each
+    pictures    curves and visit maps, empty where no episodes were replayed
+    """
+
+    name: str
+    kind: str
+    joined: int
+    started: int
+    finished: int
+    left: int
+    stages: dict[str, int]
+    outcomes: dict[str, int]
+    labels: dict[str, int]
+    primary: str
+    figures: tuple[Figure, ...]
+    metrics: tuple[Metric, ...]
+    players: tuple[PlayerRow, ...]
+    comparisons: tuple[Comparison, ...]
+    deviations: tuple[str, ...]
+    cautions: tuple[str, ...]
+    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def figure(self) -> Figure:
+        """The figure under the primary set."""
+        return next(each for each in self.figures if each.name == self.primary)
+
+    def metric(self, name: str) -> Metric | None:
+        """Return what else is told of "score" or "steps"; None while nobody is in the primary set."""
+        return next((each for each in self.metrics if each.name == name), None)
+
+
+@dataclass(frozen=True)
+class PolicyRow:
+    """A policy on the study's ranked terrains; `completed` and `failed` count episodes."""
+
+    name: str
+    episodes: int
+    score: float
+    steps: float
+    completed: int
+    failed: int
+    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others never hold a script's.
+
+    estimand    what the primary figure estimates, in words; rule: which interval is printed
+    deviations  of the study as a whole
+    scripts     scripted participants, by kind: counted and left out
+    """
+
+    study: str
+    title: str
+    synthetic: bool
+    status: str
+    made_at: str
+    software_version: str
+    core_version: str
+    protocol_hash: str
+    commitment: str
+    frozen_at: str
+    closed_at: str | None
+    protocol: dict[str, Any]
+    estimand: str
+    rule: str
+    rule_version: str
+    labels_version: str
+    sentence: str
+    groups: tuple[Group, ...]
+    policies: tuple[PolicyRow, ...]
+    deviations: tuple[str, ...]
+    scripts: dict[str, int]
+    checklist: tuple[Item, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values, the watermark first where it is due; a number that is not one becomes None."""
+        mark = {"watermark": SYNTHETIC} if self.synthetic else {}
+        found: dict[str, Any] = _plain({"format": FORMAT, **mark, **asdict(self)})
+        return found
+
+    def to_json(self) -> str:
+        """Return `to_dict` as JSON."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
