@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
-PRINTED_WIDTH = 120
+PRINTED_WIDTH = 140
 """Characters of a table that goes to a file or a pipe."""
 
 

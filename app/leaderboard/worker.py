@@ -41,7 +41,7 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def played(policy: Policy, config: EnvConfig, seed: int) -> Played:
-    """Return one episode; the policy draws from the terrain's seed, as in `marsexplorer.evaluate`."""
+    """Return one episode; the policy draws from the terrain's seed, as in `marsexplorer.evaluation`."""
     episode = Episode.begin(config, seed=seed)
     policy.reset(seed)
     while not episode.ended:

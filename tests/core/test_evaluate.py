@@ -1,15 +1,20 @@
 """The same terrains for all, a table that does not depend on the number of processes, intervals that are t intervals."""
 
+import csv
+import io
 import json
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.evaluate import evaluate, interval
-from marsexplorer.policies import PolicyNotFound
+from marsexplorer.evaluation import INFORMED, evaluate, horizon
+from marsexplorer.evaluation.play import area_under_coverage
+from marsexplorer.evaluation.table import compare, interval, ratio_interval
+from marsexplorer.policies import PolicyNotFound, load
+from marsexplorer.terrain import generate
 
 CONFIG = EnvConfig("random", 7, 11, sensor_radius=3)
 
@@ -48,8 +53,10 @@ def test_json_holds_config_seeds_version_and_every_episode():
     table = evaluate(["random"], CONFIG, 3, 9, workers=1)
     document = json.loads(table.to_json())
     assert document["core_version"] == CORE_VERSION
-    assert EnvConfig(**document["config"]) == CONFIG
-    assert document["seeds"] == {"first": 9, "last": 11}
+    (config,) = document["configs"]
+    assert (config.pop("hash"), config.pop("horizon")) == (CONFIG.hash, horizon(CONFIG))
+    assert EnvConfig(**config) == CONFIG
+    assert document["seeds"] == [9, 10, 11]
     assert len(document["results"]) == 3
     assert document["rows"][0]["policy"] == "random"
     assert {"policy", "seed", "outcome", "score", "steps", "steps_to_99", "coverage"} <= set(document["results"][0])
@@ -72,3 +79,87 @@ def test_bad_requests_are_refused_before_anything_is_played():
         evaluate(["random"], CONFIG, 3, 0, workers=0)
     with pytest.raises(ValueError, match="seed must be at most"):
         evaluate(["random"], CONFIG, 3, 2**53 - 2)
+
+
+def test_explicit_seeds_are_played_as_given_and_traces_hold_the_way():
+    table = evaluate(["frontier-cost"], CONFIG, seeds=[17, 4, 9], traces=True, workers=1)
+    assert [result.seed for result in table.results] == [17, 4, 9] == list(table.seeds)
+    assert [replace(result, trace=None) for result in table.results] == [
+        evaluate(["frontier-cost"], CONFIG, seeds=[seed, 99], workers=1).results[0] for seed in (17, 4, 9)
+    ]
+    for result in table.results:
+        trace, terrain = result.trace, generate(CONFIG, result.seed)
+        assert len(trace.discovered) == len(trace.path) == result.steps + 1
+        assert trace.discovered[-1] == round(result.coverage * CONFIG.n)
+        assert trace.path[0] == 0
+        assert all(not terrain.flat[cell] for cell in trace.path)
+        assert trace.obstacles
+        assert all(terrain.flat[cell] for cell in trace.obstacles)
+    for wrong, part in (([3], "at least 2"), ([3, 3], "must differ")):
+        with pytest.raises(ValueError, match=part):
+            evaluate(["random"], CONFIG, seeds=wrong)
+    with pytest.raises(ValueError, match="either episodes"):
+        evaluate(["random"], CONFIG, 3, seeds=[1, 2])
+
+
+def test_the_area_under_the_curve_is_the_mean_coverage_over_the_horizon():
+    config = EnvConfig("random", 5, 8)
+    assert horizon(config) == 10
+    assert area_under_coverage(config, [4, 8, 20]) == pytest.approx((8 + 9 * 20) / 10 / 40)
+    assert area_under_coverage(config, [4, *range(5, 40)]) == pytest.approx(sum(range(5, 15)) / 10 / 40)
+    assert area_under_coverage(config, [4]) == pytest.approx(0.1)
+
+
+def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
+    configs = [EnvConfig("random", 7, 11, sensor_radius=3), EnvConfig("2-1-1", 9, 7, sensor_radius=3)]
+    table = evaluate(["frontier-cost", "random"], configs, 4, 5, workers=1)
+    assert [(row.level, row.policy) for row in table.rows] == [
+        (level, policy) for level in ("random", "2-1-1") for policy in ("frontier-cost", "random")
+    ]
+    alone = evaluate(["frontier-cost", "random"], configs[1], 4, 5, workers=1)
+    assert table.rows[2:] == alone.rows
+    assert table.results[8:] == alone.results
+    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
+    assert [float(row["steps_mean"]) for row in rows] == [row.steps_mean for row in table.rows]
+    assert float(rows[1]["rule_ratio_mean"]) == table.compared(table.rows[1], "rule").ratio_mean
+    assert rows[0]["rule_reference"] == ""
+
+
+def test_comparisons_are_paired_with_the_better_rule():
+    def results(policy, steps):
+        base = evaluate(["random"], CONFIG, len(steps), 0, workers=1).results
+        return [replace(one, policy=policy, steps_to_99=step) for one, step in zip(base, steps, strict=True)]
+
+    by_policy = {
+        "mine": results("mine", [8, 12, 16, 40]),
+        "frontier-cost": results("frontier-cost", [10, 15, 20, 50]),
+        "frontier-utility": results("frontier-utility", [11, 15, 20, 60]),
+    }
+    mine, other = compare(by_policy)
+    assert (mine.policy, mine.reference, other.policy) == ("mine", "frontier-cost", "frontier-utility")
+    assert mine.ratio_low == pytest.approx(0.8)  # the same share of every terrain: nothing is uncertain about the ratio
+    assert mine.ratio_mean == mine.ratio_high == pytest.approx(0.8)
+    differences = np.array([-2.0, -3, -4, -10])
+    assert mine.difference_mean == differences.mean()
+    assert (mine.difference_low, mine.difference_high) == pytest.approx(interval(differences))
+
+
+def test_the_ratio_s_interval_covers_the_truth_as_often_as_it_says():
+    rng, hits = np.random.default_rng(0), 0
+    for _ in range(1000):
+        references = rng.gamma(40, 2, 60)
+        values = 0.9 * references + rng.normal(0, 5, 60)
+        _, low, high = ratio_interval(values, references)
+        hits += low <= 0.9 <= high
+    assert 930 <= hits <= 970
+
+
+def test_the_informed_planner_stands_beside_policies_and_is_none_of_them():
+    table = evaluate(["frontier-cost", INFORMED], CONFIG, 4, 0, workers=1)
+    rule, informed = table.rows
+    assert informed.completion == 1.0
+    assert informed.steps_mean < rule.steps_mean
+    assert table.compared(rule, INFORMED).ratio_mean == rule.steps_mean / informed.steps_mean
+    assert table.compared(informed, "rule").difference_mean == informed.steps_mean - rule.steps_mean
+    with pytest.raises(PolicyNotFound):
+        load(INFORMED)

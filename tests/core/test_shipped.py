@@ -6,7 +6,7 @@ import pytest
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluate import evaluate
+from marsexplorer.evaluation import evaluate
 from marsexplorer.policies import load, names
 from marsexplorer.policies.card import read_card, shipped
 from marsexplorer.training.ppo import EVALUATION_SEEDS

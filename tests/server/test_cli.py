@@ -89,6 +89,7 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.COMMANDS)):
         (["evaluate", "--policy", "ppo2"], 'no policy "ppo2"'),
         (["evaluate", "--policy", "gone.safetensors"], "no policy file at gone.safetensors"),
         (["evaluate", "random"], "--policy"),
+        (["evaluate", "--policy", "random", "--informed", "--size", "200"], "up to 16384 cells, got 200x200"),
         (["serve", "--port", "70000"], "--port"),
         (["serve", "nonsense"], "unexpected argument 'nonsense'"),
         (["export"], "--out"),
@@ -171,14 +172,34 @@ def test_an_unwritable_folder_is_told_and_nothing_left(run, database, tmp_path):
 
 def test_evaluate_prints_a_table_and_writes_it(run, tmp_path):
     target = tmp_path / "table.json"
-    args = ["evaluate", "--policy", "random", "frontier-cost", "--size", "5x7", "--episodes", "4", "--seed", "3"]
-    code, out, err = run(*args, "--json", target)
+    args = ["evaluate", "--policy", "random", "frontier-cost", "--size", "5x7", "--episodes", "3", "--seed", "3"]
+    more = ["--level", "random", "--level", "1-1-1", "--csv", tmp_path / "table.csv", "--plots", tmp_path / "new" / "pictures"]
+    code, out, err = run(*args, *more, "--json", target)
     assert (code, err) == (0, "")
-    for word in ("random", "frontier-cost", "mean score", "95 % interval", "completion", "steps to 99 %"):
+    for word in (
+        "random",
+        "frontier-cost",
+        "frontier-utility",
+        "1-1-1",
+        "mean score",
+        "95 % interval",
+        "completion",
+        "to rule",
+    ):
         assert word in out
-    assert isinstance(json.loads(target.read_text()), dict)
-    assert "frontier-cost" in target.read_text()
-    assert [path.name for path in tmp_path.iterdir()] == ["table.json"]
+    document = json.loads(target.read_text())
+    assert len(document["results"]) == 3 * 2 * 3
+    with (tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["policy"], row["level"]) for row in rows] == [
+        (policy, level) for level in ("random", "1-1-1") for policy in ("random", "frontier-cost", "frontier-utility")
+    ]
+    assert all(
+        (row["rule_ratio_mean"] == "") == (row["policy"] == row["rule_reference"] or not row["rule_reference"]) for row in rows
+    )
+    pictures = {path.name for path in (tmp_path / "new" / "pictures").iterdir()}
+    assert {"coverage-random-5x7.png", "coverage-1-1-1-5x7.png", "heat-random.png"} < pictures
+    assert {path.name for path in tmp_path.iterdir()} == {"table.json", "table.csv", "new"}
 
 
 def test_a_place_for_the_table_is_looked_for_before_playing(run, tmp_path):
@@ -188,6 +209,10 @@ def test_a_place_for_the_table_is_looked_for_before_playing(run, tmp_path):
         assert code == 1
         assert is_one_sentence(err)
         assert "choose another --json" in err
+    (tmp_path / "file").write_text("mine")
+    assert "choose another --csv" in run(*args[:-1], "--csv", tmp_path / "none" / "table.csv")[2]
+    assert "choose another --plots" in run(*args[:-1], "--plots", tmp_path / "file")[2]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):

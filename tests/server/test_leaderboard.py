@@ -14,7 +14,7 @@ from app.leaderboard.figures import Figures, Job, policy_hash
 from app.leaderboard.tally import Played, curve, figure, trials, visits
 from app.store import Store
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.evaluate import evaluate
+from marsexplorer.evaluation import evaluate
 from marsexplorer.training.ppo import EVALUATION_SEEDS
 
 TINY = EnvConfig("random", 5, 7)

@@ -1,0 +1,141 @@
+"""Pictures of an evaluation: coverage against steps (figure 7 of Koutras et al. 2021) and heat maps (its figure 6).
+
+Figures are made without pyplot, so nothing is global; the same table gives the same picture. They need results with traces.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.play import Result, Trace
+from marsexplorer.evaluation.table import Table
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+"""Told apart by the colour-blind: Okabe and Ito."""
+
+STYLES = ("-", "--", "-.", ":")
+SHOWN = 0.99
+"""Share of the explored episodes that have ended at the right edge of a coverage plot."""
+
+
+def save_plots(table: Table, folder: Path) -> list[Path]:
+    """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {f"coverage-{_place(config)}": coverage_figure(table, config) for config in table.configs}
+    policies = dict.fromkeys(row.policy for row in table.rows)
+    figures |= {f"heat-{Path(policy).stem}": heat_figure(table, policy) for policy in policies}
+    return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+
+
+def coverage_figure(table: Table, config: EnvConfig) -> Figure:
+    """Return coverage against moves: each policy's mean over terrains, the band from the 5th to the 95th percentile."""
+    policies = dict.fromkeys(result.policy for result in table.results)
+    groups = {policy: _results(table, config, policy) for policy in policies}
+    figure = Figure(figsize=(7.2, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    moves = _shown_moves([result for results in groups.values() for result in results])
+    for number, (policy, results) in enumerate(groups.items()):
+        curves = 100 * coverage_curves(results, moves) / config.n
+        steps, colour = np.arange(moves + 1), COLOURS[number % len(COLOURS)]
+        low, high = np.percentile(curves, (5, 95), axis=0)
+        axes.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(steps, curves.mean(axis=0), color=colour, linestyle=STYLES[number % len(STYLES)], label=Path(policy).stem)
+    axes.axhline(100 * config.beta, color="0.4", linewidth=0.8, linestyle=(0, (1, 2)))
+    axes.set(xlabel="moves", ylabel="coverage (%)", xlim=(0, moves), ylim=(0, 101))
+    axes.set_title(f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile", fontsize=10)
+    axes.legend(loc="lower right", frameon=False)
+    axes.grid(color="0.9")
+    return figure
+
+
+def heat_figure(table: Table, policy: str) -> Figure:
+    """Return a panel per configuration: blue how often each cell was stood on, green how often an obstacle was found there."""
+    configs = [config for config in table.configs if _results(table, config, policy)]
+    columns = min(4, len(configs))
+    lines = -(-len(configs) // columns)
+    figure = Figure(figsize=(2.9 * columns + 0.4, 3.2 * lines + 0.5), layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False).flatten()
+    for axes, config in zip(panels, configs, strict=False):
+        visits, obstacles = heat_maps(_results(table, config, policy), config)
+        _draw_heat(axes, visits, obstacles)
+        axes.set_title(_title(config), fontsize=9)
+    for axes in panels[len(configs) :]:
+        axes.set_axis_off()
+    count = len(table.seeds)
+    figure.suptitle(f"{Path(policy).stem}: blue visits, green obstacles found, {count} terrains each", fontsize=10)
+    return figure
+
+
+def _shown_moves(results: Sequence[Result]) -> int:
+    """Return where the plot ends: what never explores its terrain does not squeeze the others."""
+    explored = [result.steps for result in results if result.outcome == "explored"]
+    ends = sorted(explored or [result.steps for result in results])
+    return max(1, ends[min(len(ends) - 1, int(SHOWN * len(ends)))])
+
+
+def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.int64]:
+    """Return cells discovered after 0..moves moves, int64[episodes, moves + 1]; an episode that has ended stays as it is."""
+    curves = np.zeros((len(results), moves + 1), np.int64)
+    for curve, result in zip(curves, results, strict=True):
+        own = _trace(result).discovered[: moves + 1]
+        curve[: len(own)] = own
+        curve[len(own) :] = own[-1]
+    return curves
+
+
+def heat_maps(results: Sequence[Result], config: EnvConfig) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (visits, obstacles), int64[rows, cols] each: moves that ended on a cell (the start counts once an episode), and
+    episodes in which an obstacle was known there at the end."""
+    visits, obstacles = np.zeros(config.n, np.int64), np.zeros(config.n, np.int64)
+    for result in results:
+        trace = _trace(result)
+        visits += np.bincount(trace.path, minlength=config.n)
+        obstacles += np.bincount(np.array(trace.obstacles, np.int64), minlength=config.n)
+    return visits.reshape(config.rows, config.cols), obstacles.reshape(config.rows, config.cols)
+
+
+def _draw_heat(axes: Axes, visits: NDArray[np.int64], obstacles: NDArray[np.int64]) -> None:
+    """Draw both maps over each other; the square root lets seldom visited cells be seen."""
+    for counts, colour in ((visits, (0.03, 0.19, 0.55)), (obstacles, (0.0, 0.43, 0.17))):
+        layer = np.zeros((*counts.shape, 4))
+        layer[..., :3] = colour
+        layer[..., 3] = np.sqrt(counts / max(1, counts.max())) * (0.95 if counts is visits else 0.6)
+        axes.imshow(layer, interpolation="nearest")
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        figure.savefig(part, format="png", dpi=120, metadata={"Software": None})
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _trace(result: Result) -> Trace:
+    if result.trace is None:
+        raise ValueError("plots need traces: evaluate(..., traces=True)")
+    return result.trace
+
+
+def _results(table: Table, config: EnvConfig, policy: str) -> list[Result]:
+    return [result for result in table.results if result.config_hash == config.hash and result.policy == policy]
+
+
+def _place(config: EnvConfig) -> str:
+    return f"{config.level}-{config.rows}x{config.cols}"
+
+
+def _title(config: EnvConfig) -> str:
+    return f"level {config.level}, {config.rows}x{config.cols}"

@@ -1,0 +1,83 @@
+"""`evaluate`: any policies on any configurations and the same seeds, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from marsexplorer import policies as policy_files
+from marsexplorer.config import EnvConfig, check_seed
+from marsexplorer.evaluation.informed import check_size
+from marsexplorer.evaluation.play import INFORMED, Result, chunks_of, played
+from marsexplorer.evaluation.table import Table, tabulate
+
+Progress = Callable[[int, int], None]
+
+
+def evaluate(
+    policies: Sequence[str],
+    configs: EnvConfig | Sequence[EnvConfig],
+    episodes: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    workers: int | None = None,
+    *,
+    seeds: Sequence[int] | None = None,
+    traces: bool = False,
+    ray: str | None = None,
+) -> Table:
+    """Return the table of policies over `episodes` terrains from `seed` on, or over the terrains of `seeds`.
+
+    policies  names or paths; "informed" stands for the planner that is shown the true map
+    configs   one configuration or several; every policy plays the terrains of the same seeds in each
+    seeds     in place of episodes and seed: at least two different ones
+    progress  called with (episodes played, episodes in all)
+    workers   processes; None takes one per core. The table is the same for any number.
+    traces    keep each episode's path and coverage after every move in `Result.trace`
+    ray       address of a Ray cluster to play on instead ("auto", "local", HOST:PORT, ray://HOST:PORT)
+    """
+    if not policies:
+        raise ValueError("there must be at least one policy to evaluate, got none")
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    chosen_seeds = _seeds(episodes, seed, seeds)
+    configs = (configs,) if isinstance(configs, EnvConfig) else tuple(dict.fromkeys(configs))
+    if not configs:
+        raise ValueError("there must be at least one configuration to evaluate on, got none")
+    names = list(dict.fromkeys(str(policy) for policy in policies))
+    for config in configs:  # what cannot be played is refused before anything is
+        for name in names:
+            if name == INFORMED:
+                check_size(config)
+            else:
+                policy_files.load(name, config.sensor_radius)
+    chunks, total = chunks_of(names, configs, chosen_seeds, traces), len(names) * len(configs) * len(chosen_seeds)
+    if ray is not None:
+        from marsexplorer.evaluation.cluster import played_on_ray
+
+        parts = played_on_ray(chunks, ray)
+    else:
+        parts = played(chunks, workers)
+    found: list[Result] = []
+    for part in parts:
+        found += part
+        if progress:
+            progress(len(found), total)
+    return tabulate(configs, names, chosen_seeds, found)
+
+
+def _seeds(episodes: int | None, seed: int, seeds: Sequence[int] | None) -> list[int]:
+    """Return the seeds to play; ValueError when there are fewer than two or one comes twice."""
+    if (episodes is None) == (seeds is None):
+        raise ValueError("give either episodes (and seed) or seeds")
+    if seeds is None:
+        assert episodes is not None
+        if episodes < 2:
+            raise ValueError(f"episodes must be at least 2 (an interval needs two), got {episodes}")
+        check_seed(check_seed(seed) + episodes - 1)
+        return list(range(seed, seed + episodes))
+    chosen = [check_seed(int(each)) for each in seeds]
+    if len(chosen) < 2:
+        raise ValueError(f"seeds must be at least 2 (an interval needs two), got {len(chosen)}")
+    if len(set(chosen)) != len(chosen):
+        raise ValueError("seeds must differ: an interval counts terrains, and one came twice")
+    return chosen

@@ -1,0 +1,208 @@
+"""From episodes to figures: a row for each policy and configuration, and paired comparisons on the same terrains.
+
+All intervals are 95 % Student's t intervals over terrains. docs/evaluation.md defines every figure.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.evaluation.play import INFORMED, Result, horizon
+
+CONFIDENCE = 0.95
+RULES = ("frontier-cost", "frontier-utility")
+"""The rules of thumb among which the best is sought."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One policy over all terrains of one configuration; *_low and *_high bound the mean.
+
+    completion  share of episodes explored, 0..1
+    steps_*     moves to 99 %, an unfinished episode counting `max_steps`
+    collisions  episodes that ended in an obstacle or off the grid
+    auc_mean    area under the coverage curve, 0..1
+    """
+
+    policy: str
+    level: str
+    rows: int
+    cols: int
+    episodes: int
+    score_mean: float
+    score_low: float
+    score_high: float
+    completion: float
+    steps_mean: float
+    steps_low: float
+    steps_high: float
+    collisions: int
+    coverage_mean: float
+    auc_mean: float
+    auc_low: float
+    auc_high: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Steps to 99 % of a policy against those of a reference on the same terrains, terrain by terrain.
+
+    against       "rule" (the frontier rule of fewest mean steps among those played) or "informed"
+    difference_*  mean of policy - reference (moves), with its interval
+    ratio_*       mean steps of the policy over mean steps of the reference, with its interval
+    """
+
+    policy: str
+    against: str
+    reference: str
+    level: str
+    rows: int
+    cols: int
+    episodes: int
+    difference_mean: float
+    difference_low: float
+    difference_high: float
+    ratio_mean: float
+    ratio_low: float
+    ratio_high: float
+
+
+@dataclass(frozen=True)
+class Table:
+    """What `evaluate` found: a row per configuration and policy, in the order given, and every episode behind it."""
+
+    configs: tuple[EnvConfig, ...]
+    seeds: tuple[int, ...]
+    rows: tuple[Row, ...]
+    comparisons: tuple[Comparison, ...]
+    results: tuple[Result, ...]
+
+    def compared(self, row: Row, against: str) -> Comparison | None:
+        """Return how a row's policy stands against "rule" or "informed", None when it was not compared."""
+        key = (row.policy, row.level, row.rows, row.cols, against)
+        found = (each for each in self.comparisons if (each.policy, each.level, each.rows, each.cols, each.against) == key)
+        return next(found, None)
+
+    def to_json(self) -> str:
+        """Return everything but the traces as JSON: core_version, configs, seeds, rows, comparisons, results."""
+        document = {
+            "core_version": CORE_VERSION,
+            "configs": [{**config.to_dict(), "hash": config.hash, "horizon": horizon(config)} for config in self.configs],
+            "seeds": list(self.seeds),
+            "rows": [asdict(row) for row in self.rows],
+            "comparisons": [asdict(comparison) for comparison in self.comparisons],
+            "results": [_without_trace(result) for result in self.results],
+        }
+        return json.dumps(document, indent=1)
+
+    def to_csv(self) -> str:
+        """Return the rows as CSV, each with its comparisons beside it; a cell is empty where there is none."""
+        fields = ("reference", *(f"{what}_{end}" for what in ("difference", "ratio") for end in ("mean", "low", "high")))
+        names = [*Row.__dataclass_fields__, *(f"{against}_{name}" for against in ("rule", INFORMED) for name in fields)]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(names)
+        for row in self.rows:
+            cells = list(asdict(row).values())
+            for against in ("rule", INFORMED):
+                found = self.compared(row, against)
+                cells += [getattr(found, name) if found else "" for name in fields]
+            writer.writerow(cells)
+        return text.getvalue()
+
+
+def tabulate(configs: Sequence[EnvConfig], policies: Sequence[str], seeds: Sequence[int], results: Iterable[Result]) -> Table:
+    """Return the table of results that came in any order: by configuration, policy and seed as given."""
+    config_of = {config.hash: number for number, config in enumerate(configs)}
+    policy_of = {name: number for number, name in enumerate(policies)}
+    seed_of = {seed: number for number, seed in enumerate(seeds)}
+    ordered = sorted(results, key=lambda one: (config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]))
+    rows: list[Row] = []
+    comparisons: list[Comparison] = []
+    for config in configs:
+        by_policy = {
+            name: [one for one in ordered if one.config_hash == config.hash and one.policy == name] for name in policies
+        }
+        rows += [summarize(own) for own in by_policy.values()]
+        comparisons += compare(by_policy)
+    return Table(tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered))
+
+
+def summarize(results: Sequence[Result]) -> Row:
+    """Return the row of one policy's episodes of one configuration (at least two)."""
+    scores, steps, areas = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
+    outcomes = [result.outcome for result in results]
+    first = results[0]
+    return Row(
+        first.policy,
+        first.level,
+        first.rows,
+        first.cols,
+        len(results),
+        float(scores.mean()),
+        *interval(scores),
+        outcomes.count("explored") / len(results),
+        float(steps.mean()),
+        *interval(steps),
+        outcomes.count("collided") + outcomes.count("out_of_bounds"),
+        float(_column(results, "coverage").mean()),
+        float(areas.mean()),
+        *interval(areas),
+    )
+
+
+def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
+    """Return every policy against the best rule and the informed planner, where these were played; all on the same seeds."""
+    steps = {name: _column(results, "steps_to_99") for name, results in by_policy.items()}
+    rules = sorted((name for name in RULES if name in steps), key=lambda name: float(steps[name].mean()))
+    references = [("rule", name) for name in rules[:1]] + [(INFORMED, INFORMED)] * (INFORMED in steps)
+    found = []
+    for against, reference in references:
+        for name, results in by_policy.items():
+            if name == reference:
+                continue
+            first, differences = results[0], steps[name] - steps[reference]
+            where = (first.level, first.rows, first.cols, len(results))
+            paired = (float(differences.mean()), *interval(differences), *ratio_interval(steps[name], steps[reference]))
+            found.append(Comparison(name, against, reference, *where, *paired))
+    return found
+
+
+def interval(values: Floats) -> tuple[float, float]:
+    """Return the 95 % t interval of the mean of at least two values, low and high."""
+    half = _t(len(values)) * values.std(ddof=1) / np.sqrt(len(values))
+    return float(values.mean() - half), float(values.mean() + half)
+
+
+def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, float]:
+    """Return the ratio of the means of paired values, and its 95 % interval low and high.
+
+    By linearisation (the delta method): the ratio's error is that of the mean of (value - ratio x reference) / mean reference.
+    """
+    ratio = values.mean() / references.mean()
+    errors = (values - ratio * references) / references.mean()
+    half = _t(len(values)) * errors.std(ddof=1) / np.sqrt(len(values))
+    return float(ratio), float(ratio - half), float(ratio + half)
+
+
+def _t(count: int) -> float:
+    return float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1))
+
+
+def _column(results: Sequence[Result], name: str) -> Floats:
+    return np.array([getattr(result, name) for result in results], np.float64)
+
+
+def _without_trace(result: Result) -> dict[str, object]:
+    return {name: getattr(result, name) for name in Result.__dataclass_fields__ if name != "trace"}
