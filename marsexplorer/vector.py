@@ -103,6 +103,15 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Return bool[num_envs, 4]: which moves stay on the grid and off known obstacles."""
         return valid_moves(self._worlds.codes, positions(self._worlds.scalars))
 
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return copies of everything that changes with a step."""
+        return self._worlds.snapshot()
+
+    def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
+        """Return the observations of the environments as they were at a snapshot of one made alike."""
+        self._worlds.restore(snapshot)
+        return self._observe(self._worlds.codes)
+
     def terrain(self, index: int) -> NDArray[np.bool_]:
         """Return the true map of one environment: bool[rows, cols], True where blocked."""
         return self._worlds.terrain(index)

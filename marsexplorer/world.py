@@ -113,6 +113,14 @@ class Worlds:
             raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
         return self.rewards
 
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return copies of everything that changes with a step."""
+        return {"state": self._state.copy(), "codes": self._codes.copy(), "outcomes": self.outcomes.copy()}
+
+    def restore(self, snapshot: dict[str, NDArray[Any]]) -> None:
+        """Return with the stack as it was at a snapshot of one of the same configuration and number."""
+        self._state[:], self._codes[:], self.outcomes[:] = (snapshot[name] for name in ("state", "codes", "outcomes"))
+
     @property
     def last_codes(self) -> NDArray[np.uint8]:
         """uint8[num, rows, cols]: the final grid of each world that ended in the last `step_on`."""

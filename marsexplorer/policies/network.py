@@ -1,4 +1,4 @@
-"""Trained networks: one small convolutional net that scores the four moves, read from a file that carries its card.
+"""Trained networks: one small net that scores the four moves, read from a file that carries its card.
 
 A policy file is safetensors (never pickle): tensors named and shaped as `Net` has them, and the card, JSON, in its metadata.
 Files are checked before a weight is used, and whatever is not as expected is refused with a sentence.
@@ -18,43 +18,31 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from marsexplorer.policies.card import read_card, refuse
-from marsexplorer.policies.common import Memory, valid_moves
+from marsexplorer.policies.common import Memory, Policy, valid_moves
 from marsexplorer.policies.guard import Guard
-from marsexplorer.policies.perception import NUMBERS, PLANES, SIDE, Perception
+from marsexplorer.policies.perception import CELLS, NUMBERS, PLANES, Perception
 
-FORMAT = "marsexplorer-network-1"
+FORMAT = "marsexplorer-network-2"
 NEVER = -1e9
 
 
 class Net(nn.Module):
-    """Scores the moves by one head shared among them, over what the convolutions see and each move's own numbers.
+    """Scores the moves by one head shared among them, over two dense layers' view of the pictures and each move's numbers.
 
-    forward(planes uint8[b, PLANES, SIDE, SIDE], moves float32[b, 4, NUMBERS])
+    forward(planes uint8[b, PLANES, CELLS], moves float32[b, 4, NUMBERS])
         -> logits float32[b, 4] (NEVER for invalid moves), value float32[b]
     """
 
-    def __init__(self, narrow: int = 16, wide: int = 32, hidden: int = 128) -> None:
+    def __init__(self, wide: int = 384, hidden: int = 128) -> None:
         super().__init__()
-        self.see = nn.Sequential(
-            nn.Conv2d(PLANES, narrow, 3, 2, 1), nn.ReLU(), nn.Conv2d(narrow, wide, 3, 2, 1), nn.ReLU(), nn.Flatten()
-        )
-        half = (SIDE + 1) // 2
-        self.gist = nn.Sequential(nn.Linear(wide * ((half + 1) // 2) ** 2, hidden), nn.ReLU())
+        self.gist = nn.Sequential(nn.Linear(PLANES * CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU())
         self.judge = nn.Sequential(nn.Linear(hidden + NUMBERS + 4, 64), nn.ReLU(), nn.Linear(64, 1))
         self.worth = nn.Sequential(nn.Linear(hidden + 4 * NUMBERS, 64), nn.ReLU(), nn.Linear(64, 1))
-        for module in self.modules():
-            if isinstance(module, (nn.Linear, nn.Conv2d)):
-                nn.init.orthogonal_(module.weight, 2**0.5)
-                assert module.bias is not None
-                nn.init.zeros_(module.bias)
-        last = self.judge[-1]
-        assert isinstance(last, nn.Linear)
-        nn.init.orthogonal_(last.weight, 0.01)
-        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        orthogonal(self)
+        nn.init.orthogonal_(self.judge[-1].weight, 0.01)  # type: ignore[arg-type]
 
     def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
-        picture = (planes.float() * (1 / 255)).contiguous(memory_format=torch.channels_last)
-        gist = self.gist(self.see(picture))
+        gist = self.gist(planes.flatten(1).to(moves.dtype) * (1 / 255))
         batch = len(planes)
         which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
         each = torch.cat([gist[:, None].expand(batch, 4, -1), moves, which], dim=2)
@@ -63,12 +51,21 @@ class Net(nn.Module):
         return logits.masked_fill(moves[:, :, 0] < 0.5, NEVER), value * 5
 
 
-def save_network(net: Net, path: Path, card: dict[str, Any]) -> None:
+def orthogonal(net: nn.Module) -> None:
+    """Draw every layer's weights orthogonal with gain sqrt 2 and set the biases to zero."""
+    for module in net.modules():
+        if isinstance(module, (nn.Linear, nn.Conv2d)):
+            nn.init.orthogonal_(module.weight, 2**0.5)
+            assert module.bias is not None
+            nn.init.zeros_(module.bias)
+
+
+def save_network(net: nn.Module, path: Path, card: dict[str, Any], form: str = FORMAT) -> None:
     """Write a policy file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".part")
     tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in net.state_dict().items()}
-    save_file(tensors, unfinished, metadata={"card": json.dumps({"format": FORMAT, **card}, indent=1)})
+    save_file(tensors, unfinished, metadata={"card": json.dumps({"format": form, **card}, indent=1)})
     unfinished.replace(path)
 
 
@@ -78,6 +75,12 @@ def load_net(path: Path) -> Net:
     if card.get("format") != FORMAT:
         raise refuse(path, f"the format {FORMAT}", repr(card.get("format"))[:60])
     net = Net()
+    read_weights(net, path)
+    return net.eval()
+
+
+def read_weights(net: nn.Module, path: Path) -> None:
+    """Return with the network's weights those of the file; PolicyFileError when they are not exactly its tensors."""
     expected = {name: tuple(tensor.shape) for name, tensor in net.state_dict().items()}
     try:
         with safe_open(path, "pt") as file:
@@ -93,7 +96,6 @@ def load_net(path: Path) -> Net:
         if not bool(torch.isfinite(tensor).all()):
             raise refuse(path, f"finite numbers in {name}", "others")
     net.load_state_dict(tensors)
-    return net.eval()
 
 
 class NetworkPolicy:
@@ -144,6 +146,10 @@ class NetworkPolicy:
         return int(logits[0].argmax()) if moves[0, :, 0].any() else -1
 
 
-def load_network(path: Path, sensor_radius: int) -> NetworkPolicy:
+def load_network(path: Path, sensor_radius: int) -> Policy:
     """Return the policy in a file, named after the file."""
+    from marsexplorer.policies import paper_network
+
+    if read_card(path).get("format") == paper_network.FORMAT:
+        return paper_network.PaperPolicy(path.stem, paper_network.load_paper_net(path))
     return NetworkPolicy(path.stem, load_net(path), sensor_radius)

@@ -1,14 +1,17 @@
-"""What the network is shown of a board: planes centred on the rover and a few numbers for each action. Compiled.
+"""What the network is shown of a board: three pictures centred on the rover and a few numbers for each action. Compiled.
 
-Everything follows from the observation and the cells stood on so far, never from the true map. Planes are crops of one size
-whatever the size of the grid, and the numbers for each action look over the whole map, so one network serves every size.
+Everything follows from the observation and the cells stood on so far, never from the true map. The pictures are of one size
+whatever the size of the grid, fine near the rover and coarse far from it, so one network serves every size:
 
-    planes   uint8[num, PLANES, SIDE, SIDE], rover in the middle: unknown; blocked or off the grid; expected gain (x 5, at most
-             255); nearness, 255 exp(-0.12 distance), 0 where there is no known way
+    RINGS    11 x 11 single cells, 11 x 11 blocks of 3 x 3 cells, 9 x 9 blocks of 7 x 7 cells (31 cells to each side)
+    planes   uint8[num, PLANES, CELLS], the pictures row by row, one after the other: share of the block that is unknown; share
+             blocked or off the grid; its greatest expected gain (x 5, at most 255); its nearness, 255 exp(-0.12 distance), 0
+             where there is no known way
     moves    float32[num, 4, NUMBERS], for north, east, south, west: whether the move is valid; the expected gain of its cell;
              whether it was stood on; distance to the nearest gain from there; the best discounted gain from there at three
              rates; whether each of three frontier rules would go there (gain / distance^2, gain / distance, nearest); whether
-             it is straight on or back; the share of cells unknown and the logarithm of their number
+             it is straight on or back; the share of cells unknown and the logarithm of their number; the logarithm of the
+             cells still to discover to 99 %; the logarithm of the number of cells with any gain
 """
 
 from __future__ import annotations
@@ -22,32 +25,39 @@ from marsexplorer.lidar import sight_table
 from marsexplorer.policies.gain import board_shape, fill_boards, look
 from marsexplorer.policies.grid import FAR, neighbour, open_cells, spread, step_down
 
-REACH = 12
-SIDE = 2 * REACH + 1
+RINGS = ((11, 1), (11, 3), (9, 7))
+"""Blocks a side and cells a block's side, of each picture."""
+CELLS = sum(side * side for side, _ in RINGS)
 PLANES = 4
-NUMBERS = 14
+NUMBERS = 16
+FARTHEST = 127
+"""Distances beyond it look the same (nearness 0)."""
 
 
 @kernel
-def crop(codes, row, col, gains, distance, planes):
-    """Fill one board's planes: uint8[PLANES, SIDE, SIDE]."""
+def see(codes, row, col, gains, distance, nearness, planes):
+    """Fill one board's pictures: planes uint8[PLANES, CELLS]."""
     rows, cols = codes.shape
-    for i in range(SIDE):
-        r = row + i - REACH
-        for j in range(SIDE):
-            c = col + j - REACH
-            planes[0, i, j] = planes[1, i, j] = planes[2, i, j] = planes[3, i, j] = 0
-            if r < 0 or r >= rows or c < 0 or c >= cols:
-                planes[1, i, j] = 255
-                continue
-            code, cell = codes[r, c], r * cols + c
-            if code == UNKNOWN:
-                planes[0, i, j] = 255
-            elif code == OBSTACLE:
-                planes[1, i, j] = 255
-            elif distance[cell] != FAR:
-                planes[2, i, j] = min(255, gains[cell] * 5)
-                planes[3, i, j] = np.uint8(255.0 * np.exp(-0.12 * distance[cell]))
+    start = 0
+    for side, size in RINGS:
+        share = 255 // (size * size)
+        top, left = row - side * size // 2, col - side * size // 2
+        for k in range(start, start + side * side):
+            planes[0, k] = planes[2, k] = planes[3, k] = 0
+            planes[1, k] = share * size * size
+        for r in range(max(top, 0), min(top + side * size, rows)):
+            across = start + (r - top) // size * side
+            for c in range(max(left, 0), min(left + side * size, cols)):
+                k, code, cell = across + (c - left) // size, codes[r, c], r * cols + c
+                if code == OBSTACLE:
+                    continue
+                planes[1, k] -= share
+                if code == UNKNOWN:
+                    planes[0, k] += share
+                elif distance[cell] != FAR:
+                    planes[2, k] = max(planes[2, k], min(255, gains[cell] * 5))
+                    planes[3, k] = max(planes[3, k], nearness[min(distance[cell], FARTHEST)])
+        start += side * side
 
 
 @kernel
@@ -110,6 +120,7 @@ def perceive(
     queue,
     gains,
     found,
+    nearness,
     planes,
     moves,
 ):
@@ -117,6 +128,7 @@ def perceive(
 
     codes     uint8[num, rows, cols]; places int64[num], row * cols + col of each rover
     visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
+    nearness  uint8[FARTHEST + 1] by distance
     The rest up to `found` is room to work in: one board's bit boards, distances, queue and gains.
     """
     rows, cols = codes.shape[1], codes.shape[2]
@@ -127,7 +139,8 @@ def perceive(
         open_cells(board, False, is_open)
         queue[0] = place
         reached = spread(is_open, rows, cols, distance, queue, 1)
-        left = 0
+        left, places_with_gain = 0, 0
+        slack = rows * cols - int(np.ceil(rows * cols * 0.99))
         for cell in range(rows * cols):
             gains[cell] = 0
             left += board[cell // cols, cell % cols] == UNKNOWN
@@ -135,7 +148,8 @@ def perceive(
             cell = queue[k]
             if visited[i, cell] == 0:
                 gains[cell] = look(unknown, blocked, cell // cols, cell % cols, radius, sight, seen)
-        crop(board, row, col, gains, distance, planes[i])
+                places_with_gain += gains[cell] > 0
+        see(board, row, col, gains, distance, nearness, planes[i])
         goals(reached, queue, distance, gains, found)
         moves[i] = 0.0
         for rule in range(3):
@@ -159,6 +173,8 @@ def perceive(
             numbers[11] = (action ^ headings[i]) == 2
             numbers[12] = left / (rows * cols)
             numbers[13] = np.log(1.0 + left) * 0.2
+            numbers[14] = np.log(1.0 + max(0, left - slack)) * 0.3
+            numbers[15] = np.log(1.0 + places_with_gain) * 0.2
 
 
 class Perception:
@@ -166,7 +182,7 @@ class Perception:
 
     def __init__(self, num: int, rows: int, cols: int, radius: int) -> None:
         self.size = (rows, cols)
-        self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, SIDE, SIDE), np.uint8)
+        self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, NUMBERS), np.float32)
         table, cells = sight_table(radius), rows * cols
         self._room = (
@@ -181,6 +197,7 @@ class Perception:
             np.zeros(cells + 1, np.int32),
             np.zeros(cells, np.int64),
             np.zeros(3, np.int64),
+            (255 * np.exp(-0.12 * np.arange(FARTHEST + 1))).astype(np.uint8),
         )
 
     def __call__(

@@ -1,1 +1,1 @@
-"""Training: PPO from a warm start."""
+"""Training: PPO from nothing, its recipes, its logbook."""
