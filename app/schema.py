@@ -159,7 +159,7 @@ def _releases(conn: sqlite3.Connection) -> None:
             released_ms INTEGER NOT NULL,
             outdated_ms INTEGER,
             PRIMARY KEY (study, version, manifest_hash)) STRICT""",
-        # SHA-256 of the ids of people who were forgotten: a merge leaves them out
+        # hashes of the ids and times of people who were forgotten: imports and merges leave them out
         "CREATE TABLE forgotten_people (id_hash TEXT PRIMARY KEY, forgotten_ms INTEGER NOT NULL) STRICT",
     ):
         conn.execute(statement)

@@ -15,7 +15,7 @@ from app import digests
 from app.migrations import StoreError, open_database, take_lock, transaction
 from app.release.connection import reading, rows
 from app.release.errors import ReleaseError
-from app.release.join import id_hash
+from app.release.join import TRAJECTORY, person_hashes, trajectory_hash
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def _erase(conn: sqlite3.Connection, person: dict[str, Any]) -> Forgotten:
     now = int(time.time() * 1000)
     (protocol,) = conn.execute("SELECT protocol FROM studies WHERE name = ?", [person["study"]]).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
-    conn.execute("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", (id_hash(person["id"]), now))
+    hashes = person_hashes(person)[:1] if keeps else person_hashes(person)  # who stays without a name still came then
+    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes])
     conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
@@ -126,10 +127,9 @@ def _boards(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | 
 
 def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
     for ident in episodes:
-        conn.execute(
-            "INSERT OR IGNORE INTO forgotten SELECT trajectory_hash, ? FROM episodes WHERE id = ? AND ended_ms IS NOT NULL",
-            (now, ident),
-        )
+        sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
+        for driven in conn.execute(sql, [ident]).fetchall():
+            conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now))
         for table in ("input_events", "steps", "study_episodes"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM digests WHERE kind IN ('episode', 'events') AND id = ?", [ident])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -20,6 +20,8 @@ TABLES = (
 
 FORGOTTEN = ("forgotten", "forgotten_people")
 CHUNK = 2_000
+TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
+"""What `trajectory_hash` takes, in SQL."""
 
 
 @dataclass
@@ -56,28 +58,32 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
         target.executemany(f"INSERT OR IGNORE INTO {table} VALUES (?, ?)", source.execute(f"SELECT * FROM {table}").fetchall())
 
 
-def id_hash(participant_id: str) -> str:
-    """Return what `forgotten_people` keeps of a participant's id."""
-    return hashlib.sha256(participant_id.encode()).hexdigest()
+def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what `forgotten_people` keeps of a participant's row: by the id, and by when they came, under any pseudonym."""
+    came = f"{person['study']}|{person['joined_ms']}|{person['consent_ms']}"
+    return _hash(person["id"]), _hash(came)
+
+
+def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
+    """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
+    return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> list[dict[str, Any]]:
-    """Return the source's participants whom the target has forgotten: by their id, or by their trajectories.
-
-    Pseudonyms change with each release, trajectories do not. Half of somebody's episodes suffice; fewer may be a few short
-    ones that two people played alike.
-    """
-    hashes = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
-    ids = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
-    found = []
-    for person in rows(source, "SELECT * FROM participants"):
-        sql = """SELECT e.trajectory_hash FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
-            WHERE s.participant_id = ? AND e.ended_ms IS NOT NULL"""
-        played = [row[0] for row in source.execute(sql, [person["id"]])]
-        known = sum(each in hashes for each in played)
-        if id_hash(person["id"]) in ids or (played and 2 * known >= len(played)):
-            found.append(person)
-    return found
+    """Return the source's participants whom the target has forgotten, whatever they are called there."""
+    people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
+    driven = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
+    if not people | driven:
+        return []
+    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        WHERE e.ended_ms IS NOT NULL"""
+    known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in driven}
+    found = rows(source, "SELECT * FROM participants")
+    return [person for person in found if person["id"] in known or people & set(person_hashes(person))]
 
 
 def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 
@@ -13,6 +14,7 @@ from app.study.seeds import TUTORIAL_SEED, order
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
+_fields = itertools.count()
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 BEGAN = 1_790_000_000_000
 IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-session-{}"}
@@ -34,9 +36,9 @@ class Field:
     def __init__(self, path, study):
         self.path, self.study = path, study
         self.store = Store(path)
-        self.conn = self.store._conn
+        self.conn = self.store.connection
         self.clock = BEGAN
-        self.random = random.Random(path.name)
+        self.random = random.Random(next(_fields))
         self.store.secret()
         protocol = json.dumps(study.protocol.model_dump(mode="json"))
         revealed = None if study.is_open else study.secret.hex()
