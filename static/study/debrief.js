@@ -92,9 +92,10 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     /** @param {State} state @param {State | null} before */
     paint(state, before) {
       if (screenOf(state) !== "debrief" || !state.where?.debrief) return;
-      if (state.where !== before?.where) paintFigures(state.where.debrief);
+      const isNew = before === null || screenOf(before) !== "debrief";
+      if (isNew || state.where !== before.where) paintFigures(state.where.debrief);
       by("replay").hidden = state.replay === null;
-      if (state.replay && (state.replay !== before?.replay || screenOf(before) !== "debrief")) paintReplay(state.replay);
+      if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay);
     },
   };
 }

@@ -109,7 +109,7 @@ function dispatch(event) {
     // another tab began an episode, or this one has ended: the server knows where that leads
     if ((is.outcome && !knowsTheEnd(state)) || state.where?.about?.frame.episode !== is.episode) way.refresh();
   }
-  if (event.kind === "where" && screenOf(state) === "debrief" && !state.replay && (state.where?.debrief?.warm_up_terrains ?? 0) > 0) debrief.load(0);
+  if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.where?.debrief?.warm_up_terrains) debrief.load(0);
   repaint();
 }
 
