@@ -106,7 +106,7 @@ class Boards:
         ended = terminated | truncated
         explored, late = np.zeros(self.num, np.bool_), None
         if ended.any():
-            explored = info["final_info"]["outcome"] == "explored"
+            explored = ended & (info["final_info"]["outcome"] == "explored")  # the column holds older endings too
             self.recent.steps += self.steps[ended].tolist()
             self.recent.explored += explored[ended].tolist()
             self.recent.returns += self.returns[ended].tolist()
