@@ -27,6 +27,10 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
 """Name -> what makes the policy for a sensor radius, and its summary."""
 
 
+FILES = (SUFFIX, ".onnx", ".zip")
+"""How the names of policy files end."""
+
+
 def names() -> list[str]:
     """Return the names of everything that loads by name, the best default first."""
     return [*(name for name in shipped() if name not in BUILT_IN), *BUILT_IN]
@@ -36,11 +40,18 @@ def describe(name: str) -> str:
     """Return one sentence about a policy that loads by name (a shipped network's stands in its card)."""
     if name in BUILT_IN:
         return BUILT_IN[name][1]
-    return str(read_card(_file_of(name)).get("summary", "A trained network."))
+    path = file_of(name)
+    if path.suffix == ".zip":
+        return f"A policy of Stable-Baselines3, from {path.name}."
+    if path.suffix == ".onnx":
+        from marsexplorer.policies.onnx_file import describe_onnx
+
+        return describe_onnx(path)
+    return str(read_card(path).get("summary", "A trained network."))
 
 
 def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
-    """Return a policy by name, or from a .safetensors file by path.
+    """Return a policy by name, or from a file by path: .safetensors, .onnx, or a .zip of Stable-Baselines3.
 
     sensor_radius  of the rover it will drive, 1..31 cells: what the policy expects to see depends on it
     """
@@ -49,13 +60,21 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
     name = str(name_or_path)
     if name in BUILT_IN:
         return BUILT_IN[name][0](sensor_radius)
-    path = _file_of(name)
+    path = file_of(name)
+    if path.suffix == ".zip":
+        from marsexplorer.policies.sb3_file import load_sb3
+
+        return load_sb3(path)
+    if path.suffix == ".onnx":
+        from marsexplorer.policies.onnx_file import load_onnx
+
+        return load_onnx(path, sensor_radius)
     from marsexplorer.policies.network import load_network  # torch takes seconds to import: only when a network is asked for
 
     return load_network(path, sensor_radius)
 
 
-def _file_of(name: str) -> Path:
+def file_of(name: str) -> Path:
     """Return the file that a name or path stands for; PolicyNotFound when there is none."""
     by_name = shipped().get(name)
     if by_name is not None:
@@ -63,6 +82,6 @@ def _file_of(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    if path.suffix == SUFFIX or path.name != name:
+    if path.suffix in FILES or path.name != name:
         raise PolicyNotFound(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
     raise PolicyNotFound(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')

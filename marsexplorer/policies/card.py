@@ -32,9 +32,11 @@ def shipped() -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
 
 
-def refuse(path: Path, expected: str, came: str) -> PolicyFileError:
+WAY_OUT = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
+
+
+def refuse(path: Path, expected: str, came: str, way_out: str = WAY_OUT) -> PolicyFileError:
     """Return the error for a file that is no policy: what was expected, what came, the way out."""
-    way_out = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
     return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {way_out}")
 
 
