@@ -1,0 +1,154 @@
+"""PPO in one file, in the manner of CleanRL, on the vectorized environment with its same-step autoreset.
+
+    pip install marsexplorer-playground
+    python examples/cleanrl_ppo.py --steps 20000
+
+Where an episode ends, the vector environment has already begun the next: `observations` is the first of the new episode and
+the last of the old one is `info["final_obs"]`. A truncated episode goes on in the agent's mind, so its last reward gets the
+value of that final observation; a terminated one ends for good.
+"""
+
+import argparse
+import time
+
+import gymnasium
+import numpy as np
+import torch
+from torch import nn
+from torch.distributions import Categorical
+
+import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
+
+
+def layer(module: nn.Module, gain: float = 2**0.5) -> nn.Module:
+    """Return the module with orthogonal weights and no bias to begin with."""
+    nn.init.orthogonal_(module.weight, gain)
+    nn.init.zeros_(module.bias)
+    return module
+
+
+class Agent(nn.Module):
+    """Actor and critic on two convolutions over four planes of the state matrix."""
+
+    def __init__(self, rows: int, cols: int) -> None:
+        super().__init__()
+        self.trunk = nn.Sequential(
+            layer(nn.Conv2d(4, 16, 3, 2, 1)),
+            nn.ReLU(),
+            layer(nn.Conv2d(16, 32, 3, 2, 1)),
+            nn.ReLU(),
+            nn.Flatten(),
+            layer(nn.Linear(32 * -(-rows // 4) * -(-cols // 4), 128)),
+            nn.ReLU(),
+        )
+        self.actor, self.critic = layer(nn.Linear(128, 4), 0.01), layer(nn.Linear(128, 1), 1.0)
+
+    def features(self, codes: torch.Tensor) -> torch.Tensor:
+        """Return float32[batch, 128] of uint8 codes [batch, rows, cols]."""
+        return self.trunk(nn.functional.one_hot(codes.long(), 4).permute(0, 3, 1, 2).float())
+
+    def value(self, codes: torch.Tensor) -> torch.Tensor:
+        """Return float32[batch]."""
+        return self.critic(self.features(codes)).squeeze(1)
+
+    def forward(self, codes: torch.Tensor, masks: torch.Tensor) -> tuple[Categorical, torch.Tensor]:
+        """Return the distribution over valid moves and the value."""
+        features = self.features(codes)
+        logits = self.actor(features).masked_fill(~masks, -1e9)
+        return Categorical(logits=logits), self.critic(features).squeeze(1)
+
+
+def arguments() -> argparse.Namespace:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=20_000, help="moves of all environments together")
+    parser.add_argument("--level", default="random")
+    parser.add_argument("--size", type=int, default=21)
+    parser.add_argument("--num-envs", type=int, default=64)
+    parser.add_argument("--rollout", type=int, default=64, help="moves of each environment between updates")
+    parser.add_argument("--epochs", type=int, default=3)
+    parser.add_argument("--minibatch", type=int, default=1024)
+    parser.add_argument("--learning-rate", type=float, default=5e-4)
+    parser.add_argument("--gamma", type=float, default=0.99)
+    parser.add_argument("--gae-lambda", type=float, default=0.95)
+    parser.add_argument("--clip", type=float, default=0.2)
+    parser.add_argument("--entropy", type=float, default=0.01)
+    parser.add_argument("--seed", type=int, default=0)
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Train and print coverage as it goes."""
+    given = arguments()
+    torch.manual_seed(given.seed)
+    envs = gymnasium.make_vec(
+        "MarsExplorer-v0",
+        num_envs=given.num_envs,
+        vectorization_mode="vector_entry_point",
+        level=given.level,
+        size=given.size,
+        observation="uint8",
+    )
+    rows, cols = envs.single_observation_space.shape
+    agent = Agent(rows, cols)
+    optimizer = torch.optim.Adam(agent.parameters(), lr=given.learning_rate, eps=1e-5)
+
+    span, num = given.rollout, given.num_envs
+    codes = torch.zeros((span, num, rows, cols), dtype=torch.uint8)
+    masks = torch.zeros((span, num, 4), dtype=torch.bool)
+    actions = torch.zeros((span, num), dtype=torch.long)
+    log_probs, rewards, dones, values = (torch.zeros((span, num)) for _ in range(4))
+
+    observations, _ = envs.reset(seed=given.seed)
+    began, played, coverages = time.time(), 0, []
+    while played < given.steps:
+        for t in range(span):
+            codes[t] = torch.from_numpy(observations)  # copied: the environment writes its codes in place
+            masks[t] = torch.from_numpy(envs.unwrapped.action_masks())
+            with torch.no_grad():
+                distribution, values[t] = agent(codes[t], masks[t])
+                actions[t] = distribution.sample()
+                log_probs[t] = distribution.log_prob(actions[t])
+            observations, reward, terminated, truncated, info = envs.step(actions[t].numpy())
+            rewards[t] = torch.from_numpy(reward).float() * 0.1
+            dones[t] = torch.from_numpy(terminated | truncated).float()
+            if "final_obs" in info:
+                ended = np.flatnonzero(info["_final_obs"])
+                coverages += info["final_info"]["coverage"][ended].tolist()
+                cut = np.flatnonzero(truncated)
+                if len(cut):
+                    last = torch.from_numpy(np.stack(list(info["final_obs"][cut])))
+                    with torch.no_grad():
+                        rewards[t, cut] += given.gamma * agent.value(last)
+        played += span * num
+
+        with torch.no_grad():
+            following = agent.value(torch.from_numpy(observations.copy()))
+        advantages, carried = torch.zeros_like(rewards), torch.zeros(num)
+        for t in reversed(range(span)):
+            alive = 1 - dones[t]
+            after = following if t == span - 1 else values[t + 1]
+            delta = rewards[t] + given.gamma * after * alive - values[t]
+            advantages[t] = carried = delta + given.gamma * given.gae_lambda * alive * carried
+        returns = advantages + values
+
+        flat = [part.flatten(0, 1) for part in (codes, masks, actions, log_probs, advantages, returns)]
+        for _ in range(given.epochs):
+            for batch in torch.randperm(span * num).split(given.minibatch):
+                some_codes, some_masks, action, old, advantage, target = (part[batch] for part in flat)
+                distribution, value = agent(some_codes, some_masks)
+                ratio = (distribution.log_prob(action) - old).exp()
+                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+                clipped = ratio.clamp(1 - given.clip, 1 + given.clip)
+                loss = -torch.min(ratio * advantage, clipped * advantage).mean()
+                loss = loss + 0.5 * (value - target).pow(2).mean() - given.entropy * distribution.entropy().mean()
+                optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
+                optimizer.step()
+        recent = f"{np.mean(coverages[-100:]):.1%}" if coverages else "no episode ended yet"
+        print(f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean coverage {recent}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""PPO of RLlib on MarsExplorer.
+
+    pip install marsexplorer-playground "ray[rllib]" torch
+    python examples/rllib_ppo.py --steps 2000
+
+RLlib does not mask moves by itself, so a blind beginner crashes at once: an observation wrapper keeps the state matrix as
+it is, and learning has to find out about walls. RLlib pins an older Gymnasium; any from 1.0 on serves the environment.
+"""
+
+import argparse
+
+import gymnasium
+import numpy as np
+import ray
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.tune.registry import register_env
+
+
+def make_env(given: dict) -> gymnasium.Env:
+    """Return one environment; RLlib's workers import this function, hence the import inside."""
+    import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
+
+    env = gymnasium.make("MarsExplorer-v0", **given)
+    flat = gymnasium.spaces.Box(0.0, 1.0, (int(np.prod(env.observation_space.shape)),), np.float32)
+    return gymnasium.wrappers.TransformObservation(env, np.ravel, flat)
+
+
+def main() -> None:
+    """Train and print the mean return after each iteration."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=2000, help="moves to learn from")
+    parser.add_argument("--level", default="random")
+    parser.add_argument("--size", type=int, default=21)
+    parser.add_argument("--workers", type=int, default=0, help="processes that play; 0 plays in this one")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+
+    ray.init(num_cpus=given.workers + 1, include_dashboard=False, log_to_driver=False)
+    register_env("MarsExplorer", make_env)
+    config = (
+        PPOConfig()
+        .environment("MarsExplorer", env_config={"level": given.level, "size": given.size})
+        .env_runners(num_env_runners=given.workers, num_envs_per_env_runner=8)
+        .training(train_batch_size_per_learner=1000, minibatch_size=250, num_epochs=3, lr=3e-4)
+        .debugging(seed=given.seed, log_level="ERROR")
+    )
+    algorithm = config.build_algo()
+    played = 0
+    while played < given.steps:
+        result = algorithm.train()
+        runners = result["env_runners"]
+        played = int(runners["num_env_steps_sampled_lifetime"])
+        print(f"{played:,} moves, mean return {runners['episode_return_mean']:.1f}", flush=True)
+    algorithm.stop()
+    ray.shutdown()
+
+
+if __name__ == "__main__":
+    main()
