@@ -87,7 +87,7 @@ class PaperPolicy:
         if torch.get_num_threads() != 1:
             torch.set_num_threads(1)
         with torch.inference_mode():
-            logits, value = self._net(torch.from_numpy(np.ascontiguousarray(codes))[None])
+            logits, value = self._net(torch.from_numpy(codes.copy())[None])
             self._thought = logits[0].softmax(0).numpy(), float(value[0])
         return int(np.searchsorted(np.cumsum(self._thought[0][:3]), self._random.random(), side="right"))
 

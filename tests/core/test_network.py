@@ -13,7 +13,9 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.network import FORMAT, Net, save_network
-from marsexplorer.policies.perception import REACH, Perception
+from marsexplorer.policies.paper_network import FORMAT as PAPER_FORMAT
+from marsexplorer.policies.paper_network import PaperNet
+from marsexplorer.policies.perception import PLANES, RINGS, Perception
 
 
 @pytest.fixture(scope="module")
@@ -65,17 +67,48 @@ def test_thoughts_are_probabilities_that_leave_invalid_moves_out(file):
     assert np.isfinite(value)
 
 
-def test_perception_is_centred_on_the_rover():
-    episode = Episode.begin(EnvConfig("random", 9, 14), terrain=np.zeros((9, 14), bool), start=(4, 6))
-    visited = np.zeros((1, 9 * 14), np.uint8)
-    planes, moves = Perception(1, 9, 14, 6)(episode.codes[None], np.array([4 * 14 + 6]), visited, np.array([1]))
-    unknown, blocked = planes[0, 0] == 255, planes[0, 1] == 255
-    top, left = REACH - 4, REACH - 6
-    assert np.array_equal(unknown[top : top + 9, left : left + 14], episode.codes == 0)
-    assert not blocked[top : top + 9, left : left + 14].any()
-    assert blocked.sum() == blocked.size - 9 * 14
-    assert moves[0, :, 0].tolist() == [1, 1, 1, 1]
-    assert moves[0, :, 10].tolist() == [0, 1, 0, 0]
+def perceived(episode, place, visited=None):
+    """The pictures of one board as arrays [PLANES, side, side], and the numbers of its moves."""
+    rows, cols = episode.codes.shape
+    visited = np.zeros((1, rows * cols), np.uint8) if visited is None else visited
+    planes, moves = Perception(1, rows, cols, 6)(episode.codes[None], np.array([place]), visited, np.array([1]))
+    cuts = np.cumsum([side * side for side, _ in RINGS])[:-1]
+    parts = np.split(planes[0], cuts, axis=1)
+    return [part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, RINGS, strict=True)], moves[0]
+
+
+def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_blocks():
+    """Against the definition, cell by cell, on a board that is wider than the finest picture."""
+    episode = Episode.begin(EnvConfig("random", 15, 34), seed=5)
+    for action in (1, 1, 2, 2, 1):
+        if not episode.ended:
+            episode.step(action)
+    row, col = episode.position
+    pictures, moves = perceived(episode, row * 34 + col)
+    for (side, size), picture in zip(RINGS, pictures, strict=True):
+        share = 255 // (size * size)
+        for i in range(side):
+            for j in range(side):
+                top, left = row - side * size // 2 + i * size, col - side * size // 2 + j * size
+                cells = [
+                    episode.codes[r, c] if 0 <= r < 15 and 0 <= c < 34 else 3
+                    for r in range(top, top + size)
+                    for c in range(left, left + size)
+                ]
+                assert picture[0, i, j] == share * cells.count(0), (side, i, j)
+                assert picture[1, i, j] == share * cells.count(3), (side, i, j)
+    near = pictures[0]
+    assert near[3, 5, 5] == 255  # no way is shorter than none
+    assert near[2].max() > 0
+    assert moves[:, 10].tolist() == [0, 1, 0, 0]
+
+
+def test_the_coarse_pictures_show_the_greatest_gain_and_nearness_of_their_blocks():
+    episode = Episode.begin(EnvConfig("random", 11, 11), terrain=np.zeros((11, 11), bool), start=(5, 5))
+    (near, middle, _), _ = perceived(episode, 5 * 11 + 5)
+    for plane in (2, 3):
+        blocks = [near[plane][1 + 3 * i : 4 + 3 * i, 1 + 3 * j : 4 + 3 * j].max() for i in range(3) for j in range(3)]
+        assert middle[plane][4:7, 4:7].flatten().tolist() == blocks
 
 
 def test_a_stack_of_boards_is_perceived_as_each_alone():
@@ -122,10 +155,30 @@ def test_weights_that_are_not_the_networks_are_refused(kind, tmp_path):
 
 def test_a_network_of_another_format_is_refused_by_name(tmp_path):
     path = written(tmp_path / "old.safetensors", spoilt("nothing"), {"format": "marsexplorer-network-0"})
-    with pytest.raises(
-        policies.PolicyFileError, match=r"expected the format marsexplorer-network-1, got 'marsexplorer-network-0'"
-    ):
+    with pytest.raises(policies.PolicyFileError, match=rf"expected the format {FORMAT}, got 'marsexplorer-network-0'"):
         policies.load(path)
+
+
+def paper_file(path, **card):
+    torch.manual_seed(6)
+    save_network(PaperNet(9, 14), path, {"summary": "As in the paper.", "size": [9, 14], **card}, PAPER_FORMAT)
+    return path
+
+
+def test_the_papers_network_draws_its_moves_by_the_seed_and_plays_its_own_size_alone(tmp_path):
+    policy, config = policies.load(paper_file(tmp_path / "paper.safetensors")), EnvConfig("random", 9, 14)
+    played = [bytes(play(policy, config, seed).actions) for seed in (1, 1, 2, 3)]
+    assert played[0] == played[1]
+    assert len(set(played)) == 3
+    assert bytes(play(policy, config, 2, floats=True).actions) == played[2]
+    with pytest.raises(ValueError, match="trained for 9x14 alone, got 9x15"):
+        policy.act(Episode.begin(EnvConfig("random", 9, 15), seed=0).codes)
+
+
+@pytest.mark.parametrize("size", [None, [9], [9, 20], [3, 14], ["9", 14], [9, 14.0], [9, 10**9]])
+def test_a_paper_file_whose_card_has_no_fitting_size_is_refused(tmp_path, size):
+    with pytest.raises(policies.PolicyFileError, match="is no policy"):
+        policies.load(paper_file(tmp_path / "paper.safetensors", size=size))
 
 
 def test_a_file_cut_short_is_refused(file, tmp_path):

@@ -1,5 +1,6 @@
-"""Training: small, deterministic, and better than chance."""
+"""Training: small, deterministic, interruptible, and better than chance."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,21 +11,25 @@ from scipy import stats
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
-from marsexplorer.training.ppo import (
-    EVALUATION_SEEDS,
-    FLIPS,
-    Boards,
-    Progress,
-    Recipe,
-    Rollout,
-    advantages,
-    checkpoint_to,
-    train,
-    turned,
-)
+from marsexplorer.training import ppo
+from marsexplorer.training.boards import EVALUATION_SEEDS, Boards, in_moves, matrix
+from marsexplorer.training.logbook import Logbook
+from marsexplorer.training.ppo import Rollout, Run, advantages
+from marsexplorer.training.recipe import RECIPES, stacks
 
 SMALL = EnvConfig(rows=9, cols=12)
-QUICK = replace(Recipe(), labels=2560, clone_passes=12, boards=32, horizon=32, minibatch=256, value_updates=1)
+QUICK = replace(RECIPES["best"], boards=32, horizon=32, minibatch=256, value_updates=1)
+PAPER = replace(RECIPES["paper"], boards=8, horizon=16, minibatch=64, epochs=2)
+
+
+def silent(*_):
+    pass
+
+
+def trained(steps, seed=0, recipe=QUICK, configs=(SMALL,), tell=silent):
+    run = Run.begin(recipe, list(configs), steps, seed)
+    ppo.train(run, tell)
+    return run
 
 
 def score_of(policy, seed):
@@ -35,29 +40,75 @@ def score_of(policy, seed):
     return episode.score
 
 
+def same_weights(one, two):
+    return all(torch.equal(a, b) for a, b in zip(one.state_dict().values(), two.state_dict().values(), strict=True))
+
+
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
-    path = tmp_path / "tiny.safetensors"
-    train(SMALL, 3072, 0, QUICK, lambda _: None, checkpoint_to(path, {"summary": "a tiny one"}))
-    tiny, chance = load(path), load("random")
-    seeds = EVALUATION_SEEDS[:50]
-    gap = np.array([score_of(tiny, seed) - score_of(chance, seed) for seed in seeds])
+    run = Run.begin(QUICK, [SMALL], 40 * 1024, 0)
+    book = Logbook(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
+    ppo.train(run, book.heard)
+    tiny, chance = load(book.policy), load("random")
+    gap = np.array([score_of(tiny, seed) - score_of(chance, seed) for seed in EVALUATION_SEEDS[:50]])
     low, _ = stats.t.interval(0.95, len(gap) - 1, gap.mean(), stats.sem(gap))
     assert low > 0
+    found = {path.name.split(".")[0] for path in book.folder.iterdir()}
+    assert found == {"tiny", "checkpoint", "log", "curve", "events"}
+    lines = [json.loads(line) for line in (book.folder / "log.jsonl").read_text().splitlines()]
+    assert [line["moves"] for line in lines] == [1024 * (k + 1) for k in range(40)]
+    assert lines[-1]["greedy"] < lines[1]["greedy"]
 
 
-def test_the_same_seed_gives_the_same_weights():
-    brief = replace(QUICK, labels=128, clone_passes=8)
-    one, two = (train(SMALL, 1024, 3, brief, lambda _: None, lambda *_: None).state_dict() for _ in range(2))
-    assert all(torch.equal(one[name], two[name]) for name in one)
+@pytest.mark.parametrize("recipe", [QUICK, PAPER], ids=["best", "paper"])
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(recipe):
+    steps = 3 * recipe.boards * recipe.horizon
+    assert same_weights(trained(steps, 3, recipe).net, trained(steps, 3, recipe).net)
+    assert not same_weights(trained(steps, 3, recipe).net, trained(steps, 4, recipe).net)
+
+
+@pytest.mark.parametrize("recipe", [QUICK, PAPER], ids=["best", "paper"])
+def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path, recipe):
+    configs, steps = [EnvConfig(rows=9, cols=12, max_steps=20)], 6 * recipe.boards * recipe.horizon
+    whole = trained(steps, 5, recipe, configs)
+
+    def stop(report, _):
+        if report.moves >= steps // 2:
+            raise KeyboardInterrupt
+
+    first = Run.begin(recipe, configs, steps, 5)
+    book = Logbook(tmp_path, first, {"summary": "stopped"}, stop)
+    with pytest.raises(KeyboardInterrupt):
+        ppo.train(first, book.heard)
+    book.keep()
+    torch.rand(7)
+    second = Run.begin(recipe, configs, steps, 5)
+    book = Logbook(tmp_path, second, {"summary": "resumed"}, silent)
+    book.resume()
+    assert second.done == 3
+    ppo.train(second, book.heard)
+    assert same_weights(second.net, whole.net)
+    assert len((tmp_path / "log.jsonl").read_text().splitlines()) == 6
+
+
+def test_a_checkpoint_of_another_run_is_refused(tmp_path):
+    run = Run.begin(QUICK, [SMALL], 1024, 0)
+    book = Logbook(tmp_path, run, {"summary": "one"}, silent)
+    with pytest.raises(ValueError, match="no checkpoint"):
+        book.resume()
+    book.keep()
+    for seed, steps, word in ((1, 1024, "seed"), (0, 4096, "updates")):
+        other = Logbook(tmp_path, Run.begin(QUICK, [SMALL], steps, seed), {}, silent)
+        with pytest.raises(ValueError, match=f"another run .*{word}"):
+            other.resume()
 
 
 def test_advantages_are_the_slow_sum_of_discounted_surprises():
-    recipe = replace(QUICK, horizon=7, boards=3)
-    rollout, after = Rollout.room(recipe), torch.rand(3)
     torch.manual_seed(0)
+    recipe, gamma, lam = replace(QUICK, horizon=7, boards=3), 0.97, 0.9
+    rollout, after = Rollout.room(recipe, (torch.zeros(3, 1),)), torch.rand(3)
     rollout.rewards, rollout.values = torch.rand(7, 3), torch.rand(7, 3)
     rollout.ended = (torch.rand(7, 3) < 0.3).float()
-    found = advantages(rollout, after, recipe)
+    found = advantages(rollout, after, gamma, lam)
     for board in range(3):
         for t in range(7):
             total, weight = 0.0, 1.0
@@ -65,48 +116,55 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
                 goes_on = 1 - float(rollout.ended[k, board])
                 following = float(after[board] if k == 6 else rollout.values[k + 1, board])
                 total += weight * (
-                    float(rollout.rewards[k, board]) + recipe.gamma * following * goes_on - float(rollout.values[k, board])
+                    float(rollout.rewards[k, board]) + gamma * following * goes_on - float(rollout.values[k, board])
                 )
-                weight *= recipe.gamma * recipe.lam * goes_on
+                weight *= gamma * lam * goes_on
             assert float(found[t, board]) == pytest.approx(total, abs=1e-5)
 
 
-@pytest.mark.parametrize("which", range(len(FLIPS)))
-def test_a_turned_board_is_seen_as_the_turned_terrain_is(which):
-    """Perception of a turned terrain equals the turned perception of the terrain, rules for ties apart."""
-    transpose, down, right = FLIPS[which]
-    terrain = np.random.default_rng(4).random((9, 9)) < 0.2
-    terrain[4, 4] = False
-
-    def flipped(cells):
-        cells = cells.T if transpose else cells
-        cells = cells[::-1] if down else cells
-        return np.ascontiguousarray(cells[:, ::-1] if right else cells)
-
-    def seen(cells):
-        from marsexplorer.policies.perception import Perception
-
-        episode = Episode.begin(EnvConfig(rows=9, cols=9), terrain=cells, start=(4, 4))
-        visited = np.zeros((1, 81), np.uint8)
-        visited[0, 40] = 1
-        planes, moves = Perception(1, 9, 9, 6)(episode.codes[None], np.array([40]), visited, np.array([1]))
-        return torch.from_numpy(planes.copy()), torch.from_numpy(moves[:, :, :7].copy())
-
-    planes, moves = seen(terrain)
-    as_turned = turned(planes, moves, torch.tensor([0]), which)
-    expected = seen(flipped(terrain))
-    assert torch.equal(as_turned[0], expected[0])
-    assert torch.allclose(as_turned[1], expected[1])
+def test_rewards_told_in_moves_are_a_cost_of_one_and_a_share_for_each_new_cell():
+    boards = Boards(SMALL, 16, 3)
+    rng, explored = np.random.default_rng(0), 0
+    policies = [load("frontier-cost") for _ in range(16)]
+    for policy in policies:
+        policy.reset(0)
+    for _ in range(60):
+        known = (boards.codes != 0).sum((1, 2))
+        actions = np.array([policy.act(codes.copy()) for policy, codes in zip(policies, boards.codes, strict=True)])
+        step = boards.step(actions)
+        told = in_moves(SMALL, step, 0.5)
+        new = (boards.codes != 0).sum((1, 2)) - known
+        assert told[~step.ended] == pytest.approx(0.5 * new[~step.ended] - 1)
+        assert (told[step.explored] > -1).all()
+        assert (told[step.explored] < 0.5 * SMALL.n - 1).all()
+        explored += int(step.explored.sum())
+        for i in np.flatnonzero(step.ended):
+            policies[i].reset(int(rng.integers(9)))
+    assert explored > 0
 
 
 def test_running_out_of_time_shows_the_last_observation_to_bootstrap_from():
-    boards = Boards(EnvConfig(rows=9, cols=12, max_steps=2), 8, 0)
-    boards.step(np.full(8, 1), Progress())
-    step = boards.step(np.full(8, 1), Progress())
-    assert step.truncated.any()
-    assert step.final is not None
-    assert len(step.final[0]) == step.truncated.sum()
-    assert boards.steps[step.truncated].tolist() == [0] * int(step.truncated.sum())
+    boards = Boards(EnvConfig(rows=9, cols=12, max_steps=2), 8, 0, matrix)
+    boards.step(np.full(8, 1))
+    step = boards.step(np.full(8, 1))
+    assert step.late is not None
+    which, (codes,) = step.late
+    assert len(which) == len(codes) > 0
+    assert step.ended[which].all()
+    assert boards.steps[which].tolist() == [0] * len(which)
+    assert ((codes.numpy() == 2).sum((1, 2)) == 1).all()
+    assert (codes.numpy()[:, 0, 0] == 1).all()  # the rover has left the corner, where the next episode stands again
+
+
+def test_all_levels_and_sizes_have_boards_and_the_first_level_half_of_them():
+    configs = [EnvConfig.of(level, size) for size in (21, 42) for level in ("random", "1-1-1", "2-2-1")]
+    parts = stacks(RECIPES["best"], configs, 0).parts
+    assert [part.config for part in parts] == configs
+    assert sum(part.num for part in parts) == 256
+    assert 120 <= sum(part.num for part in parts if part.config.level == "random") <= 136
+    assert all(part.num >= 1 for part in parts)
+    with pytest.raises(ValueError, match="one size"):
+        RECIPES["paper"].network(configs)
 
 
 def test_evaluation_seeds_are_refused():

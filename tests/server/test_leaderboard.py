@@ -15,7 +15,7 @@ from app.leaderboard.tally import Played, curve, figure, trials, visits
 from app.store import Store
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import evaluate
-from marsexplorer.training.ppo import EVALUATION_SEEDS
+from marsexplorer.training.boards import EVALUATION_SEEDS
 
 TINY = EnvConfig("random", 5, 7)
 
