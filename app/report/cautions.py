@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.report import measured
 from app.report.intervals import TAIL, Estimate
+from app.report.markup import percent
 from app.report.sets import Cohort
 from app.study.data import StudyData, Trial
 from app.study.protocol import protocol_hash
@@ -63,7 +64,7 @@ def _about_failures(group: Group) -> str:
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
     return (
-        f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {unseen:.0%} of the "
+        f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "
         f"{worst.players} players the printed interval covered the truth in {min(held):.0f} to {max(held):.0f} % of studies in "
         f"which everybody's scores had one shape, but in only {worst.printed:.0f} % where {_described(worst)}. "
@@ -73,7 +74,7 @@ def _about_failures(group: Group) -> str:
 
 def _described(cell: measured.Cell) -> str:
     rate = {population.name: population.collisions for population in measured.POPULATIONS}[cell.population]
-    return f"{rate:.0%} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
+    return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:

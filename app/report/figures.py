@@ -134,15 +134,12 @@ def _learning(canvas: Canvas, group: Group) -> None:
             (len(metric.learning.by_trial) - third + 0.5, len(metric.learning.by_trial) + 0.5),
         ):
             axes.axvspan(low, high, color="#eceff2", zorder=0)
-        banded = [row for row in rows if row[2] is not None]
-        axes.fill_between(
-            [row[0] for row in banded],
-            [float(row[2] or 0) for row in banded],
-            [float(row[3] or 0) for row in banded],
-            color=COLOURS[0],
-            alpha=0.18,
-            linewidth=0,
-        )
+        banded = [(row[0], row[2], row[3]) for row in rows if row[2] is not None and row[3] is not None]
+        bounds = (-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf)
+        if banded:
+            places, low_ends, high_ends = (np.array(part, np.float64) for part in zip(*banded, strict=True))
+            band = np.clip(low_ends, *bounds), np.clip(high_ends, *bounds)
+            axes.fill_between(places, *band, color=COLOURS[0], alpha=0.18, linewidth=0)
         axes.plot(trials, means, color=COLOURS[0], marker="o", markersize=3, linewidth=1.2)
         axes.set_title({"score": "Score", "steps": "Steps to 99 %"}[metric.name])
     axes.set_xlabel("ranked trial, in the order played (grey: first and last third)")
@@ -169,12 +166,13 @@ def _curves(canvas: Canvas, group: Group, policies: Sequence[PolicyRow]) -> None
 
 
 def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> None:
-    most = max(float(np.quantile(visits, 0.98)) for _, visits in maps)
+    shares = [(name, 100 * np.array(visits) / (np.sum(visits) or 1)) for name, visits in maps]
+    most = max(float(np.quantile(share, 0.98)) for _, share in shares)
     columns = min(3, len(maps))
     grid = canvas.subplots(-(-len(maps) // columns), columns, squeeze=False).flat
     image = None
-    for axes, (name, visits) in zip(grid, maps, strict=False):
-        image = axes.imshow(visits, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
+    for axes, (name, share) in zip(grid, shares, strict=False):
+        image = axes.imshow(share, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
         axes.set_title(name)
         axes.set_xticks([])
         axes.set_yticks([])
@@ -183,24 +181,31 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
     for axes in list(grid):
         axes.set_visible(False)
     if image is not None:
-        canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="visits an episode", fraction=0.04)
+        canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="% of moves", fraction=0.04)
 
 
 def _forest(canvas: Canvas, group: Group) -> None:
     score = [each for each in group.comparisons if each.metric == "score"]
     steps = [each for each in group.comparisons if each.metric == "steps"]
+    who = group.name if group.kind == "human" else "players"
     left, middle, right = canvas.subplots(1, 3, sharey=True)
-    _rows(left, score, lambda row: (row.ratio, row.ratio_interval), "Score: policy / people", 1.0)
-    _rows(middle, score, lambda row: (row.normalized, row.normalized_interval), "Human-normalized", 1.0)
-    _rows(right, steps, lambda row: (row.difference, row.new), "Steps: policy − people", 0.0)
+    _rows(left, score, lambda row: (row.ratio, row.ratio_interval), f"policy / {who}", 1.0, "Score, ratio")
+    _rows(
+        middle,
+        score,
+        lambda row: (row.normalized, row.normalized_interval),
+        f"0 random, 1 {who}",
+        1.0,
+        "Score, normalized",
+    )
+    _rows(right, steps, lambda row: (row.difference, row.new), f"policy − {who}", 0.0, "Steps, difference")
     left.set_yticks(range(len(score)), [row.policy for row in score])
-    left.invert_yaxis()
 
 
 Valued = Callable[[Comparison], tuple[float | None, tuple[float, float] | None]]
 
 
-def _rows(axes: Axes, rows: Sequence[Comparison], value: Valued, title: str, none: float) -> None:
+def _rows(axes: Axes, rows: Sequence[Comparison], value: Valued, label: str, none: float, title: str) -> None:
     for y, row in enumerate(rows):
         at, ends = value(row)
         if at is None:
@@ -210,6 +215,7 @@ def _rows(axes: Axes, rows: Sequence[Comparison], value: Valued, title: str, non
         axes.plot([at], [y], "s", color=COLOURS[0], markersize=5)
     axes.axvline(none, color="#7b8794", linewidth=0.8, linestyle=":")
     axes.set_title(title)
+    axes.set_xlabel(label)
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
     axes.set_ylim(len(rows) - 0.5, -0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from html import escape
 
@@ -13,20 +14,21 @@ NONE = "–"
 def table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], words: bool = False, notes: Sequence[str] = ()
 ) -> str:
-    """Return a table whose first column names the rows; cells are text and escaped.
+    """Return a table whose first column names the rows; cells are text and escaped, a line break in one is kept.
 
     words  left-aligned text instead of numbers; notes: a CSS class for each row, "" for none
     """
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
     body = []
-    for number, row in enumerate(rows):
-        first, *rest = (escape(cell) for cell in row)
-        mark = f' class="{notes[number]}"' if notes and notes[number] else ""
+    for place, row in enumerate(rows):
+        first, *rest = (escape(cell).replace("\n", "<br>") for cell in row)
+        mark = f' class="{notes[place]}"' if notes and notes[place] else ""
         body.append(f'<tr{mark}><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>')
     kind = ' class="words"' if words else ""
-    label = escape(caption, quote=True)
+    label = "t" + hashlib.sha256(f"{caption}{rows}".encode()).hexdigest()[:10]
     return (
-        f'<div class="wide" role="region" tabindex="0" aria-label="{label}"><table{kind}><caption>{escape(caption)}</caption>'
+        f'<p class="caption" id="{label}">{escape(caption)}</p>'
+        f'<div class="wide" role="region" tabindex="0" aria-labelledby="{label}"><table{kind} aria-labelledby="{label}">'
         f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 
@@ -59,3 +61,8 @@ def interval(ends: Pair | None, digits: int) -> str:
 def p_value(p: float | None) -> str:
     """Return p with three decimals, "< 0.001" below."""
     return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share of 0..1 in percent: 46 %."""
+    return f"{100 * share:.{digits}f} %"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from app.report.figures import figures
-from app.report.markup import NONE, bullets, figure, interval, number, p_value, paragraph, table
+from app.report.markup import NONE, bullets, figure, interval, number, p_value, paragraph, percent, table
 from app.report.model import Group, Metric, Report
-from app.report.statistics import Variance
 
 NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
+INTERVALS = ("95 % interval (printed)", "t interval", "studentised bootstrap", "new terrains too", "guaranteed")
 
 
 def sections(report: Report, group: Group) -> str:
@@ -24,7 +25,7 @@ def sections(report: Report, group: Group) -> str:
         )
     parts += [_spread(group), _policies(report, group, pictures), _learning(group, pictures)]
     if "visits" in pictures:
-        maps = "Visits of a mean episode on each cell, the same colours for all (every player weighs the same)."
+        maps = "Share of an episode's moves spent on each cell, in the mean (every player weighs the same); one colour scale."
         parts.append(f"<h2>Where they went</h2>{figure(pictures['visits'], maps)}")
     parts.append(f"<h2>Deviations from the protocol</h2>{_deviations(report, group)}")
     return "".join(parts)
@@ -34,17 +35,15 @@ def _result(report: Report, group: Group) -> str:
     found = group.figure
     if found.score is None or found.steps is None:
         return "<h2>Result</h2>" + paragraph("Nobody is in the primary set yet: there is no figure.")
-    rows = []
-    for name in ("score", "steps"):
-        estimate, metric, digits = getattr(found, name), group.metric(name), DIGITS[name]
-        assert metric is not None
+    columns = []
+    for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
         ends = (estimate.interval, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
-        rows.append((NAMES[name], number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
-    heads = ("", "mean", "95 % interval (printed)", "t", "studentised bootstrap", "new terrains too", "guaranteed")
+        digits = DIGITS[metric.name]
+        columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     who = f"{found.players} players, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
     return (
         "<h2>Result</h2>"
-        + table(f"Means over players. {who}", heads, rows)
+        + _beside(f"Means over players. {who}", group, ("mean", *INTERVALS), columns)
         + paragraph(f"What is estimated: {report.estimand}", "note")
         + paragraph(f"The printed interval (rule {report.rule_version}, fixed before any data): {report.rule}.", "note")
         + ("<h3>Read before use</h3>" + bullets(group.cautions) if group.cautions else "")
@@ -62,9 +61,9 @@ def _who(group: Group) -> str:
                 found.name + (" (primary)" if found.name == group.primary else ""),
                 str(found.players),
                 str(found.episodes),
-                f"{number(score.mean, 4)} ({interval(score.interval, 4)})" if score else NONE,
-                f"{number(steps.mean, 1)} ({interval(steps.interval, 1)})" if steps else NONE,
-                NONE if found.completed is None else f"{found.completed:.1%}",
+                f"{number(score.mean, 4)}\n{interval(score.interval, 4)}" if score else NONE,
+                f"{number(steps.mean, 1)}\n{interval(steps.interval, 1)}" if steps else NONE,
+                NONE if found.completed is None else percent(found.completed, 1),
             )
         )
     sets = table(
@@ -86,11 +85,7 @@ def _who(group: Group) -> str:
 def _spread(group: Group) -> str:
     if not group.metrics:
         return ""
-    iqm = [
-        (NAMES[each.name], number(each.iqm, DIGITS[each.name]), interval(each.iqm_interval, DIGITS[each.name]))
-        for each in group.metrics
-    ]
-    rows = [(each.name, each.variance) for each in group.metrics]
+    columns = [_spread_column(metric) for metric in group.metrics]
     players = [
         (
             row.name,
@@ -102,17 +97,23 @@ def _spread(group: Group) -> str:
         )
         for row in group.players
     ]
-    heads = ("", "ICC", "95 %", "between SD", "within SD", "n0", "design effect", "players", "episodes", "worth")
+    names: tuple[str, ...] = (
+        "ICC",
+        "95 % interval of the ICC",
+        "between-player SD",
+        "within-player SD",
+        "episodes a player (n0)",
+    )
+    names += ("players", "episodes", "design effect", "independent episodes these are worth")
+    names += ("interquartile mean of all episodes", "its 95 % interval over players")
     return (
         "<h2>Spread</h2>"
-        + table("Variance components, one-way random effects (ANOVA estimator)", heads, [_spread_row(*row) for row in rows])
+        + _beside("Variance components (one-way random effects, ANOVA estimator) and interquartile mean", group, names, columns)
         + paragraph(
             "ICC is the share of the variance that lies between players. The design effect says how many times too small the "
-            "variance of the mean comes out when episodes are pooled; “worth” is the number of independent episodes "
-            "these amount to.",
+            "variance of the mean comes out when episodes are pooled as if independent.",
             "note",
         )
-        + table("Interquartile mean over all episodes, 95 % percentile interval over players", ("", "IQM", "95 %"), iqm)
         + "<details><summary>Every player's mean</summary>"
         + table(
             "Pseudonyms of this report alone, in no order of joining",
@@ -123,13 +124,20 @@ def _spread(group: Group) -> str:
     )
 
 
-def _spread_row(name: str, found: Variance | None) -> tuple[str, ...]:
+def _spread_column(metric: Metric) -> tuple[str, ...]:
+    digits, found = DIGITS[metric.name], metric.variance
+    middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
     if found is None:
-        return (NAMES[name], *[NONE] * 9)
-    digits = DIGITS[name]
+        return (*[NONE] * 9, *middle)
     sds = number(found.between_sd, digits), number(found.within_sd, digits)
-    counts = f"{found.n0:.1f}", f"{found.design_effect:.1f}", str(found.players), str(found.episodes), f"{found.effective:.0f}"
-    return (NAMES[name], number(found.icc, 3), interval(found.icc_interval, 2), *sds, *counts)
+    counts = f"{found.n0:.1f}", str(found.players), str(found.episodes), f"{found.design_effect:.1f}", f"{found.effective:.0f}"
+    return (number(found.icc, 3), interval(found.icc_interval, 2), *sds, *counts, *middle)
+
+
+def _beside(caption: str, group: Group, names: Sequence[str], columns: Sequence[Sequence[str]]) -> str:
+    """Return a table with a column for each metric of the group."""
+    rows = list(zip(names, *columns, strict=True))
+    return table(caption, ("", *(NAMES[metric.name] for metric in group.metrics)), rows)
 
 
 def _policies(report: Report, group: Group, pictures: dict[str, str]) -> str:
@@ -146,17 +154,16 @@ def _policies(report: Report, group: Group, pictures: dict[str, str]) -> str:
     if group.comparisons:
         parts.append(
             paragraph(
-                "Differences are policy minus people, paired by terrain. “These terrains” covers other players; “new terrains” "
-                "covers other players and other terrains. p: sign-flip permutation test of the paired differences over "
-                "terrains, for "
-                "these players, adjusted for the number of policies (Holm). Ratio: policy over people. "
-                "Human-normalized: 0 is the "
-                "policy random, 1 the people. Intervals over players and terrains: crossed bootstrap.",
+                f"Differences are policy minus {group.name}, paired by terrain; below them the interval that covers other "
+                "players on these terrains, beside it the one for other players and other terrains. p: sign-flip permutation "
+                "test of the paired differences over terrains, for these players, adjusted for the number of policies (Holm). "
+                f"Ratio: policy over {group.name}. Normalized: 0 is the policy random, 1 {group.name}. Intervals of both: "
+                "crossed bootstrap over players and terrains.",
                 "note",
             )
         )
     if "forest" in pictures:
-        told = "With 95 % intervals over players and terrains; the dotted line is “as people do”."
+        told = "With 95 % intervals over players and terrains; the dotted line is “no different”."
         parts.append(figure(pictures["forest"], told))
     if "curves" in pictures:
         told = "Mean coverage against moves; an ended episode keeps what it had. Bands: 95 % intervals; for people over "
@@ -172,29 +179,29 @@ def _compared(group: Group, metric: str) -> str:
     rows = [
         (
             each.policy,
-            number(each.difference, digits),
-            interval(each.these, digits),
+            f"{number(each.difference, digits)}\n{interval(each.these, digits)}",
             interval(each.new, digits),
             p_value(each.p_adjusted),
             f"{each.better}/{each.terrains}",
-            f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})",
-            f"{number(each.normalized, 3)} ({interval(each.normalized_interval, 3)})",
+            f"{number(each.ratio, 3)}\n{interval(each.ratio_interval, 3)}",
+            f"{number(each.normalized, 3)}\n{interval(each.normalized_interval, 3)}",
         )
         for each in found
     ]
-    heads = ("policy", "difference", "these terrains", "new terrains", "p (Holm)", "better on", "ratio", "human-normalized")
-    return table(f"{NAMES[metric]}: policies minus people", heads, rows)
+    heads = ("policy", "difference", "new terrains", "p (Holm)", "better on", "ratio", "normalized")
+    return table(f"{NAMES[metric]}: policies minus {group.name}", heads, rows)
 
 
 def _learning(group: Group, pictures: dict[str, str]) -> str:
     if not group.metrics:
         return ""
-    rows = [_learned(metric) for metric in group.metrics]
-    heads = ("", "slope a trial", "95 %", "last − first third", "95 %", "90 %", "margin", "p", "verdict")
+    names: tuple[str, ...] = ("slope a trial", "its 95 % interval", "last third minus first third")
+    names += ("its 95 % interval", "its 90 % interval", "margin for “flat”", "p of the two one-sided tests", "verdict")
+    columns = [_learned(metric) for metric in group.metrics]
     parts = ["<h2>Learning over the ranked trials</h2>"]
     if "learning" in pictures:
         parts.append(figure(pictures["learning"], "Mean over players at each trial; bands are 95 % t intervals over players."))
-    parts.append(table("Did people go on learning? Means over players", heads, rows))
+    parts.append(_beside("Did players go on learning? Means over players", group, names, columns))
     margin = (
         "Flat means: the 90 % interval of the change lies within the margin that the protocol fixed (two one-sided "
         "tests at 5 %). "
@@ -209,7 +216,7 @@ def _learned(metric: Metric) -> tuple[str, ...]:
     tested = NONE if found.margin is None else f"±{found.margin:g}", p_value(found.p_equivalence)
     slope = number(found.slope, digits), interval(found.slope_interval, digits)
     verdict = found.verdict if found.margin is not None else f"{found.verdict} (no margin)"
-    return (NAMES[metric.name], *slope, *change, *tested, verdict)
+    return (*slope, *change, *tested, verdict)
 
 
 def _deviations(report: Report, group: Group) -> str:

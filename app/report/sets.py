@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.report.intervals import Floats
+from app.report.markup import percent
 from app.study.data import Person, StudyData, Trial
 
 MetricName = Literal["score", "steps"]
@@ -101,5 +102,5 @@ def rule_in_words(rules: Mapping[Any, Any] | None) -> str:
     if rules.get("no_labels"):
         words.append("no ranked episode carries a label")
     if (most := rules.get("max_pause_share")) is not None:
-        words.append(f"none was paused for more than {float(most):.0%} of its time")
+        words.append(f"none was paused for more than {percent(float(most))} of its time")
     return "; ".join(words) or "everybody who finished a ranked episode"

@@ -146,7 +146,7 @@ class Comparison:
     difference             policy - people; `these` covers other players, `new` other players and other terrains
     p_value                sign-flip permutation test over terrains of the paired differences; p_adjusted by Holm's method
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
-    normalized             (policy - random) / (people - random), over players and terrains; None without `random`
+    normalized             (policy - random) / (people - random), over players and terrains; None for `random` and without it
     better                 terrains on which the policy scores better than the people's mean does
     """
 
@@ -186,7 +186,7 @@ def compare(
     new = (min(difference - half, these[0]), max(difference + half, these[1])) if several and these else None
     ratio = mean / people if people > 0 else None
     ratios = _log_interval(drawn, drawn_people, ratio, table) if several else None
-    normalized, interval = _normalized(values, random, table, several)
+    normalized, interval = _normalized(values, random if policy != "random" else None, table, several)
     wins = int((paired > 0).sum() if up else (paired < 0).sum())
     p = permutation_p(paired)
     return Comparison(
