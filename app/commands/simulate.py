@@ -88,7 +88,7 @@ def simulate(
             else "their episodes stay as they are; with --state FILE the same command goes on"
         )
         click.echo(f"marsexplorer: stopped after {tally.episodes} episodes; {way}", err=True)
-        raise
+        raise click.Abort from None
     _print(tally)
     if tally.faults:
         more = f" (and {len(tally.faults) - 1} more)" if len(tally.faults) > 1 else ""

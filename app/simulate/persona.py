@@ -38,11 +38,15 @@ class Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("noisy-frontier", "explores as people do: to the nearest frontier, with slips; skill and luck of its own"),
+        Kind(
+            "noisy-frontier",
+            "explores as people do, with slips; skill and luck of its own, a reload now and then",
+            reloads=0.0005,
+        ),
         Kind("random", "makes valid moves at random", is_random=True),
         Kind("idler", "leaves the keyboard for minutes now and then", pauses=0.004),
         Kind("dropper", "goes for ever after some ranked episodes, by closing the page or by withdrawing", leaves=True),
-        Kind("reloader", "reloads the page, opens a second tab and loses the connection all the time", reloads=0.01),
+        Kind("reloader", "reloads the page, opens a second tab and loses the connection all the time", reloads=0.03),
         Kind(
             "cheater",
             "a beat like a machine's, no key-up, collisions, and everything a server has to refuse",
