@@ -15,6 +15,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
+from marsexplorer.policies.imported import wrong_size
 
 ALONE_PER_SECOND = 8.0
 """Moves a second of a rival whose player has ended."""
@@ -24,11 +25,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Offer:
-    """A policy that may be chosen: the name, one line about it, and what `policies.load` takes."""
+    """A policy that may be chosen: the name, one line about it, what `policies.load` takes, and the only board it plays.
+
+    size  (rows, cols); None for any
+    """
 
     name: str
     summary: str
     source: str
+    size: tuple[int, int] | None
 
 
 class Policies:
@@ -42,8 +47,9 @@ class Policies:
         for source in (*policies.names(), *map(str, paths)):
             policy = policies.load(source)
             policy.reset(0)
-            policy.act(Episode.begin(EnvConfig.of("random", 5), seed=0).codes.copy())
-            self._offers[policy.name] = Offer(policy.name, policies.describe(source), source)
+            size: tuple[int, int] | None = getattr(policy, "size", None)
+            policy.act(Episode.begin(EnvConfig.of("random", size or 5), seed=0).codes.copy())
+            self._offers[policy.name] = Offer(policy.name, policies.describe(source), source, size)
 
     def offers(self) -> list[Offer]:
         """Return what may be chosen."""
@@ -54,6 +60,13 @@ class Policies:
         if name not in self._offers:
             raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *self._offers))}")
         return name
+
+    def check_size(self, names: Iterable[str], config: EnvConfig) -> None:
+        """Return when every policy among the names plays boards of this size; ValueError naming one that does not."""
+        for name in names:
+            size = self._offers[name].size if name in self._offers else None
+            if size not in (None, (config.rows, config.cols)):
+                raise ValueError(wrong_size(name, size, (config.rows, config.cols)))
 
     def load(self, name: str) -> Policy:
         """Return a policy of one's own: policies remember their episode."""

@@ -93,6 +93,7 @@ class Lobby:
             self.policies.check(wanted.player, HUMAN)
         drivers = [wanted.player] if wanted.rival is None else [wanted.player, self.policies.check(wanted.rival)]
         config = EnvConfig.of(wanted.level or "random", wanted.size or 21)
+        self.policies.check_size(drivers, config)
         seed, episodes = await self._draw(config, wanted.seed, len(drivers))
         rows = self._session_rows(drivers, player_id)
         for row in rows:
@@ -123,6 +124,7 @@ class Lobby:
         async with group.lock:
             was = session.current.config
             config = EnvConfig.of(wanted.level or was.level, wanted.size or (was.rows, was.cols))
+            self.policies.check_size((board.row.driver_name for board in group.boards), config)
             seed, episodes = await self._draw(config, wanted.seed, len(group.boards))
             self._open(group.boards, episodes, seed, wanted.seed is not None)
 

@@ -58,7 +58,7 @@ class ImportedPolicy:
         return self._thought
 
 
-def wrong_size(name: str, made_for: tuple[int, int], came: tuple[int, ...]) -> str:
+def wrong_size(name: str, made_for: tuple[int, ...], came: tuple[int, ...]) -> str:
     """Return the sentence for a board that a policy was not made for."""
     board = "x".join(map(str, came))
     own = "x".join(map(str, made_for))

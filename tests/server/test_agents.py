@@ -2,6 +2,7 @@
 
 import time
 
+import policy_files
 import pytest
 from conftest import eventually
 
@@ -172,3 +173,17 @@ def test_a_policy_that_fails_stops_and_says_so(serve):
     assert steps(client, begun["session"]) == 2
     following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"seed": 6}).json()
     eventually(lambda: steps(client, following["session"]) == 2)
+
+
+def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serve, tmp_path):
+    path = policy_files.write_sb3(tmp_path / "mine.zip")
+    client = serve(policies=Policies([path])).client()
+    refused = client.post("/api/sessions", json={"size": 21, "rival": "mine"})
+    assert refused.status_code == 422
+    assert "made for 6x7 and cannot play 21x21" in refused.json()["detail"]
+    session = client.post("/api/sessions", json={"size": [6, 7], "player": "mine"}).json()["session"]
+    client.post(f"/api/sessions/{session}/pace", json={"step": True})
+    eventually(lambda: client.get(f"/api/sessions/{session}").json()["step"] >= 1)
+    refused = client.post(f"/api/sessions/{session}/episodes", json={"size": 9})
+    assert refused.status_code == 422
+    assert "made for 6x7 and cannot play 9x9" in refused.json()["detail"]
