@@ -82,5 +82,8 @@ def _select(conn: sqlite3.Connection, sql: str, *values: Any) -> sqlite3.Cursor:
     return cursor.execute(sql, values)
 
 
+_encode = json.JSONEncoder(default=bytes.hex, separators=(",", ":")).encode
+
+
 def _canonical(value: Any) -> bytes:
-    return json.dumps(value, default=bytes.hex, separators=(",", ":")).encode() + b"\n"
+    return _encode(value).encode() + b"\n"

@@ -18,9 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from app.reader import Reader, Who, config_of, record_of
+from app.reader import Reader, Who, config_of
+from app.release.resimulate import simulate
 from marsexplorer.config import ACTIONS
-from marsexplorer.episode import Episode, replay
+from marsexplorer.episode import Episode
 from marsexplorer.score import steps_to_target
 
 Table = Literal["episodes", "steps"]
@@ -125,31 +126,12 @@ def _stream(reader: Reader, table: Table, fmt: Format, who: Who, columns: tuple[
 
 
 def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: Table, key: bytes) -> list[tuple[Any, ...]]:
-    episode, verified = _replayed(row, steps)
+    episode, findings = simulate(row, steps)
+    verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
         return [(*common, *_episode_values(row, steps), verified)]
     return [(*common, *_step_values(row, step, episode), verified) for step in steps]
-
-
-def _replayed(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Episode | None, bool]:
-    """Return the replayed episode (None where there is none) and whether it comes to what is stored."""
-    try:
-        record = record_of(row, steps)
-        episode = replay(record)
-    except (ValueError, TypeError, RuntimeError):
-        return None, False
-    same_moves = episode.discoveries[1:] == [step["discovered"] for step in steps] and _paid(episode, steps) == row["total"]
-    same_totals = episode.record() == record and episode.score == row["score"]
-    return episode, same_moves and same_totals and row["config_hash"] == record.config.hash
-
-
-def _paid(episode: Episode, steps: list[dict[str, Any]]) -> float:
-    """Return the sum of the stored rewards in the order they were paid, with the price of abandoning."""
-    total = 0.0
-    for step in steps:
-        total += step["reward"]
-    return total - episode.config.r_invalid if episode.outcome == "abandoned" else total
 
 
 def _pseudonym(player_id: str | None, key: bytes) -> str | None:

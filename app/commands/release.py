@@ -38,9 +38,14 @@ def release(
       marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
       marsexplorer verify --dataset dunes-1
     """
+    from app.release.errors import ReleaseError, check_libraries
+
+    try:
+        check_libraries()
+    except ReleaseError as error:
+        raise click.ClickException(str(error)) from error
     from app.migrations import StoreError
     from app.release.build import Wanted, build
-    from app.release.errors import ReleaseError
     from app.release.secrets import known_secrets
 
     settings = settings_of()

@@ -20,7 +20,7 @@ from app.release import signing
 from app.release.connection import reading, rows
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
-from app.release.errors import ReleaseError, library
+from app.release.errors import ReleaseError, check_libraries
 from app.release.header import DATABASE, Header
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
@@ -30,7 +30,6 @@ from app.release.verify import verify_database
 from app.study.protocol import checked
 
 Advance = Callable[[int, int], None]
-LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
 COUNTED = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN = "a participant asked to be forgotten"
 
@@ -69,8 +68,7 @@ def build(wanted: Wanted, advance: Advance = lambda done, total: None) -> Built:
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing.
     """
-    for name in LIBRARIES:
-        library(name)
+    check_libraries()
     if wanted.out.exists() and (not wanted.out.is_dir() or any(wanted.out.iterdir())):
         raise ReleaseError(f"{wanted.out} is there already: a release is written into a new folder; choose another --out")
     with reading(wanted.database) as conn:

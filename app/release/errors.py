@@ -10,6 +10,16 @@ class ReleaseError(Exception):
     """A release, an import, a merge or an erasure cannot be done; the message says what was expected and the way out."""
 
 
+LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
+"""What the extra `export` brings."""
+
+
+def check_libraries() -> None:
+    """Return when everything that writing a release needs is installed; ReleaseError naming the first that is not."""
+    for name in LIBRARIES:
+        library(name)
+
+
 def library(name: str) -> Any:
     """Return the module of an optional library; ReleaseError naming the extra when it is not installed."""
     try:

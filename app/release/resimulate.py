@@ -41,41 +41,49 @@ def _short(value: Any) -> str:
 
 
 def differences(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> list[Finding]:
-    """Return what differs between a finished episode's rows and its simulation; nothing when all is well.
+    """Return what differs between a finished episode's rows and its simulation; nothing when all is well."""
+    return simulate(row, steps)[1]
+
+
+def simulate(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> tuple[Episode | None, list[Finding]]:
+    """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
 
     row, steps  as `Reader.finished` and `Reader.steps` give them
     """
-    where = f"episode {row['id']}"
-    return [Finding(where, *found) for found in _differences(row, list(steps))]
+    found: list[Found] = []
+    episode = _simulated(row, list(steps), found)
+    return episode, [Finding(f"episode {row['id']}", *each) for each in found]
 
 
 Found = tuple[str, Any, Any]
 
 
-def _differences(row: dict[str, Any], steps: list[dict[str, Any]]) -> Iterator[Found]:
+def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]) -> Episode | None:
     try:
         config = config_of(row)
     except (ValueError, TypeError) as error:
-        yield "config", row["config"], f"no configuration: {error}"
-        return
-    yield from _of_config(row, config)
+        found.append(("config", row["config"], f"no configuration: {error}"))
+        return None
+    found += _of_config(row, config)
     if row["core_version"] != CORE_VERSION:
-        yield "core_version", row["core_version"], f"{CORE_VERSION} here: only the release that made it can simulate it"
-        return
+        elsewhere = f"{CORE_VERSION} here: only the release that made it can simulate it"
+        found.append(("core_version", row["core_version"], elsewhere))
+        return None
     numbers = [step["step"] for step in steps]
     if numbers != list(range(len(steps))):
-        yield "steps", numbers, "0, 1, 2, ... without a gap"
+        found.append(("steps", numbers, "0, 1, 2, ... without a gap"))
     try:
         record = record_of(row, steps)
-        yield from _of_seed(row, config)
+        found += _of_seed(row, config)
         episode = replay(record)
     except (ValueError, TypeError, RuntimeError) as error:
-        yield "cause", "something that cannot be played", str(error)
-        return
-    yield from _of_totals(row, episode)
-    yield from _of_steps(steps, episode)
+        found.append(("cause", "something that cannot be played", str(error)))
+        return None
+    found += _of_totals(row, episode)
+    found += _of_steps(steps, episode)
     if row["driver"] == "human" and any(step["driver"] != "human" for step in steps):
-        yield "driver", "human", "script: a move of its did not come from a hand"
+        found.append(("driver", "human", "script: a move of its did not come from a hand"))
+    return episode
 
 
 def _of_config(row: dict[str, Any], config: EnvConfig) -> Iterator[Found]:

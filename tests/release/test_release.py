@@ -426,18 +426,14 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
 
 
 @pytest.mark.parametrize("name", ["pyarrow", "minari", "h5py", "mlcroissant", "cryptography"])
-def test_a_missing_library_is_asked_for_by_name(made, tmp_path, name):
-    code = f"""
-import sys
-sys.modules[{name!r}] = None
-from app.cli import main
-main(["release", "--study", "dunes", "--database", {str(made[0] / "play.db")!r}, "--out", {str(tmp_path / "out")!r}])
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 1
-    assert done.stderr.startswith(f"marsexplorer: {name} is not installed")
-    assert "marsexplorer-playground[export]" in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, capsys, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    args = ("release", "--study", "dunes", "--database", made[0] / "play.db", "--out", tmp_path / "out")
+    code, _, err = run(capsys, *args)
+    assert code == 1
+    assert err.startswith(f"marsexplorer: {name} is not installed")
+    assert "marsexplorer-playground[export]" in err
+    assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
