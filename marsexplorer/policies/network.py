@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import torch
@@ -49,6 +50,14 @@ class Net(nn.Module):
         logits = self.judge(each).squeeze(2).float()
         value = self.worth(torch.cat([gist, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, NEVER), value * 5
+
+    def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (logits, values) of boards as arrays, on one thread: several wait for one another on a busy machine."""
+        if torch.get_num_threads() != 1:
+            torch.set_num_threads(1)
+        with torch.inference_mode():
+            logits, values = self(torch.from_numpy(planes), torch.from_numpy(moves))
+        return logits.numpy(), values.numpy()
 
 
 def orthogonal(net: nn.Module) -> None:
@@ -106,7 +115,7 @@ class NetworkPolicy:
 
     def __init__(self, name: str, net: Net, sensor_radius: int) -> None:
         self.name = name
-        self._net, self._radius = net, sensor_radius
+        self.net, self._radius = net, sensor_radius
         self._memory, self._guard = Memory(), Guard(sensor_radius)
         self._eyes: Perception | None = None
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
@@ -119,31 +128,34 @@ class NetworkPolicy:
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
+        scores, values = self.net.decide(*self.see(observation))
+        return self.settle(scores[0], float(values[0]))
+
+    def see(self, observation: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Take in an observation and return (planes, moves) of one board; the arrays change with the next."""
         memory = self._memory
         memory.take(observation)
-        move = self._think(memory)
-        overruled = self._guard.overrule(memory)
-        if overruled is not None:
-            return overruled
-        return move if move >= 0 else next(iter(valid_moves(memory.codes, *memory.position)), 0)
-
-    def thought(self) -> tuple[NDArray[np.float32], float]:
-        """Return (probabilities float32[4], value) of the last observation."""
-        return self._thought
-
-    def _think(self, memory: Memory) -> int:
         rows, cols = memory.codes.shape
         if self._eyes is None or self._eyes.size != (rows, cols):
             self._eyes = Perception(1, rows, cols, self._radius)
         place = np.array([memory.position[0] * cols + memory.position[1]])
         visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
-        planes, moves = self._eyes(memory.codes[None], place, visited, heading)
-        if torch.get_num_threads() != 1:
-            torch.set_num_threads(1)  # one board: threads wait for one another, 40 ms a move instead of 0.2 on a busy machine
-        with torch.inference_mode():
-            logits, value = self._net(torch.from_numpy(planes), torch.from_numpy(moves))
-            self._thought = logits[0].softmax(0).numpy(), float(value[0])
-        return int(logits[0].argmax()) if moves[0, :, 0].any() else -1
+        return self._eyes(memory.codes[None], place, visited, heading)
+
+    def settle(self, scores: NDArray[np.float32], value: float) -> int:
+        """Return the action for what was seen last: the highest of scores float32[4], unless the guard takes over."""
+        memory = self._memory
+        shares = np.exp(scores - scores.max())
+        self._thought = shares / shares.sum(), value
+        overruled = self._guard.overrule(memory)
+        if overruled is not None:
+            return overruled
+        move = int(scores.argmax())
+        return move if scores[move] > NEVER else next(iter(valid_moves(memory.codes, *memory.position)), 0)
+
+    def thought(self) -> tuple[NDArray[np.float32], float]:
+        """Return (probabilities float32[4], value) of the last observation."""
+        return self._thought
 
 
 def load_network(path: Path, sensor_radius: int) -> Policy:
@@ -152,4 +164,17 @@ def load_network(path: Path, sensor_radius: int) -> Policy:
 
     if read_card(path).get("format") == paper_network.FORMAT:
         return paper_network.PaperPolicy(path.stem, paper_network.load_paper_net(path))
-    return NetworkPolicy(path.stem, load_net(path), sensor_radius)
+    return NetworkPolicy(path.stem, _shared_net(path), sensor_radius)
+
+
+def _shared_net(path: Path) -> Net:
+    """Return the file's network: the same object for every board, so that they can be decided together."""
+    state = path.stat()
+    key = (str(path.resolve()), state.st_mtime_ns, state.st_size)
+    net = _NETS.get(key)
+    if net is None:
+        net = _NETS[key] = load_net(path)
+    return net
+
+
+_NETS: WeakValueDictionary[tuple[str, int, int], Net] = WeakValueDictionary()
