@@ -9,16 +9,23 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from app.session import Move, Session, revive
 from app.store import EpisodeRow
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
+from marsexplorer.policies.batch import act_many, shared_net
 from marsexplorer.policies.imported import wrong_size
 
 ALONE_PER_SECOND = 8.0
 """Moves a second of a rival whose player has ended."""
+
+TOGETHER = 64
+"""Boards decided in one call at most: some 10 ms."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,15 +80,76 @@ class Policies:
         return policies.load(self._offers[self.check(name)].source)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    policy: Policy
+    observation: NDArray[np.uint8]
+    answer: asyncio.Future[int]
+
+
+class Decisions:
+    """Decides for every agent on one thread: more of them would only take the interpreter from the event loop more often.
+
+    Boards that ask while it is busy, or in the same turn of the event loop, and share a network are decided in one call of
+    it. Whoever asked first is served first.
+    """
+
+    def __init__(self, thread: Executor) -> None:
+        self._thread = thread
+        self._waiting: list[_Asked] = []
+        self._serving: asyncio.Task[None] | None = None
+
+    async def act(self, policy: Policy, observation: NDArray[np.uint8]) -> int:
+        """Return the policy's action, or raise what it raised; a board whose asker has gone may still be decided."""
+        answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        self._waiting.append(_Asked(policy, observation, answer))
+        if self._serving is None:
+            self._serving = asyncio.create_task(self._serve(), name="decisions")
+        return await answer
+
+    async def _serve(self) -> None:
+        try:
+            while self._waiting:
+                await asyncio.sleep(0)  # all that ask in this turn of the loop
+                await self._answer(self._next())
+        finally:
+            self._serving = None
+
+    def _next(self) -> list[_Asked]:
+        """Take the first in the queue and everyone who can be decided together with it."""
+        first = shared_net(self._waiting[0].policy)
+        chosen: list[_Asked] = [self._waiting[0]]
+        left: list[_Asked] = []
+        for asked in self._waiting[1:]:
+            is_same = first is not None and len(chosen) < TOGETHER and shared_net(asked.policy) is first
+            (chosen if is_same else left).append(asked)
+        self._waiting = left
+        return chosen
+
+    async def _answer(self, chosen: list[_Asked]) -> None:
+        boards, grids = [asked.policy for asked in chosen], [asked.observation for asked in chosen]
+        loop = asyncio.get_running_loop()
+        try:
+            answers = await loop.run_in_executor(self._thread, act_many, boards, grids)
+        except Exception as error:
+            answers = [error] * len(chosen)
+        for asked, answer in zip(chosen, answers, strict=True):
+            if asked.answer.done():
+                continue
+            if isinstance(answer, Exception):
+                asked.answer.set_exception(answer)
+            else:
+                asked.answer.set_result(answer)
+
+
 class Agent:
     """Drives `session`; beside a `player` it can follow, one move for each of the player's.
 
-    It counts moves and not wakes, so however late it is, it ends on the player's number of steps. All agents decide on
-    one thread: more of them would only take the interpreter from the event loop more often.
+    It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
     """
 
-    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy], thread: Executor) -> None:
-        self._session, self._player, self._load, self._thread = session, player, load, thread
+    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy], decisions: Decisions) -> None:
+        self._session, self._player, self._load, self._decisions = session, player, load, decisions
         self._policy: Policy | None = None
         self._ready_for: EpisodeRow | None = None
         self._woken = asyncio.Event()
@@ -145,8 +213,7 @@ class Agent:
         if policy is None or session.current.id != row.id:
             return
         step = session.episode.steps
-        loop = asyncio.get_running_loop()
-        action = int(await loop.run_in_executor(self._thread, policy.act, session.episode.codes.copy()))
+        action = await self._decisions.act(policy, session.episode.codes.copy())
         if session.current.id != row.id:
             return
         session.act(Move(row.id, step, action, f"policy:{session.row.driver_name}"))

@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
-from app.agents import ALONE_PER_SECOND, Agent, Policies
+from app.agents import ALONE_PER_SECOND, Agent, Decisions, Policies
 from app.protocol import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.session import HUMAN, Seat, Session, resume
 from app.store import EpisodeRow, SessionRow, Store, StoreError
@@ -76,6 +76,7 @@ class Lobby:
         self._groups: dict[str, Group] = {}
         self._waking = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "policies")
+        self._decisions = Decisions(self._thread)
         found = store.sessions_to_resume(sources.clock_ms())
         self._rivals = {each.session.rival_of: each.session.id for each in found if each.session.rival_of}
 
@@ -227,7 +228,7 @@ class Lobby:
             self._groups[board.id] = group
             if not board.is_human:
                 load = partial(self.policies.load, board.row.driver_name)
-                group.agents[board.id] = Agent(board, player if board is rival else None, load, self._thread)
+                group.agents[board.id] = Agent(board, player if board is rival else None, load, self._decisions)
         return group
 
     async def _wake(self, session_id: str) -> Group:

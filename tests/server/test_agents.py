@@ -1,15 +1,18 @@
 """A policy at the controls: following, timed, paused, single steps, failing, remembering."""
 
+import asyncio
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import policy_files
 import pytest
 from conftest import eventually
 
-from app.agents import Policies
+from app.agents import Decisions, Policies
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from marsexplorer.policies.batch import shared_net
 
 
 def steps(client, session):
@@ -187,3 +190,43 @@ def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serv
     refused = client.post(f"/api/sessions/{session}/episodes", json={"size": 9})
     assert refused.status_code == 422
     assert "made for 6x7 and cannot play 9x9" in refused.json()["detail"]
+
+
+def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
+    async def ask(names):
+        decisions, calls = Decisions(thread), []
+        boards = [(load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)]
+        net = shared_net(boards[0][0])
+        decide = net.decide
+        net.decide = lambda *arrays: calls.append(len(arrays[0])) or decide(*arrays)
+        for _ in range(5):
+            asked = (decisions.act(policy, episode.codes.copy()) for policy, episode in boards)
+            for (_, episode), action in zip(boards, await asyncio.gather(*asked), strict=True):
+                episode.step(action)
+        del net.decide
+        return calls, [bytes(episode.actions) for _, episode in boards]
+
+    def alone(name, seed):
+        policy, episode = load(name), Episode.begin(EnvConfig(), seed=seed)
+        for _ in range(5):
+            episode.step(policy.act(episode.codes))
+        return bytes(episode.actions)
+
+    with ThreadPoolExecutor(1) as thread:
+        names = ["ppo", "frontier-cost", "ppo", "ppo", "planner", "ppo"]
+        calls, moves = asyncio.run(ask(names))
+    assert calls == [4] * 5
+    assert moves == [alone(name, seed) for seed, name in enumerate(names)]
+
+
+def test_a_policy_that_fails_fails_its_own_board_alone():
+    async def ask():
+        decisions = Decisions(thread)
+        codes = Episode.begin(EnvConfig(), seed=1).codes.copy()
+        asked = (decisions.act(load("ppo"), grid) for grid in (codes, codes[:0], codes))
+        return await asyncio.gather(*asked, return_exceptions=True)
+
+    with ThreadPoolExecutor(1) as thread:
+        first, error, last = asyncio.run(ask())
+    assert first == last in range(4)
+    assert isinstance(error, ValueError)
