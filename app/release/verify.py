@@ -6,9 +6,13 @@ of a release does that for whoever knows the key.
 
 from __future__ import annotations
 
+import itertools
+import multiprocessing
+import signal
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +20,12 @@ from app import digests
 from app.release.connection import reading, rows
 from app.release.resimulate import Finding, differences
 from app.release.study_checks import check_studies
+from marsexplorer.evaluation.play import cores, one_thread
 
+PARALLEL_FROM = 4_000
+"""Episodes from which further processes are worth their start."""
+
+CHUNK = 200
 Advance = Callable[[int, int], None]
 
 
@@ -55,12 +64,12 @@ def verify_database(
     """
     began = time.monotonic()
     findings: list[Finding] = []
-    moves = 0
+    moves = done = 0
     with reading(path) as conn:
         named = _idents(conn, study)
-        for done, ident in enumerate(named, 1):
-            made, found = check_episode(conn, ident)
+        for checked, made, found in _check_all(path, conn, named):
             moves += made
+            done += checked
             findings += found
             advance(done, len(named))
         findings += _check_events(conn, study)
@@ -70,6 +79,40 @@ def verify_database(
             findings += _orphans(conn)
         (still_open,) = conn.execute(f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}").fetchone()
     return Verified(len(named), moves, still_open, tuple(findings), time.monotonic() - began)
+
+
+def _check_all(path: Path, conn: sqlite3.Connection, named: Sequence[str]) -> Iterator[tuple[int, int, list[Finding]]]:
+    """Yield (episodes, moves, findings) bit by bit, from several processes where there is enough to do.
+
+    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
+    """
+    if len(named) < PARALLEL_FROM or cores() == 1:
+        for ident in named:
+            yield (1, *check_episode(conn, ident))
+        return
+    chunks = [tuple(named[at : at + CHUNK]) for at in range(0, len(named), CHUNK)]
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(cores(), len(chunks)), spawn, _as_helper) as pool:
+        try:
+            yield from pool.map(_check_chunk, itertools.repeat(path), chunks)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _as_helper() -> None:
+    """Leave Ctrl-C to the process that asked, which ends this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    one_thread()
+
+
+def _check_chunk(path: Path, named: Sequence[str]) -> tuple[int, int, list[Finding]]:
+    moves, findings = 0, []
+    with reading(path) as conn:
+        for ident in named:
+            made, found = check_episode(conn, ident)
+            moves += made
+            findings += found
+    return len(named), moves, findings
 
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:

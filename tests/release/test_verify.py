@@ -6,6 +6,7 @@ import sqlite3
 import pytest
 from release.studies import Field, freeze, play_study
 
+from app.release import verify
 from app.release.verify import verify_database
 
 
@@ -122,3 +123,18 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
     assert "commitment" in {finding.what for finding in wrong.findings}
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
+
+
+@pytest.mark.long
+def test_several_processes_find_what_one_finds(copy, monkeypatch):
+    conn, path = copy
+    conn.execute("UPDATE steps SET reward = reward + 1 WHERE step = 1")
+    alone = verify_database(path)
+    monkeypatch.setattr(verify, "PARALLEL_FROM", 2)
+    monkeypatch.setattr(verify, "CHUNK", 9)
+    monkeypatch.setattr(verify, "cores", lambda: 2)
+    told = []
+    together = verify_database(path, lambda done, total: told.append((done, total)))
+    assert together.findings == alone.findings
+    assert together.findings
+    assert told == [(9, 18), (18, 18)]
