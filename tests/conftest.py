@@ -93,7 +93,7 @@ def serve(tmp_path):
     running = []
 
     def start(sources=None, policies=None, **settings):
-        settings = {"database": tmp_path / "playground.db", **settings}
+        settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", **settings}
         sock = listen("127.0.0.1", 0)
         server = Running(sock.getsockname()[1])
         server.app = create_app(Settings(**settings), sources, policies)
@@ -132,7 +132,7 @@ def spawn(tmp_path):
     processes = []
 
     def start(**settings):
-        settings = {"database": str(tmp_path / "playground.db"), "port": 0, **settings}
+        settings = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies"), "port": 0, **settings}
         code = f"from app.server import run; from app.settings import Settings; run(Settings(**{settings!r}))"
         process = subprocess.Popen(
             [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ
@@ -146,7 +146,7 @@ def spawn(tmp_path):
         assert said, "the server said nothing"
         assert "is open at" in said[-1], "".join(said)
         server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
-        server.process = process
+        server.process, server.said = process, said
         server.kill = lambda: (process.send_signal(signal.SIGKILL), process.wait(), process.stdout.close(), server.close())
         return server
 

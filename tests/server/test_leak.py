@@ -5,23 +5,22 @@ difference, all that leaves them must be equal: the play socket, HTTP, and the 3
 """
 
 import itertools
+import shutil
 import struct
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from uuid import UUID
 
-import msgspec
 import pytest
-import zstandard
 from conftest import eventually
-from tools3d import CAMERA
-from websockets.sync.client import connect
+from study_tools import Person, freeze
+from tools3d import View
 
 from app.agents import Policies
 from app.lobby import Sources
 from app.store import Store
-from app.viewer import PROTOCOL
+from app.study.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -84,67 +83,34 @@ class Tape:
         return b"\n".join(itertools.chain.from_iterable(self.moments))
 
 
-class View:
-    """A 3-D socket: its messages decompressed, their arrays put back where they belong."""
-
-    def __init__(self, server, session, stack):
-        url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-        view = connect(url, subprotocols=[PROTOCOL], origin=server.url, proxy=None, compression=None, max_size=None)
-        self.socket = stack.enter_context(view)
-        self.socket.send(CAMERA)
-
-    def read(self, *awaited):
-        """Every message, encoded, until one has come whose name or type begins with each of the words, and what follows."""
-        messages = []
-        while not all(any(is_called(message, word) for message in messages) for word in awaited):
-            messages += unpack(self.socket.recv(timeout=20))
-        try:
-            while True:
-                messages += unpack(self.socket.recv(timeout=0.1))
-        except TimeoutError:
-            return sorted(map(msgspec.msgpack.encode, messages))
-
-
-def is_called(message, word):
-    return message["type"].startswith(word) or str(message.get("name")).startswith(word)
-
-
-def unpack(data):
-    """The messages of one batch in viser's wire format: sizes, packed messages, then the arrays on 8-byte bounds."""
-    packed_length = int.from_bytes(data[8:16], "little")
-    offset = 16 + packed_length
-    batch = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16:offset]))
-    arrays = []
-    for length in batch["binaryBufferLengths"]:
-        offset += -offset % 8
-        arrays.append(bytes(data[offset : offset + length]))
-        offset += length
-    return [whole(message, arrays) for message in batch["messages"]]
-
-
-def whole(value, arrays):
-    if isinstance(value, dict) and "__binary_index" in value:
-        return [value["dtype"], arrays[value["__binary_index"]]]
-    if isinstance(value, dict):
-        return {key: whole(each, arrays) for key, each in value.items()}
-    return [whole(each, arrays) for each in value] if isinstance(value, list | tuple) else value
-
-
 class Recorder:
     """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every door of the server gives away."""
+
+    more = ()
 
     def __init__(self, server, stack, body):
         self.server, self.tape = server, Tape([[]])
         self.client = server.client()
-        begun = self.answer("POST", "/api/sessions", json=body).json()
+        begun = self.begin(body)
         self.ids = [begun["session"], *([begun["rival"]["session"]] if begun["rival"] else [])]
         self.frame = begun["frame"]
         self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
-        self.views = [View(server, id_, stack) for id_ in self.ids]
+        self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
             self.tape.add(*(socket.recv(20).encode() for _ in range(3 if number else 2)))  # frame, history, a rival's pace
             self.tape.add(*view.read("/border", "ReplayDone"))
         self.ask_everything()
+
+    def begin(self, body):
+        """Begin a board and return what it answers."""
+        return self.answer("POST", "/api/sessions", json=body).json()
+
+    def send(self, action):
+        """Make a move and return its frame."""
+        return self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=self.act(action)).json()
+
+    def act(self, action):
+        return {"episode": self.frame["episode"], "step": self.frame["step"], "action": ACTIONS[action]}
 
     def answer(self, method, url, **rest):
         response = self.client.request(method, url, **rest)
@@ -158,14 +124,14 @@ class Recorder:
             for more in ("", "/about", "/history"):
                 self.answer("GET", f"/api/sessions/{id_}{more}")
         lists = ("episodes?limit=9", "human-level", "health", *(f"export/{table}.jsonl" for table in ("episodes", "steps")))
-        for url in (*lists, f"episodes/{self.frame['episode']}"):
+        for url in (*lists, f"episodes/{self.frame['episode']}", *self.more):
             self.answer("GET", f"/api/{url}")
 
     def move(self, action):
         """Make one move and keep what it sets off, a stale repeat of it included."""
         self.tape.moments.append([])
-        act = {"episode": self.frame["episode"], "step": self.frame["step"], "action": ACTIONS[action]}
-        self.frame = self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=act).json()
+        act = self.act(action)
+        self.frame = self.send(action)
         if len(self.ids) > 1:
             rival = f"/api/sessions/{self.ids[1]}"
             eventually(lambda: self.client.get(rival).json()["step"] == self.frame["step"])
@@ -176,6 +142,38 @@ class Recorder:
         self.ask_everything()
 
 
+class ParticipantRecorder(Recorder):
+    """Plays PATH in a phase of a study, over the participant's socket; asks the study's doors and a stranger's as well."""
+
+    more = ("studies", "studies/twins", "studies/twins/me", "studies/twins/debrief/0")
+
+    def begin(self, phase):
+        person = Person(self.server, "twins", self.client)
+        person.to_warm_up()
+        while (where := person.me())["stage"] != phase:
+            person.call("next")
+            person.call("give-up", {"episode": person.frame["episode"], "step": person.frame["step"]})
+        self.tape.add(str(where).encode(), str(person.call("next")).encode())
+        return person.where["about"]
+
+    def send(self, action):
+        with self.server.socket(self.ids[0], self.client) as socket:
+            before = socket.receive("frame")
+            socket.send({"kind": "act", **self.act(action), "input": "key", "client_ms": 1.0})
+            frame = socket.frame_after(before["step"])
+            event = {"kind": "keydown", "code": "KeyW", "client_ms": 1.0, "step": frame["step"]}
+            socket.send({"kind": "events", "episode": frame["episode"], "events": [event]})
+            socket.send({"kind": "history"})
+            self.tape.add(str(frame).encode(), str(socket.receive("history")).encode())
+        return frame
+
+    def ask_everything(self):
+        super().ask_everything()
+        own, self.client = self.client, self.server.client()
+        super().ask_everything()
+        self.client = own
+
+
 def sources(seed):
     """Ids that count, one clock reading, and a draw that gives the terrain's seed first."""
     numbers, draws = itertools.count(), itertools.chain([seed], itertools.repeat(POLICY_SEED))
@@ -183,7 +181,7 @@ def sources(seed):
     def name():
         return f"id-{next(numbers):04}"
 
-    return Sources(name, name, name, lambda: next(draws), lambda: 1_700_000_000_000)
+    return Sources(name, name, name, lambda: next(draws), lambda: 1_700_000_000_000, name, name)
 
 
 @pytest.fixture
@@ -191,17 +189,17 @@ def recorded(serve, tmp_path, policies, monkeypatch):
     """`recorded(seed, body, moves)` -> the tape of a server of its own, and its recorder."""
     monkeypatch.setattr(Store, "secret", lambda self: "the same for all")
 
-    def run(seed, body, moves):
+    def run(seed, body, moves, recorder=Recorder):
         numbers = itertools.count(1)  # viser's names for its panels
         monkeypatch.setattr("viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96)))
         folder = tmp_path / str(seed)
-        folder.mkdir()
-        server = serve(sources(seed), policies, database=folder / "playground.db")
+        folder.mkdir(exist_ok=True)
+        server = serve(sources(seed), policies, database=folder / "playground.db", studies=folder / "studies")
         with ExitStack() as stack:
-            recorder = Recorder(server, stack, body)
+            played = recorder(server, stack, body)
             for action in PATH[:moves]:
-                recorder.move(action)
-        return recorder
+                played.move(action)
+        return played
 
     return run
 
@@ -220,6 +218,37 @@ def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, riva
     assert (Episode.begin(config, seed=one).terrain != Episode.begin(config, seed=other).terrain).any()
     body = {"size": list(size), "rival": rival}
     first, second = (recorded(seed, body, moves) for seed in (one, other))
+    for number in range(moves):
+        assert len(first.tape.moments[number]) > 20
+        assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
+    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so the tapes can tell"
+    for recorder, seed in ((first, one), (second, other)):
+        assert not [text for text in writings(seed) if text in recorder.tape.bytes]
+
+
+@pytest.fixture
+def studied(recorded, tmp_path, monkeypatch):
+    """`studied(seed, phase, moves)` -> the tape of a participant whose terrain in that phase is the seed's."""
+    frozen = []
+
+    def run(seed, phase, moves, size):
+        if not frozen:
+            freeze(tmp_path / "first", "twins", warm_up=1, ranked=1, size=size)
+            frozen.append(tmp_path / "first")
+        studies = tmp_path / str(seed) / "studies"  # the same files: protocol, hash, commitment
+        shutil.copytree(frozen[0], studies)
+        label = {"warm_up": "warm-up", "ranked": "ranked"}[phase]
+        monkeypatch.setattr(Study, "seed", lambda self, asked, i: seed if asked == label else FIRST_SEED - 1)
+        return recorded(seed, phase, moves, ParticipantRecorder)
+
+    return run
+
+
+@pytest.mark.parametrize("phase", ["warm_up", "ranked"])
+@pytest.mark.parametrize("size", [(9, 14), (17, 12)])
+def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(studied, size, phase):
+    one, other, moves = twins(EnvConfig.of("random", size), False)
+    first, second = (studied(seed, phase, moves, size) for seed in (one, other))
     for number in range(moves):
         assert len(first.tape.moments[number]) > 20
         assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"

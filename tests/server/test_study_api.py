@@ -18,7 +18,7 @@ def study(tmp_path):
 
 @pytest.fixture
 def server(serve, study, tmp_path):
-    return serve(studies=tmp_path / "studies")
+    return serve()
 
 
 def rows(server, sql, *values):
@@ -381,7 +381,7 @@ def test_study_episodes_never_enter_the_playgrounds_own_human_level(server, tmp_
 
 def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(serve, tmp_path):
     freeze(tmp_path / "studies")
-    Person(serve(studies=tmp_path / "studies")).server.stop()
+    Person(serve()).server.stop()
     freeze(tmp_path / "others")
     server = serve(studies=tmp_path / "others")
     assert "cannot be played on this server now" in Person(server, joins=False).refused("join")
@@ -390,7 +390,7 @@ def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(s
 def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(serve, tmp_path):
     freeze(tmp_path / "studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
            return_url="https://example.org/done?code={code}")  # fmt: skip
-    person = Person(serve(studies=tmp_path / "studies"), "bare", outside_ids={"PROLIFIC_PID": "p"})
+    person = Person(serve(), "bare", outside_ids={"PROLIFIC_PID": "p"})
     person.to_warm_up()
     assert person.where["stage"] == "ranked"
     person.play_on()
