@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 import time
 from contextlib import closing
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class Health:
             with closing(Reader.open(self._database)) as reader:
                 rows = reader.query("PRAGMA quick_check(5)")
             result = "; ".join(str(next(iter(row.values()))) for row in rows)
-        except StoreError as error:
+        except (StoreError, sqlite3.DatabaseError) as error:
             result = str(error)
         self._check = Check(result, _now_ms())
 

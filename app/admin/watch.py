@@ -37,14 +37,15 @@ def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
 
 
 async def messages(session: Session) -> AsyncIterator[str]:
-    """Yield a board's frames, the newest only, and its history at each new episode, until nobody asks any more."""
-    frame, episode = "", ""
+    """Yield a board's frames, the newest only, and its history wherever frames were missed, until nobody asks any more."""
+    frame, episode, steps = "", "", 0
     with session.channel.follow() as follower:
         async for _ in follower:
             newest = encode_frame(session.current.id, session.episode)
-            if newest != frame:
-                frame = newest
-                yield frame
-            if session.current.id != episode:
-                episode = session.current.id
-                yield encode_history(episode, session.episode)
+            if newest == frame:
+                continue
+            frame = newest
+            yield frame
+            if session.current.id != episode or session.episode.steps > steps + 1:
+                yield encode_history(session.current.id, session.episode)
+            episode, steps = session.current.id, session.episode.steps

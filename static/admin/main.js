@@ -1,0 +1,170 @@
+// @ts-check
+// Wires the operator's console: log in, ask every two seconds, paint; the door's 401 leads back to the login.
+import { createCall } from "../api.js";
+import { createLive, MOST } from "./live.js";
+import * as tables from "./tables.js";
+import { attention, exportText, many, summary } from "./words.js";
+
+/** @typedef {{name: string, title: string, status: string, error: string | null}} Listed */
+/** @typedef {{studies: Listed[], boards: import("./live.js").Seat[], health: import("./words.js").Health, now_ms: number}} Overview */
+
+const EVERY_MS = 2000;
+const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
+const call = createCall((path, options) => fetch(path, options), "");
+const live = createLive(by("boards"), document.baseURI);
+
+/** @type {{chosen: string, overview: Overview | null, study: import("./words.js").Study | null}} */
+let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null };
+let timer = 0;
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+
+/** @param {boolean} isIn */
+function enter(isIn) {
+  document.body.dataset.in = isIn ? "yes" : "no";
+  if (isIn) return;
+  clearTimeout(timer);
+  state = { ...state, overview: null, study: null };
+  live.sync([]);
+  by("password").focus();
+}
+
+async function load() {
+  clearTimeout(timer);
+  try {
+    const overview = await call("admin/overview");
+    const { studies } = overview;
+    const usable = studies.filter((/** @type {Listed} */ { status }) => status === "open" || status === "closed");
+    const chosen = usable.some((/** @type {Listed} */ { name }) => name === state.chosen) ? state.chosen : (usable.find((/** @type {Listed} */ { status }) => status === "open") ?? usable[0])?.name ?? "";
+    const study = chosen ? await call(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
+    state = { chosen, overview, study };
+    enter(true);
+    paint();
+    tell("open");
+  } catch (error) {
+    if (/** @type {any} */ (error).status === 401) return enter(false);
+    tell("lost", /** @type {Error} */ (error).message);
+  }
+  timer = setTimeout(next, EVERY_MS);
+}
+const next = () => { if (document.hidden) timer = setTimeout(next, EVERY_MS); else load(); };
+
+/** @param {"open" | "lost"} link @param {string} [why] */
+function tell(link, why = "") {
+  by("link").dataset.link = link;
+  by("link").lastElementChild.textContent = link === "open" ? "live" : "not live";
+  by("link").title = why;
+}
+
+/** @param {string} text */
+function notice(text) {
+  const line = document.createElement("p");
+  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Dismiss" });
+  button.addEventListener("click", () => line.remove());
+  line.append(text, button);
+  by("notices").replaceChildren(line);
+}
+
+function paint() {
+  const { overview, study, chosen } = state;
+  if (!overview) return;
+  document.body.dataset.study = study ? "some" : "none";
+  paintStudies(overview.studies, chosen);
+  const mine = overview.boards.filter((board) => board.study === chosen);
+  const boards = [...mine, ...overview.boards.filter((board) => board.study !== chosen)];
+  live.sync(boards);
+  by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MOST ? `${MOST} of ${boards.length}` : String(boards.length);
+  tables.paintHealth(by("health"), overview.health, overview.now_ms);
+  if (study) paintStudy(study, overview);
+}
+
+/** @param {Listed[]} studies @param {string} chosen */
+function paintStudies(studies, chosen) {
+  const select = by("study");
+  const key = JSON.stringify(studies);
+  if (select.dataset.shown !== key) {
+    select.dataset.shown = key;
+    select.replaceChildren(...studies.map(({ name, status }) => Object.assign(new Option(`${name} (${status})`, name), { disabled: status === "draft" || status === "broken" })));
+    for (const { error } of studies) if (error) notice(error);
+  }
+  select.value = chosen;
+  select.closest("label").hidden = studies.length === 0;
+  if (chosen) return;
+  by("title").textContent = studies.length ? "No study is open" : "No study yet";
+  by("summary").textContent = studies.length ? "Drafts become studies with `marsexplorer study freeze NAME`." : "Begin one with `marsexplorer study new NAME`, then `marsexplorer study freeze NAME`: it appears here at once.";
+  by("status").hidden = true;
+}
+
+/** @param {import("./words.js").Study} study @param {Overview} overview */
+function paintStudy(study, overview) {
+  const isOpen = study.status === "open";
+  by("title").textContent = study.title;
+  by("summary").textContent = summary(study);
+  by("status").hidden = false;
+  by("status").textContent = by("status").dataset.status = study.status;
+  tables.paintStages(by("stages"), study.stages);
+  tables.paintFigure(by("figure"), by("figure-words"), study);
+  tables.paintAttention(by("attention"), attention(study, overview.health));
+  tables.paintPeople(by("people"), study);
+  const { report, release } = study.exports;
+  tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
+  tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
+  const isBusy = report?.state === "making" || release?.state === "making";
+  by("make-report").disabled = isBusy || study.participants.length === 0;
+  by("make-release").disabled = isBusy || isOpen || study.participants.length === 0;
+  by("authors").closest("p").hidden = isOpen;
+  by("close").closest("div").hidden = !isOpen;
+}
+
+/** Does what was asked, says what went wrong, looks again. @param {() => Promise<unknown>} act */
+async function doing(act) {
+  try {
+    await act();
+  } catch (error) {
+    notice(/** @type {Error} */ (error).message);
+  }
+  await load();
+}
+
+by("login").addEventListener("submit", async (/** @type {Event} */ event) => {
+  event.preventDefault();
+  by("wrong").textContent = "";
+  try {
+    await call("admin/login", { password: by("password").value });
+    by("password").value = "";
+    await load();
+  } catch (error) {
+    by("wrong").textContent = /** @type {Error} */ (error).message;
+    by("password").select();
+  }
+});
+by("logout").addEventListener("click", async () => {
+  await call("admin/logout", {}).catch(() => {});
+  enter(false);
+});
+by("study").addEventListener("change", () => {
+  state = { ...state, chosen: by("study").value };
+  history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
+  load();
+});
+const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
+by("make-report").addEventListener("click", () => doing(() => call(ofStudy("exports/report"), {})));
+by("make-release").addEventListener("click", () => {
+  const authors = by("authors").value.split(",").map((/** @type {string} */ name) => name.trim()).filter(Boolean);
+  doing(() => call(ofStudy("exports/release"), { authors }));
+});
+by("check").addEventListener("click", () => doing(() => call("admin/check", {}, 600000)));
+
+by("close").addEventListener("click", () => {
+  const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;
+  by("confirm-words").textContent = `${under ? `${many(under, "person is", "people are")} on the way and cannot finish. ` : "Nobody is on the way. "}The secret behind the terrains of ${state.chosen} is revealed, and nothing takes that back.`;
+  by("typed").value = "";
+  by("close-now").disabled = true;
+  by("confirm").showModal();
+});
+by("typed").addEventListener("input", () => { by("close-now").disabled = by("typed").value !== state.chosen; });
+by("keep-open").addEventListener("click", () => by("confirm").close());
+by("confirm-form").addEventListener("submit", (/** @type {SubmitEvent} */ event) => {
+  if (by("typed").value !== state.chosen) return event.preventDefault();
+  return doing(() => call(ofStudy("close"), { name: by("typed").value }));
+});
+load();

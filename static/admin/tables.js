@@ -1,0 +1,113 @@
+// @ts-check
+// Stages, figure, participants, health: elements made from what the server says.
+import { score } from "../words.js";
+import { ago, endings, flags, many, place, size, stageName } from "./words.js";
+
+/** @typedef {import("./words.js").Study} Study @typedef {import("./words.js").Interval} Interval */
+
+/** @param {string} kind @param {string | Node | (string | Node)[]} [content] @param {Record<string, string>} [data] */
+function made(kind, content = [], data = {}) {
+  const element = document.createElement(kind);
+  element.append(...(Array.isArray(content) ? content : [content]));
+  for (const [name, value] of Object.entries(data)) {
+    if (name === "class") element.className = value;
+    else if (name === "scope") element.setAttribute(name, value);
+    else element.dataset[name] = value;
+  }
+  return element;
+}
+
+/** @param {HTMLTableElement} table @param {Study["stages"]} stages */
+export function paintStages(table, stages) {
+  const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
+  table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
+    const track = made("div", [human, script].map((count) => {
+      const bar = made("i");
+      bar.style.width = `${(100 * count) / most}%`;
+      return bar;
+    }), { class: "track" });
+    const cells = [made("th", stageName(stage), { scope: "row" }), made("td", track), made("td", String(human), { class: "number" }), made("td", String(script), { class: "number" })];
+    return made("tr", cells, { testid: `stage-${stage}`, empty: String(human + script === 0) });
+  }));
+}
+
+/** @param {HTMLElement} where @param {HTMLElement} words @param {Study} study */
+export function paintFigure(where, words, { figure, max_steps: limit }) {
+  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d; it moves until everybody is through.` : "";
+  if (!figure?.players || !figure.steps || !figure.score) {
+    where.replaceChildren(made("p", "No person has finished a ranked episode yet, so there is no figure.", { class: "empty" }));
+    return;
+  }
+  where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
+}
+
+/** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low @param {number} high */
+function measure(name, value, text, low, high) {
+  const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;
+  const span = made("div", [], { class: "span" });
+  span.setAttribute("aria-hidden", "true");
+  if (value.low !== null && value.high !== null) {
+    const spread = made("i");
+    spread.style.left = `${place(value.low, low, high)}%`;
+    spread.style.width = `${place(value.high, low, high) - place(value.low, low, high)}%`;
+    span.append(spread);
+  }
+  const dot = made("b");
+  dot.style.left = `${place(value.mean, low, high)}%`;
+  span.append(dot);
+  return made("div", [made("dl", [made("dt", name), made("dd", [text(value.mean), made("small", interval)])]), span], { class: "measure" });
+}
+
+/** @param {HTMLTableElement} table @param {Study} study */
+export function paintPeople(table, study) {
+  const rows = study.participants.map((person) => {
+    const bar = Object.assign(document.createElement("progress"), { max: study.ranked, value: person.ranked });
+    bar.setAttribute("aria-label", `Ranked episodes of ${person.label}`);
+    const kind = person.kind === "script" ? [made("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
+    const progress = person.stage === "warm_up" ? `warm-up ${person.warm_up} of ${study.warm_up}` : `${person.ranked} of ${study.ranked}`;
+    const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => made("td", text, { class: "number" }));
+    const cells = [made("th", [person.label, ...kind], { scope: "row" }), made("td", stageName(person.stage)), made("td", [bar, progress]), ...numbers,
+      made("td", endings(person.outcomes)), made("td", flags(person, study.labels)), made("td", ago(study.now_ms - person.last_ms), { class: "number" })];
+    return made("tr", cells, { testid: `person-${person.label}`, quiet: String(person.is_quiet), stage: person.stage });
+  });
+  if (rows.length === 0) {
+    const cell = made("td", "Nobody has joined yet.");
+    /** @type {HTMLTableCellElement} */ (cell).colSpan = 8;
+    rows.push(made("tr", cell));
+  }
+  table.tBodies[0].replaceChildren(...rows);
+}
+
+/** @param {HTMLElement} list @param {{text: string, detail: string, isWarning: boolean}[]} found */
+export function paintAttention(list, found) {
+  const items = found.map(({ text, detail, isWarning }) => made("li", [text, made("span", detail)], { tone: isWarning ? "warn" : "note" }));
+  list.replaceChildren(...(items.length ? items : [made("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
+}
+
+/** @param {HTMLElement} list @param {import("./words.js").Health} health @param {number} now_ms */
+export function paintHealth(list, health, now_ms) {
+  const { disk, database, check } = health;
+  /** @type {[string, string, string][]} */
+  const facts = [
+    ["Disk", `${size(disk.free)} free of ${size(disk.total)}`, disk.is_low ? "warn" : ""],
+    ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
+    ["Last write", ago(now_ms - health.last_write_ms), ""],
+    ["Integrity", check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, check.is_whole ? "good" : "warn"],
+    ["Server", `${many(health.sessions, "board")} in memory, up for ${ago(1000 * health.up_s + 10000).replace(" ago", "")}`, ""],
+  ];
+  list.replaceChildren(...facts.flatMap(([name, text, tone]) => [made("dt", name), made("dd", text, { tone })]));
+}
+
+/** @param {HTMLElement} place @param {string} text @param {import("./words.js").Export | null} state @param {string} study */
+export function paintExport(place, text, state, study) {
+  const key = JSON.stringify([text, state?.files]);
+  if (place.dataset.shown === key) return; // a link in focus stays the same link
+  place.dataset.shown = key;
+  place.dataset.state = state?.state ?? "none";
+  const links = (state?.files ?? []).map(({ name, size: bytes }) => {
+    const link = Object.assign(document.createElement("a"), { href: `api/admin/studies/${encodeURIComponent(study)}/files/${encodeURIComponent(name)}`, textContent: `${name} (${size(bytes)})` });
+    link.setAttribute("download", name);
+    return link;
+  });
+  place.replaceChildren(`${text} `, ...links);
+}

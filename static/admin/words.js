@@ -1,0 +1,96 @@
+// @ts-check
+// The operator's console in words: times, sizes, stages, what is worth a look. No document here.
+
+/** @typedef {{stage: string, human: number, script: number}} Stage */
+/** @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
+ *   left_at: string | null, deviations: number, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant */
+/** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
+/** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
+/** @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export */
+/** @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
+ *   warm_up: number, ranked: number, stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
+ *   exports: {report: Export | null, release: Export | null}, now_ms: number}} Study */
+/** @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
+ *   check: {result: string, is_whole: boolean, at_ms: number}, sessions: number, up_s: number}} Health */
+
+/** @type {Record<string, string>} */
+const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
+/** @param {string} stage */
+export const stageName = (stage) => STAGES[stage] ?? stage;
+/** @param {number} count @param {string} one @param {string} [more] */
+export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
+
+/** @param {number} ms since then */
+export function ago(ms) {
+  const s = Math.max(0, Math.round(ms / 1000));
+  if (s < 10) return "now";
+  if (s < 60) return `${s} s ago`;
+  if (s < 3600) return `${Math.floor(s / 60)} min ago`;
+  if (s < 86400) return `${Math.floor(s / 3600)} h ago`;
+  return `${Math.floor(s / 86400)} d ago`;
+}
+
+/** @param {number} bytes */
+export function size(bytes) {
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  let k = 0;
+  while (bytes >= 1000 && k < units.length - 1) { bytes /= 1000; k += 1; }
+  return `${k === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[k]}`;
+}
+
+/** The line under a study's title. @param {Study} study */
+export function summary(study) {
+  const people = study.participants.filter(({ kind }) => kind === "human");
+  const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
+  const scripts = study.participants.length - people.length;
+  const who = people.length ? `${many(people.length, "person", "people")} of ${study.planned} planned, ${done} through` : `nobody of ${study.planned} planned has joined yet`;
+  const day = new Date(study.closed_ms ?? study.frozen_ms).toISOString().slice(0, 10);
+  return `${study.level} ${study.rows} \u00d7 ${study.cols}, ${study.warm_up} warm-up and ${study.ranked} ranked episodes. ${study.status === "open" ? "Open since" : "Closed on"} ${day}: `
+    + `${who}${scripts ? `, and ${many(scripts, "script")} that enter no human figure` : ""}.`;
+}
+
+/** What the operator should look at, the worst first. @param {Study} study @param {Health | null} health @returns {{text: string, detail: string, isWarning: boolean}[]} */
+export function attention({ participants, labels }, health) {
+  /** @type {{text: string, detail: string, isWarning: boolean}[]} */
+  const found = [];
+  const people = participants.filter(({ kind }) => kind === "human");
+  const named = (/** @type {Participant[]} */ list) => list.slice(0, 6).map(({ label }) => label).join(", ") + (list.length > 6 ? " \u2026" : "");
+  if (health && !health.check.is_whole) found.push({ text: "The database is damaged", detail: health.check.result, isWarning: true });
+  if (health?.disk.is_low) found.push({ text: "The disk is nearly full", detail: `${size(health.disk.free)} left`, isWarning: true });
+  const left = people.filter(({ stage }) => stage === "withdrawn");
+  if (left.length) {
+    const from = new Map();
+    for (const { left_at: stage } of left) from.set(stage ?? "consent", (from.get(stage ?? "consent") ?? 0) + 1);
+    found.push({ text: `${many(left.length, "person", "people")} left the study`, detail: [...from].map(([stage, count]) => `${count} at ${stageName(stage).toLowerCase()}`).join(", "), isWarning: false });
+  }
+  const quiet = people.filter(({ is_quiet: isQuiet }) => isQuiet);
+  if (quiet.length) found.push({ text: `${many(quiet.length, "person", "people")} without a sign for half an hour`, detail: named(quiet), isWarning: true });
+  const off = people.filter(({ deviations }) => deviations);
+  if (off.length) found.push({ text: `${many(off.length, "person", "people")} with a deviation`, detail: named(off), isWarning: true });
+  for (const { label, episodes, participants: who } of labels) {
+    found.push({ text: `\u201c${label}\u201d on ${many(episodes, "episode")}`, detail: who.slice(0, 6).join(", ") + (who.length > 6 ? " \u2026" : ""), isWarning: false });
+  }
+  return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
+}
+
+/** @type {Record<string, string>} */
+const ENDINGS = { explored: "explored", collided: "collided", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "given up" };
+/** Endings, the commonest first. @param {Record<string, number>} outcomes */
+export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${ENDINGS[outcome] ?? outcome}`).join(", ");
+
+/** Flags of one participant. @param {Participant} person @param {Study["labels"]} labels */
+export function flags(person, labels) {
+  const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
+  if (person.deviations) own.unshift("deviation");
+  return own.join(", ");
+}
+
+/** Where a mean stands between the ends of its measure, in percent. @param {number} value @param {number} low @param {number} high */
+export const place = (value, low, high) => Math.min(100, Math.max(0, (100 * (value - low)) / (high - low)));
+
+/** An export in words; its files are links beside. @param {Export | null} made @param {string} before @param {number} now_ms */
+export function exportText(made, before, now_ms) {
+  if (!made) return before;
+  if (made.state === "making") return `Being made, begun ${ago(now_ms - made.began_ms)}.`;
+  return made.state === "failed" ? `Not made: ${made.error}` : `Made ${ago(now_ms - made.began_ms)}:`;
+}
