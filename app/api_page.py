@@ -37,10 +37,10 @@ def render(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
     parts = [
         f'<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{escape(schema['info']['title'])}</title><style>{STYLE}</style>",
+        f"<title>{escape(schema['info']['title'])}</title><style>{STYLE}</style><main>",
         f"<h1>{escape(schema['info']['title'])}</h1><p>{_text(schema['info'].get('description', ''))}</p>",
         '<p>The schema for machines: <a href="openapi.json">openapi.json</a></p>',
-        f"<h2>An episode in ten lines</h2><pre>{escape(EXAMPLE)}</pre><h2>The socket</h2><pre>{escape(SOCKET)}</pre>",
+        f"<h2>An episode in ten lines</h2>{_code(EXAMPLE)}<h2>The socket</h2>{_code(SOCKET)}",
     ]
     tag = ""
     for path, verbs in schema["paths"].items():
@@ -52,7 +52,12 @@ def render(schema: dict[str, Any]) -> str:
     parts.append("<h2>What the answers hold</h2>")
     shown = ("Frame", "History", "Pace")
     parts += [_model(name, schema["components"]["schemas"][name]) for name in shown]
-    return "\n".join(parts)
+    return "\n".join([*parts, "</main></html>"])
+
+
+def _code(text: str) -> str:
+    """Return text as it stands; it can be scrolled with the keyboard where it is wider than the screen."""
+    return f'<pre tabindex="0">{escape(text)}</pre>'
 
 
 def _text(text: str) -> str:

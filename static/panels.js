@@ -90,7 +90,7 @@ export function paintEnd({ part }, state) {
 /** The top bar: mode, badge, terrain, health of the line. @param {State} state @param {Document} page */
 export function paintBar(state, page) {
   const by = (/** @type {string} */ id) => /** @type {HTMLElement} */ (page.getElementById(id));
-  for (const button of page.querySelectorAll("[data-mode]")) {
+  for (const button of page.querySelectorAll("button[data-mode]")) {
     button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.mode === state.mode));
   }
   const badge = by("badge");

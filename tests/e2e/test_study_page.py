@@ -482,13 +482,13 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participan
     other.stands("withdrawn")
     found["withdrawn"] = violations(other.page)
     assert {place: problems for place, problems in found.items() if problems} == {}
-    assert len(seen) == 18
+    assert len(seen) == 20
     assert me.errors == []
 
 
 def test_axe_finds_nothing_on_the_playground_and_its_documents(spawn, player):
     server = spawn()
-    me = player(server, reduced_motion="reduce")
+    me = player(server, NO_3D, reduced_motion="reduce")
     me.goto()
     found = {}
 
@@ -501,10 +501,13 @@ def test_axe_finds_nothing_on_the_playground_and_its_documents(spawn, player):
         me.page.get_by_test_id(f"mode-{mode}").click()
         me.wait(f"window.mars.state.mode === '{mode}' && window.mars.state.player.frame.outcome === null")
         look(mode)
-    me.press("north")
+    eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
     look("end")
     me.page.get_by_test_id("open-settings").click()
     look("sheet")
     me.page.goto(f"{server.url}/docs")
     look("docs")
+    other = player(server, reduced_motion="reduce").goto()
+    other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+    found["3-D"] = violations(other.page)
     assert {place: problems for place, problems in found.items() if problems} == {}
