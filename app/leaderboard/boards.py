@@ -7,7 +7,9 @@ from typing import Any
 
 from app.human_level import human_level
 from app.leaderboard.figures import Job
+from app.leaderboard.studies import Studies, ranked_seeds
 from app.reader import Reader
+from app.study.data import StudyData
 from marsexplorer.config import LEVELS, EnvConfig
 
 FIRST_SEED = 1_000_000_000
@@ -22,9 +24,10 @@ class Board:
     """A configuration and the terrains on which policies stand beside people.
 
     id        in the page's address
-    human     the figure of `app.human_level`, None while nobody has played for it
+    human     the figure of `app.human_level`, or of a study with its pictures; None while nobody has played
     seeds     of the policies' terrains
-    policies  names; None means everything on offer
+    study     its name; None for a board of the playground
+    policies  names (or paths); None means everything on offer
     """
 
     id: str
@@ -38,9 +41,9 @@ class Board:
     def jobs(self, sources: dict[str, str]) -> list[Job]:
         """Return what has to be evaluated, quick policies first; `sources` is what `policies.load` takes, by name."""
         slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
-        chosen = [name for name in sources if self.policies is None or name in self.policies]
+        chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        return [Job(sources[name], self.config, self.seeds) for name in ordered]
+        return [Job(sources.get(name, name), self.config, self.seeds) for name in ordered]
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a list of boards says of it."""
@@ -60,9 +63,9 @@ class Board:
         }
 
 
-def boards(reader: Reader) -> list[Board]:
-    """Return every board: those that people have played first, the most played before the others."""
-    found = {}
+def boards(reader: Reader, studies: Studies) -> list[Board]:
+    """Return every board: closed studies, then what people have played, the most played first, then the rest."""
+    found = {f"study-{data.protocol.name}": _of_study(data, human) for data, human in studies.closed(reader)}
     for figure in human_level(reader)["figures"]:
         config = EnvConfig(**figure["config"])
         found[config.hash] = _board(config, figure)
@@ -75,6 +78,12 @@ def held_out(config: EnvConfig) -> tuple[int, ...]:
     """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
     count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
     return tuple(range(FIRST_SEED, FIRST_SEED + count))
+
+
+def _of_study(data: StudyData, human: dict[str, Any] | None) -> Board:
+    protocol = data.protocol
+    names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
+    return Board(*names, human, ranked_seeds(data), protocol.name, protocol.policies)
 
 
 def _board(config: EnvConfig, human: dict[str, Any] | None) -> Board:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from fastapi.responses import FileResponse
 from app.leaderboard.boards import Board, boards
 from app.leaderboard.figures import Figures
 from app.leaderboard.people import People
+from app.leaderboard.studies import Studies
 from app.reader import Reader
 
 NOBODY = "Nobody has played this for the human score yet."
@@ -25,11 +27,13 @@ class Leaderboard:
         self._database, self._sources = database, sources
         self._figures = Figures(database.with_name(database.name + "-figures.json"))
         self._people = People()
+        self._studies = Studies()
+        self._reading = threading.Lock()
 
     def boards(self) -> list[Board]:
-        """Return every board."""
-        with closing(Reader.open(self._database)) as reader:
-            return boards(reader)
+        """Return every board; one thread at a time reads what has not been read before."""
+        with self._reading, closing(Reader.open(self._database, public=True)) as reader:
+            return boards(reader, self._studies)
 
     async def detail(self, board_id: str) -> dict[str, Any]:
         """Return everything about one board; evaluations that are missing begin. HTTPException 404 for an unknown one."""
@@ -40,7 +44,7 @@ class Leaderboard:
         jobs = found.jobs(self._sources)
         names = {source: name for name, source in self._sources.items()}
         states = self._figures.ask(jobs)
-        policies = [{"name": names[job.policy], **state} for job, state in zip(jobs, states, strict=True)]
+        policies = [{"name": names.get(job.policy, job.policy), **state} for job, state in zip(jobs, states, strict=True)]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY}
 
     async def close(self) -> None:
@@ -48,9 +52,9 @@ class Leaderboard:
         await self._figures.close()
 
     def _people_of(self, board: Board) -> dict[str, Any] | None:
-        if board.human is None:
-            return None
-        with closing(Reader.open(self._database)) as reader:
+        if board.human is None or board.study is not None:
+            return board.human
+        with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             pictures = self._people.pictures(reader, board.config, board.human)
         plain = ("players", "episodes", "score", "steps", "completed")
         return {**{name: board.human[name] for name in plain}, **pictures}
@@ -66,7 +70,8 @@ def router(page: Path) -> APIRouter:
 
     @routes.get("/api/leaderboard", tags=["results"], summary="What people and policies are compared on")
     async def get_boards(request: Request) -> list[dict[str, Any]]:
-        """One entry per configuration; those that people have played stand first."""
+        """One entry per closed study and per configuration; what people have played stands first."""
+        request.app.state.flow.note_closed()
         return [board.to_dict() for board in await asyncio.to_thread(_of(request).boards)]
 
     @routes.get("/api/leaderboard/{board}", tags=["results"], summary="People, policies and rules on one scale")

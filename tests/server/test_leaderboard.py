@@ -8,11 +8,14 @@ import pytest
 from conftest import eventually
 from recorded import SMALL, add_session, open_episode, play
 from scipy import stats
+from study_tools import Person, freeze
 
 from app.leaderboard import boards as listing
 from app.leaderboard.figures import Figures, Job, policy_hash
+from app.leaderboard.studies import Studies
 from app.leaderboard.tally import Played, curve, figure, trials, visits
 from app.store import Store
+from app.study.folder import Folder
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.boards import EVALUATION_SEEDS
@@ -57,9 +60,9 @@ def test_policies_terrains_are_those_that_training_refuses():
 def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
-        assert [board.to_dict()["players"] for board in listing.boards(store)] == [0] * len(listing.OFFERED)
+        assert [board.to_dict()["players"] for board in listing.boards(store, Studies())] == [0] * len(listing.OFFERED)
         play(store, seed=1, explore=True)
-        first, *rest = listing.boards(store)
+        first, *rest = listing.boards(store, Studies())
     finally:
         store.close()
     assert first.config == SMALL
@@ -131,6 +134,37 @@ def test_nobody_has_played(serve, quick):
     assert all(policy["figure"] is None for policy in found["policies"]), "no figure before it is made"
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
+
+
+def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(serve, tmp_path):
+    study = freeze(tmp_path / "studies")
+    server = serve()
+    person = Person(server)
+    person.to_warm_up()
+    frames = person.play_on()["ranked"]
+    script = Person(server, script="noisy-frontier")
+    script.to_warm_up()
+    client = server.client()
+    assert not [board for board in client.get("/api/leaderboard").json() if board["study"]], "open: scores are hidden"
+    assert client.get("/api/leaderboard/study-small").status_code == 404
+    assert client.get("/api/leaderboard/random-7x9").status_code == 404, "a study's episodes make no playground figure"
+    Folder(tmp_path / "studies").close("small")
+    first = client.get("/api/leaderboard").json()[0]
+    assert (first["id"], first["study"], first["players"], first["terrains"]) == ("study-small", "small", 1, 3)
+
+    def made():
+        found = client.get("/api/leaderboard/study-small").json()
+        return found if found["policies"][0]["figure"] else None
+
+    found = eventually(made, 120)
+    steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
+    assert (found["people"]["players"], found["people"]["steps"]["mean"]) == (1, pytest.approx(np.mean(steps)))
+    assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
+    assert np.shape(found["people"]["visits"]) == (7, 9)
+    assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
+    own = [evaluate(["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i), workers=1) for i in range(3)]
+    mean = np.mean([table.results[0].steps_to_99 for table in own])
+    assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
 
 
 def test_a_page_for_people_that_links_back(serve):

@@ -1,0 +1,61 @@
+"""Studies that have been closed, on the leaderboard: people and policies on the very same terrains.
+
+An open study is not here: a mean that changes with every episode would tell players their hidden scores.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from app.leaderboard.tally import Played, trials
+from app.reader import Reader
+from app.report import live_figure
+from app.report.pictures import of_groups
+from app.report.sets import members, people_of
+from app.study.data import StudyData, load
+from app.study.seeds import seed
+
+_CLOSED = "SELECT name, closed_ms FROM studies WHERE closed_ms IS NOT NULL AND secret IS NOT NULL ORDER BY closed_ms DESC"
+
+
+class Studies:
+    """Closed studies of a database, read once each: nothing happens in them any more."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, int, int], tuple[StudyData, dict[str, Any] | None]] = {}
+
+    def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
+        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time."""
+        found = []
+        for row in reader.query(_CLOSED):
+            # one who is forgotten afterwards is gone from here as well
+            people = reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [row["name"]])[0]["n"]
+            key = (row["name"], row["closed_ms"], people)
+            if key not in self._known:
+                data = load(reader, row["name"])
+                self._known[key] = (data, _people(reader, data))
+            found.append(self._known[key])
+        return found
+
+
+def ranked_seeds(data: StudyData) -> tuple[int, ...]:
+    """Return the seeds of a closed study's ranked terrains, in order."""
+    assert data.secret is not None
+    secret = bytes.fromhex(data.secret)
+    return tuple(seed(secret, data.protocol_hash, "ranked", i) for i in range(data.protocol.ranked))
+
+
+def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
+    figure = live_figure(data)
+    if not figure["players"]:
+        return None
+    cohort = people_of(data)
+    rules = data.protocol.exclusion.get(figure["set"], {})
+    ranked = [cohort.ranked[person] for person in members(cohort, rules)]
+    groups = [[Played(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ()) for each in own] for own in ranked]
+    completed = float(np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups]))
+    pictures = of_groups(reader, data, synthetic=False).get("people", {})
+    plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
+    return {**plain, "completed": completed, "curve": None, "visits": None, **pictures, "trials": trials(groups)}

@@ -1,0 +1,55 @@
+// The operator's console in words, and boards as their messages come, without a page.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { caption, heard } from "../../static/admin/live.js";
+import { ago, attention, endings, exportText, flags, place, size, summary } from "../../static/admin/words.js";
+
+const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, last_ms: 0, is_quiet: false, left_at: null, deviations: 0,
+  warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, ...rest });
+const study = (rest = {}) => ({ name: "dunes", title: "Dunes", status: "open", frozen_ms: Date.UTC(2026, 10, 2), closed_ms: null, level: "random", rows: 21, cols: 21, max_steps: 441,
+  planned: 10, warm_up: 15, ranked: 30, stages: [], participants: [], figure: null, labels: [], exports: { report: null, release: null }, now_ms: 0, ...rest });
+const well = { disk: { free: 5e10, total: 1e11, is_low: false }, database: {}, check: { is_whole: true, result: "ok" } };
+
+test("times and sizes are short", () => {
+  assert.deepEqual([0, 42_000, 150_000, 7_200_000, 200_000_000].map(ago), ["now", "42 s ago", "2 min ago", "2 h ago", "2 d ago"]);
+  assert.deepEqual([512, 4096, 680_000, 72_100_000_000].map(size), ["512 B", "4.1 kB", "680 kB", "72.1 GB"]);
+});
+
+test("people and scripts are counted apart", () => {
+  assert.match(summary(study()), /Open since 2026-11-02: nobody of 10 planned has joined yet\.$/);
+  const participants = [person("A", { stage: "complete" }), person("B"), person("S", { kind: "script", script: "random" })];
+  assert.match(summary(study({ participants })), /2 people of 10 planned, 1 through, and 1 script outside of every human figure\.$/);
+});
+
+test("what is worth a look: damage and silence first, labels after, nothing of scripts", () => {
+  assert.deepEqual(attention(study(), well), []);
+  const participants = [person("A", { stage: "withdrawn", left_at: "warm_up" }), person("B", { is_quiet: true }), person("C", { deviations: 1 }),
+    person("S", { kind: "script", is_quiet: true, deviations: 3, stage: "withdrawn" })];
+  const labels = [{ label: "no key-up", episodes: 2, participants: ["C"] }];
+  const found = attention(study({ participants, labels }), { ...well, check: { is_whole: false, result: "page 7 is torn" } });
+  assert.deepEqual(found.map(({ text, isWarning }) => [text, isWarning]), [["The database is damaged", true], ["1 person without a sign for half an hour", true],
+    ["1 person with a deviation", true], ["1 person left the study", false], ["\u201cno key-up\u201d on 2 episodes", false]]);
+  assert.equal(found[3].detail, "1 at warm-up");
+  assert.equal(flags(participants[2], labels), "deviation, no key-up");
+});
+
+test("endings, places and exports in words", () => {
+  assert.equal(endings({ collided: 1, explored: 4 }), "4 explored, 1 collided");
+  assert.deepEqual([place(0, 0, 2), place(1, 0, 2), place(9, 0, 2)], [0, 50, 100]);
+  assert.equal(exportText(null, "Not yet.", 0), "Not yet.");
+  assert.equal(exportText({ state: "failed", began_ms: 0, error: "no room", files: [] }, "", 0), "Not made: no room");
+});
+
+test("a watched board keeps its path, begins anew with an episode, and heals by a history", () => {
+  const frame = (episode, step, position) => ({ kind: "frame", episode, step, position });
+  let board = heard({ frame: null, trail: [] }, frame("a", 0, [0, 0]));
+  board = heard(board, frame("a", 1, [0, 1]));
+  assert.deepEqual(board.trail, [[0, 0], [0, 1]]);
+  board = heard(board, frame("a", 4, [1, 3]));
+  assert.deepEqual(board.trail.length, 2, "steps are missing");
+  board = heard(board, { kind: "history", episode: "a", positions: [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]] });
+  assert.equal(board.trail.length, 5);
+  assert.deepEqual(heard(board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
+  assert.deepEqual(caption({ label: "AB12", kind: "script", phase: "ranked", trial: 4 }), ["AB12 (script)", "Ranked 5"]);
+  assert.deepEqual(caption({ label: null, kind: "human", phase: null, trial: null }), ["a player", "playground"]);
+});
