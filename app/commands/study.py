@@ -176,3 +176,60 @@ def list_(studies: Path | None) -> None:
         click.echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
         return
     print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
+
+
+@study.command(short_help="How many players give the interval wanted.")
+@click.option("--half-width", type=float, required=True, help="Wanted half-width of the 95 % interval, in the metric's unit.")
+@click.option("--player-sd", type=float, help="Standard deviation between players' true means, in the metric's unit.")
+@click.option("--episode-sd", type=float, help="Standard deviation of an episode around its player's mean.")
+@click.option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
+@click.option("--metric", type=click.Choice(["score", "steps"]), default="score", show_default=True, help="With --study.")
+@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes each player plays.")
+@click.option("--assurance", type=float, default=0.8, show_default=True, help="Share of studies that reach the width.")
+@DATABASE
+def power(
+    half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
+    assurance: float, database: Path | None,
+) -> None:  # fmt: skip
+    """Say how many players a study needs for an interval of a wanted width.
+
+    More episodes cannot make up for few players: the spread between players stays. Give both standard deviations, or
+    a pilot study to take them from.
+
+    \b
+    Examples:
+      marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
+      marsexplorer study power --study pilot --metric steps --half-width 3
+    """
+    from app.report.power import power as plan_of
+
+    if name is not None and (player_sd is not None or episode_sd is not None):
+        raise click.UsageError("give --study or the two SDs, not both")
+    if name is None and (player_sd is None or episode_sd is None):
+        raise click.UsageError("expected --player-sd and --episode-sd, or --study NAME to take them from")
+    try:
+        spread = (player_sd or 0.0, episode_sd or 0.0) if name is None else _spread_of(name, metric, database)
+        plan = plan_of(*spread, half_width, ranked, assurance)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    click.echo(f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}")
+    click.echo(f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}")
+    rows = [(str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table]
+    print_table("Half-width of the 95 % interval", ("players", "on average", f"in {assurance:.0%} of studies"), rows)
+
+
+def _players(count: int | None) -> str:
+    return "more players than can be planned for here" if count is None else f"{count} players"
+
+
+def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
+    """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
+    from app.report.power import spread_of
+    from app.store import StoreError
+    from app.study.data import load
+
+    with _told():
+        try:
+            return spread_of(load(database or settings_of().database, name), metric)
+        except StoreError as error:
+            raise click.ClickException(str(error)) from error
