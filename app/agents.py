@@ -8,10 +8,12 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.protocol import encode_thought
 from app.session import Move, Session, revive
 from app.store import EpisodeRow
 from marsexplorer import policies
@@ -80,6 +82,14 @@ class Policies:
         return policies.load(self._offers[self.check(name)].source)
 
 
+@runtime_checkable
+class Thinking(Protocol):
+    """A policy that says what it thinks of the last observation."""
+
+    def thought(self) -> tuple[NDArray[np.float32], float]:
+        """Return (probabilities float32[4], value)."""
+
+
 @dataclass(frozen=True)
 class _Asked:
     policy: Policy
@@ -145,6 +155,7 @@ class Decisions:
 class Agent:
     """Drives `session`; beside a `player` it can follow, one move for each of the player's.
 
+    It decides as soon as it sees a frame and tells what it thinks of it, then waits for its turn to move.
     It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
     """
 
@@ -152,6 +163,7 @@ class Agent:
         self._session, self._player, self._load, self._decisions = session, player, load, decisions
         self._policy: Policy | None = None
         self._ready_for: EpisodeRow | None = None
+        self._decided: tuple[str, int, int] | None = None
         self._woken = asyncio.Event()
         self._singles = 0
         self._due = 0.0
@@ -172,15 +184,18 @@ class Agent:
 
     async def _run(self) -> None:
         while True:
-            delay = self._delay()
-            if delay is None or delay > 0:
-                await self._sleep(delay)
-                continue
             try:
-                await self._move()
+                if self._is_undecided():
+                    await self._think()
+                    continue
+                delay = self._delay()
+                if delay is None or delay > 0:
+                    await self._sleep(delay)
+                    continue
+                self._move()
             except Exception as error:
                 _log.exception("the policy %s failed", self._session.row.driver_name)
-                self._singles, self._ready_for = 0, None
+                self._singles, self._ready_for, self._decided = 0, None, None
                 self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
 
     def _delay(self) -> float | None:
@@ -207,7 +222,15 @@ class Agent:
             return
         self._woken.clear()
 
-    async def _move(self) -> None:
+    def _is_undecided(self) -> bool:
+        """Whether the newest frame asks for a decision that has not been made."""
+        session = self._session
+        if session.episode.ended or session.fault:
+            return False
+        return self._decided is None or self._decided[:2] != (session.current.id, session.episode.steps)
+
+    async def _think(self) -> None:
+        """Decide on the newest frame and tell what the policy thinks of it; an episode that changed meanwhile is dropped."""
         session, row = self._session, self._session.current
         policy = await self._prepared(row)
         if policy is None or session.current.id != row.id:
@@ -216,7 +239,16 @@ class Agent:
         action = await self._decisions.act(policy, session.episode.codes.copy())
         if session.current.id != row.id:
             return
-        session.act(Move(row.id, step, action, f"policy:{session.row.driver_name}"))
+        self._decided = (row.id, step, action)
+        if isinstance(policy, Thinking):
+            shares, value = policy.thought()
+            session.tell_thought(encode_thought(row.id, step, shares.tolist(), value))
+
+    def _move(self) -> None:
+        """Make the move that was decided on."""
+        assert self._decided is not None
+        episode, step, action = self._decided
+        self._session.act(Move(episode, step, action, f"policy:{self._session.row.driver_name}"))
         self._singles = max(0, self._singles - 1)
         self._schedule()
 

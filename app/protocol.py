@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from math import isfinite
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -211,6 +212,16 @@ class History(BaseModel):
     discovered: list[int]
 
 
+class Thought(BaseModel):
+    """What a policy makes of the frame of `step`: from the observation alone, about a policy's own board only."""
+
+    kind: Literal["thought"]
+    episode: str
+    step: int
+    probabilities: tuple[float, float, float, float] = Field(description="of north, east, south, west")
+    value: float | None = Field(description="what it expects to earn from here on, in its own units; null when it has none")
+
+
 class Pace(BaseModel):
     """How a policy's session moves."""
 
@@ -319,6 +330,18 @@ def encode_history(episode_id: str, episode: Episode) -> str:
     discovered = [int(count) for count in episode.discoveries]
     history = {"kind": "history", "episode": episode_id, "positions": positions, "discovered": discovered}
     return json.dumps(history, separators=(",", ":"))
+
+
+def encode_thought(episode_id: str, step: int, probabilities: Sequence[float], value: float) -> str:
+    """Return a policy's thought about the frame of `step` as JSON text; a value that is no number becomes null."""
+    thought = {
+        "kind": "thought",
+        "episode": episode_id,
+        "step": step,
+        "probabilities": [round(float(share), 4) for share in probabilities],
+        "value": round(float(value), 3) if isfinite(value) else None,
+    }
+    return json.dumps(thought, separators=(",", ":"))
 
 
 def encode_error(detail: str) -> str:

@@ -68,6 +68,7 @@ class Session:
     number    of the current episode, counting from 1; 0 before the first
     seat      a participant's, in a study; else None
     fault     one sentence when the policy at the controls has failed, else None
+    thought   what the policy at the controls makes of the newest frame, encoded; "" when it says nothing
     touched   monotonic seconds of the last access
     """
 
@@ -79,6 +80,7 @@ class Session:
         self.pace = None if self.is_human else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
         self.number = 0
         self.fault: str | None = None
+        self.thought = ""
         self.touched = time.monotonic()
         self.current: EpisodeRow
         self.episode: Episode
@@ -171,8 +173,16 @@ class Session:
         self.fault = fault
         self.channel.nudge()
 
+    def tell_thought(self, thought: str) -> None:
+        """Return with the policy's thought about the newest frame told; RuntimeError on a board that a person plays."""
+        if self.is_human or self.seat is not None:
+            raise RuntimeError("a policy's thoughts about a person's board are nobody's business")
+        self.thought = thought
+        self.channel.nudge()
+
     def tell(self) -> None:
         """Publish the frame as it stands, encoded once."""
+        self.thought = ""
         hides_scores = self.seat is not None and self.seat.hides_scores(self.current.id)
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 

@@ -59,7 +59,7 @@ class Socket:
 
     async def _send_newest(self) -> None:
         session, send = self._session, self._websocket.send_text
-        frame, episode = "", ""
+        frame, episode, thought = "", "", ""
         pace: Pace | None = None
         fault: str | None = None
         with session.channel.follow() as follower:
@@ -70,7 +70,11 @@ class Socket:
                 if session.current.id != episode:
                     episode = session.current.id
                     await send(encode_history(episode, session.episode))
-                if session.pace is not pace and session.pace is not None:
+                if session.thought != thought:
+                    thought = session.thought
+                    if thought:
+                        await send(thought)
+                if session.pace != pace and session.pace is not None:
                     pace = session.pace
                     await send(pace.model_dump_json())
                 if session.fault != fault:

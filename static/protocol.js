@@ -14,7 +14,12 @@
 /** @typedef {{kind: "refused", reason: string, frame: Frame}} Refused */
 /** @typedef {{kind: "error", detail: string}} Problem */
 /** @typedef {{kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second: number}} Pace */
-/** @typedef {Frame | History | Refused | Problem | Pace} FromServer */
+/**
+ * What a policy makes of the frame of `step` on its own board; the probabilities are those of ACTIONS, in their order.
+ * @typedef {{kind: "thought", episode: string, step: number, probabilities: [number, number, number, number],
+ *   value: number | null}} Thought
+ */
+/** @typedef {Frame | History | Refused | Problem | Pace | Thought} FromServer */
 /**
  * @typedef {{session: string, player: string, level: string, size: number | [number, number], counts: boolean, frame: Frame,
  *   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}}} About  what POST api/sessions answers
@@ -25,7 +30,8 @@ export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"])
 export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]);
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
   "reward", "return", "score", "outcome"];
-export const FROM_SERVER = ["frame", "history", "refused", "error", "pace"];
+export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "thought"];
 export const TO_SERVER = ["act", "history", "events"];
 
 /**

@@ -128,6 +128,8 @@ def listed(name):
 
 def test_the_page_and_the_server_name_the_same_messages():
     assert listed("FRAME_FIELDS") == [field.alias or name for name, field in protocol.Frame.model_fields.items()]
+    assert listed("THOUGHT_FIELDS") == list(protocol.Thought.model_fields)
+    assert listed("FROM_SERVER")[-1] == get_args(protocol.Thought.model_fields["kind"].annotation)[0]
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
     sent = [protocol.Act.model_fields["kind"].default, *get_args(protocol.AskHistory.model_fields["kind"].annotation)]
