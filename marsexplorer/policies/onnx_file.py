@@ -190,11 +190,22 @@ def _own(session: Session, sensor_radius: int) -> Policy:
         raise session.refuse(f"the format {FORMAT} in its card", repr(session.card().get("format"))[:60])
     _check_outputs(session, session.try_out(sample))
 
-    def net(planes: torch.Tensor, moves: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        found = session.run({"planes": planes.numpy(), "moves": moves.numpy()})
-        return torch.from_numpy(found["logits"].reshape(1, 4)), torch.from_numpy(found["value"].reshape(1))
+    return NetworkPolicy(session.path.stem, OwnNet(session), sensor_radius)  # type: ignore[arg-type]  # it decides as a Net does
 
-    return NetworkPolicy(session.path.stem, net, sensor_radius)  # type: ignore[arg-type]  # a network is what answers so
+
+class OwnNet:
+    """Our own network in an ONNX file; `decide` is that of network.Net, one board after the other."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (logits float32[num, 4], values float32[num]) of stacks of what `Perception` shows."""
+        found = [self._session.run({"planes": planes[i : i + 1], "moves": moves[i : i + 1]}) for i in range(len(planes))]
+        return (
+            np.concatenate([one["logits"].reshape(1, 4) for one in found]),
+            np.concatenate([one["value"].reshape(1) for one in found]),
+        )
 
 
 def _decide(session: Session) -> Decide:
