@@ -215,6 +215,17 @@ def test_a_place_for_the_table_is_looked_for_before_playing(run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("command", ["evaluate", "sweep"])
+def test_without_ray_a_sentence_says_how_to_get_it(run, tmp_path, monkeypatch, command):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    few = ["--size", "5", "--episodes", "2", "--ray", "local"]
+    args = ["--policy", "random"] if command == "evaluate" else ["--out", tmp_path / "new"]
+    code, out, err = run(command, *few, *args)
+    assert (code, out) == (1, "")
+    assert is_one_sentence(err)
+    assert "pip install 'marsexplorer-playground[ray]'" in err
+
+
 def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
