@@ -68,6 +68,7 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     const board = boardAt(frames, name, step);
     if (!board) return;
     const canvas = by(`${side}-board`);
+    canvas.parentElement.style.aspectRatio = `${board.frame.cols} / ${board.frame.rows}`;
     const { clientWidth: width_px, clientHeight: height_px } = canvas.parentElement;
     const { soil, accent, rival } = look();
     paintBoard(canvas, board, { soil, accent: side === "own" ? accent : rival, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });

@@ -5,9 +5,10 @@ import { startControls } from "../controls.js";
 import { createLinks } from "../links.js";
 import { paintNotices } from "../panels.js";
 import { startPulse } from "../pulse.js";
-import { announcement, describeBoard } from "../words.js";
+import { announcement } from "../words.js";
 import { createStudy, outsideIds, studyName } from "./calls.js";
 import { createDebrief } from "./debrief.js";
+import { startDialogs } from "./dialogs.js";
 import { createDriver } from "./driver.js";
 import { createIdle } from "./idle.js";
 import { actionOf, keyName } from "./keymap.js";
@@ -20,7 +21,6 @@ import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from ".
 import { createTable } from "./table.js";
 import { createTelemetry } from "./telemetry.js";
 import { createWay } from "./way.js";
-import { mapInWords } from "./words.js";
 
 /** @typedef {import("./state.js").Event} Event */
 const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
@@ -41,7 +41,7 @@ const study = createStudy(createCall(fetcher, ROOT), name);
 const channel = "BroadcastChannel" in window ? new BroadcastChannel(`mars.study.${name}`) : null;
 const idle = createIdle(now_ms);
 const frame = () => state.table.player?.frame;
-const isAsking = () => Boolean(document.querySelector("dialog[open]"));
+const dialogs = startDialogs(document, { frame, onClose: () => state.isPaused && by("resume").focus() });
 Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
@@ -168,7 +168,7 @@ const leaveTutorial = () => way.take(async () => {
 /** Enter presses the screen's button, unless it belongs to another one. */
 function onEnter() {
   const focused = document.activeElement;
-  if (isAsking()) return false;
+  if (dialogs.isOpen()) return false;
   const main = { play: state.isPaused ? by("resume") : frame()?.outcome ? by("next") : null, ready: by("begin"), break: by("end-break"),
     instructions: by("to-tutorial") }[/** @type {"play"} */ (screenOf(state))];
   if (!main || (focused?.matches("button, a, input, select") && focused !== main)) return false;
@@ -176,9 +176,9 @@ function onEnter() {
   return true;
 }
 
-const mayDrive = () => isDriving(state) && !isAsking();
+const mayDrive = () => isDriving(state) && !dialogs.isOpen();
 startSenses({ page: window, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, onActivity: () => !state.isPaused && idle.touch(),
-  drives: (code) => screenOf(state) === "play" && !isAsking() && actionOf(settings.get().keys, code) !== undefined });
+  drives: (code) => screenOf(state) === "play" && !dialogs.isOpen() && actionOf(settings.get().keys, code) !== undefined });
 startControls({
   page: window, pad: by("dock"), frames: [], onEnter,
   actionOf: (code) => (mayDrive() ? actionOf(settings.get().keys, code) : undefined),
@@ -209,18 +209,9 @@ channel?.addEventListener("message", () => way.refresh());
 const CLICKS = {
   retry: () => location.reload(),
   agree: () => way.take(() => study.consent(state.where?.consent.version ?? "", true), "consent"),
-  disagree: () => by("leave").showModal(),
   "to-tutorial": () => way.take(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
   begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume: () => pause(false),
   finish: () => way.take(() => study.advance("debrief"), "debrief"),
-  "open-settings": () => by("settings").showModal(), "open-leave": () => by("leave").showModal(), "open-give-up": () => by("give-up").showModal(),
-  "open-map"() {
-    const on = frame();
-    if (!on) return;
-    by("map-here").textContent = describeBoard(on, "the terrain");
-    by("map-rows").replaceChildren(...mapInWords(on).map((text) => Object.assign(document.createElement("li"), { textContent: text })));
-    by("map").showModal();
-  },
   "give-up-now"() {
     by("give-up").close();
     const on = frame();
@@ -238,9 +229,6 @@ const CLICKS = {
   },
 };
 for (const [id, work] of Object.entries(CLICKS)) by(id).addEventListener("click", work);
-for (const dialog of document.querySelectorAll("dialog")) {
-  dialog.addEventListener("click", (event) => (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) && dialog.close());
-}
 new ResizeObserver(() => repaint(true)).observe(by("main"));
 
 /** @type {any} */ (navigator).keyboard?.getLayoutMap?.().then((/** @type {any} */ map) => {

@@ -1,0 +1,29 @@
+// @ts-check
+// The page's sheets and questions back: what opens them, what closes them, and the map in words.
+import { describeBoard } from "../words.js";
+import { mapInWords } from "./words.js";
+
+/** @param {Document} page @param {{frame: () => import("../protocol.js").Frame | undefined, onClose: () => void}} how */
+export function startDialogs(page, { frame, onClose }) {
+  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  for (const dialog of page.querySelectorAll("dialog")) {
+    const opener = by(`open-${dialog.id}`);
+    opener.addEventListener("click", () => {
+      if (dialog.id === "map") fillMap();
+      dialog.showModal();
+    });
+    dialog.addEventListener("click", (event) => {
+      if (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) dialog.close();
+    });
+    dialog.addEventListener("close", onClose);
+  }
+  by("disagree").addEventListener("click", () => by("leave").showModal());
+
+  function fillMap() {
+    const on = frame();
+    if (!on) return;
+    by("map-here").textContent = describeBoard(on, "the terrain");
+    by("map-rows").replaceChildren(...mapInWords(on).map((text) => Object.assign(page.createElement("li"), { textContent: text })));
+  }
+  return { isOpen: () => Boolean(page.querySelector("dialog[open]")) };
+}
