@@ -94,11 +94,11 @@ class Exports:
             if what == "report"
             else {f"{study}-release.zip": folder / "release.zip"}
         )
-        options = ["--study", study, "--database", str(self._database)]
+        options = ["--study", study, "--database", str(self._database), "--studies", str(self._studies)]
         if what == "report":
             options += ["--html", str(folder / "report.html"), "--json", str(folder / "report.json")]
         else:
-            options += ["--studies", str(self._studies), "--out", str(folder / "release")]
+            options += ["--out", str(folder / "release")]
             options += [word for author in authors for word in ("--author", author)]
         try:
             error = await self._run(making, what, *options)

@@ -282,6 +282,7 @@ def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch
     password = server.said[-2].split()[-1]
     client = server.client(headers={"Origin": server.url})
     assert client.post("/api/admin/login", json={"password": password}).status_code == 200
+    server.kill()
 
 
 def test_a_password_that_is_too_short_is_refused_without_being_repeated(monkeypatch, tmp_path):
