@@ -26,7 +26,7 @@ from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_afresh
 from app.release.tables import Writers, played
-from app.release.verify import verify_database
+from app.release.verify import verify_moment
 from app.study.protocol import checked
 
 Advance = Callable[[int, int], None]
@@ -71,16 +71,16 @@ def build(wanted: Wanted, advance: Advance = lambda done, total: None) -> Built:
     check_libraries()
     if wanted.out.exists() and (not wanted.out.is_dir() or any(wanted.out.iterdir())):
         raise ReleaseError(f"{wanted.out} is there already: a release is written into a new folder; choose another --out")
-    with reading(wanted.database) as conn:
-        header, closed = _header(conn, wanted)
-        total = 2 * _episodes(conn, wanted.study)
-    _verify(wanted, advance, total)
-    with _whole_folder(wanted.out) as folder, reading(wanted.database) as source:
-        left = write_afresh(source, wanted.study, folder / DATABASE, secrets.token_bytes(32), closed)
-        out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-        written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
-        key = signing.signing_key(wanted.database)
-        manifest_hash = write_manifest(folder, *written, key)
+    with reading(wanted.database) as source:  # one moment of it, whatever a server writes meanwhile
+        header, closed = _header(source, wanted)
+        total = 2 * _episodes(source, wanted.study)
+        _verify(source, wanted, advance, total)
+        with _whole_folder(wanted.out) as folder:
+            left = write_afresh(source, wanted.study, folder / DATABASE, secrets.token_bytes(32), closed)
+            out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
+            written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
+            key = signing.signing_key(wanted.database)
+            manifest_hash = write_manifest(folder, *written, key)
     if not header.interim:
         _note(wanted, written[0], manifest_hash)
     return Built(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
@@ -129,9 +129,9 @@ def _episodes(conn: sqlite3.Connection, study: str) -> int:
     return int(conn.execute(sql, [study]).fetchone()[0])
 
 
-def _verify(wanted: Wanted, advance: Advance, total: int) -> None:
+def _verify(source: sqlite3.Connection, wanted: Wanted, advance: Advance, total: int) -> None:
     known = {name: secret for name, (_, secret) in (wanted.secrets or {}).items()}
-    result = verify_database(wanted.database, lambda done, _: advance(done, total), known, wanted.study)
+    result = verify_moment(source, wanted.database, lambda done, _: advance(done, total), known, wanted.study)
     if result.findings:
         more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
         raise ReleaseError(

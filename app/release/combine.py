@@ -76,6 +76,8 @@ def import_release(folder: Path, database: Path, advance: Advance = lambda done,
         return joined
     finally:
         lock.close()
+        if not database.exists():
+            database.with_name(database.name + "-lock").unlink(missing_ok=True)
 
 
 @contextmanager

@@ -20,6 +20,8 @@ from app import digests
 from app.release.connection import reading, rows
 from app.release.resimulate import Finding, differences
 from app.release.study_checks import check_studies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
 from marsexplorer.evaluation.play import cores, one_thread
 
 PARALLEL_FROM = 4_000
@@ -62,22 +64,34 @@ def verify_database(
     secrets   of studies that are still open, where they are known; closed ones hold theirs
     study     only this study's episodes and participants
     """
+    with reading(path) as conn:
+        return verify_moment(conn, path, advance, secrets, study)
+
+
+def verify_moment(
+    conn: sqlite3.Connection,
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+) -> Verified:
+    """Return what the verification of a database came to, as the connection sees it; see `verify_database`."""
+    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)  # compiles the rules, which is no part of the rate
     began = time.monotonic()
     findings: list[Finding] = []
     moves = done = 0
-    with reading(path) as conn:
-        named = _idents(conn, study)
-        for checked, made, found in _check_all(path, conn, named):
-            moves += made
-            done += checked
-            findings += found
-            advance(done, len(named))
-        findings += _check_events(conn, study)
-        findings += check_studies(conn, secrets or {}, study)
-        findings += _check_participants(conn, study)
-        if study is None:
-            findings += _orphans(conn)
-        (still_open,) = conn.execute(f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}").fetchone()
+    named = _idents(conn, study)
+    for checked, made, found in _check_all(path, conn, named):
+        moves += made
+        done += checked
+        findings += found
+        advance(done, len(named))
+    findings += _check_events(conn, study)
+    findings += check_studies(conn, secrets or {}, study)
+    findings += _check_participants(conn, study)
+    if study is None:
+        findings += _orphans(conn)
+    (still_open,) = conn.execute(f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}").fetchone()
     return Verified(len(named), moves, still_open, tuple(findings), time.monotonic() - began)
 
 

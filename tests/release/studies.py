@@ -21,11 +21,11 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 """What must never be found in a release, by participant."""
 
 
-def freeze(root, name="dunes", close=True, **rest):
+def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
     """Return a frozen study of 2 + 3 episodes, closed unless told otherwise."""
     folder = Folder(root)
     known = {"warm_up": 2, "ranked": 3, "players": 3, "policies": ("random",), "debrief_policy": "random", **rest}
-    folder.create(default_protocol(name, CONFIG, **known))
+    folder.create(default_protocol(name, config, **known))
     study = folder.freeze(name)
     return folder.close(name) if close else study
 
@@ -88,10 +88,11 @@ class Field:
         ).fetchone()  # fmt: skip
         driver = "human" if kind == "human" else "script"
         (number,) = self.conn.execute("SELECT count(*) FROM episodes WHERE session_id = ?", [session]).fetchone()
-        episode = Episode.begin(CONFIG, seed=seed)
+        config = study.protocol.env_config
+        episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
         self.store.open_episode(
-            EpisodeRow(ident, session, number, CONFIG, seed, False, episode.record().terrain, episode.start, 3, driver, False,
+            EpisodeRow(ident, session, number, config, seed, False, episode.record().terrain, episode.start, 3, driver, False,
                        self.tick())
         )  # fmt: skip
         self.insert("study_episodes", ident, participant, phase, trial, terrain)
@@ -135,7 +136,8 @@ def _there_and_back(episode):
 def _tour(episode):
     from marsexplorer.policies import load
 
-    policy, twin = load("frontier-cost", CONFIG.sensor_radius), Episode.begin(CONFIG, seed=episode.seed)
+    config = episode.config
+    policy, twin = load("frontier-cost", config.sensor_radius), Episode.begin(config, seed=episode.seed)
     policy.reset(0)
     while not twin.ended:
         twin.step(policy.act(twin.observation()))

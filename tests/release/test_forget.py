@@ -200,6 +200,20 @@ def test_where_the_protocol_keeps_episodes_they_stay_without_a_person(tmp_path):
     assert ask(path, "SELECT count(*) FROM forgotten") == [(0,)]
 
 
+def test_a_kept_episode_meets_its_older_copy_in_a_merge_without_its_person(tmp_path):
+    study = freeze(tmp_path / "studies", keep_episodes_when_forgotten=True)
+    path = tmp_path / "play.db"
+    people = play_study(path, study, ("human",))
+    shutil.copy(path, tmp_path / "older.db")
+    forget(path, people[0])
+    for number, sources in enumerate(((path, tmp_path / "older.db"), (tmp_path / "older.db", path))):
+        out = tmp_path / f"both{number}.db"
+        joined, _ = merge(sources, out)
+        assert (joined.added["episodes"], joined.forgotten) == (6, 1)
+        assert people[0].encode() not in out.read_bytes()
+        assert verify_database(out).findings == ()
+
+
 def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     path = tmp_path / "play.db"
     first, second = freeze(tmp_path / "studies", "first"), freeze(tmp_path / "studies", "second")

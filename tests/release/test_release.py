@@ -29,6 +29,7 @@ from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.release.verify import verify_database
 from app.store import SessionRow, StoreError
+from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
 ROOT = Path(__file__).parents[2]
@@ -179,6 +180,44 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
     assert (ref_min, ref_max) == (-63.0, 126.0)
 
 
+def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypatch):
+    """Minari would compress them like photographs, and lose cells."""
+    import minari
+
+    study = freeze(tmp_path / "studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1)
+    field = Field(tmp_path / "play.db", study)
+    ident = field.play(field.join(0), "ranked", 0)
+    field.close()
+    build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
+    dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
+    (about,), (episode,) = dataset.storage.get_episode_metadata([0]), dataset.iterate_episodes()
+    assert about["episode"] == ident
+    env = dataset.recover_environment()
+    seen = [env.reset(seed=about["seed"])[0], *(env.step(action)[0] for action in episode.actions)]
+    assert np.array_equal(np.stack(seen), episode.observations)
+
+
+def test_a_release_is_built_beside_a_running_server(copy):
+    field = Field(copy / "play.db", freeze(copy / "studies2", "unused"))
+    assert build(Wanted(copy / "play.db", "dunes", copy / "new")).header.version == 2
+    field.play(field.join(9), "warm_up", 0)
+    field.close()
+    assert verify_database(copy / "play.db").findings == ()
+    assert [row[1] for row in table(copy / "play.db", "releases", "version")] == [1, 2]
+
+
+def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
+    study = freeze(tmp_path / "studies")
+    field = Field(tmp_path / "play.db", study)
+    field.play(field.join(0, stage="ranked"), "warm_up", 0, "open")
+    field.close()
+    built = build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    assert (built.header.rows["participants"], built.header.rows["episodes"]) == (1, 0)
+    assert built.header.left_out["open_episodes"] == 1
+    assert verify_dataset(tmp_path / "out").verified.findings == ()
+
+
 def test_croissant_is_valid_and_reads_the_tables(made):
     import mlcroissant
 
@@ -287,7 +326,7 @@ def test_a_harmed_release_is_not_imported_and_leaves_no_database(copy):
     (copy / "out/scores.csv").write_text("nothing")
     with pytest.raises(ReleaseError, match=r"no import: file scores.csv"):
         import_release(copy / "out", copy / "new.db")
-    assert not (copy / "new.db").exists()
+    assert not list(copy.glob("new.db*"))
 
 
 def test_any_changed_file_is_found(copy):
