@@ -52,11 +52,16 @@ class Consent(_Part):
 
 
 class Question(_Part):
-    """One that shows whether the instructions were understood; `answer` is the index of the right choice."""
+    """One that shows whether the instructions were understood.
+
+    answer   the index of the right choice
+    why      what whoever chose another is told before they try again
+    """
 
     question: Line
     choices: tuple[Line, ...] = Field(min_length=2, max_length=8)
     answer: int = Field(ge=0)
+    why: str = Field(default="", max_length=500)
 
     @model_validator(mode="after")
     def _answer_is_a_choice(self) -> Question:

@@ -129,6 +129,7 @@ async def where(request: Request, study: Study, participant: Participant) -> dic
         "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
         "questions": [{"question": each.question, "choices": list(each.choices)} for each in protocol.questions],
         "right": None,
+        "why": None,
         "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
         "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
         "tutorial": {"done": "tutorial" in ended},
@@ -232,10 +233,15 @@ async def advance(request: Request, flow: FlowOf, player: Player, name: Name, le
 
 @router.post("/{name}/answers", summary="Answer the questions")
 async def answers(request: Request, flow: FlowOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
-    """`right` says which were; with all of them right the warm-up is next. Every attempt is recorded."""
+    """`right` says which were, `why` explains the others; with all of them right the warm-up is next.
+
+    Every attempt is recorded.
+    """
     with answering():
         right = flow.answer(name, player, given.answers)
-    return {**await _now(request, name), "right": right}
+    asked = flow.study(name).protocol.questions
+    why = ["" if each else question.why for each, question in zip(right, asked, strict=True)]
+    return {**await _now(request, name), "right": right, "why": why}
 
 
 @router.post("/{name}/next", summary="Begin the next episode")

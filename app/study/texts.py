@@ -29,12 +29,13 @@ def consent_text(config: EnvConfig, warm_up: int, ranked: int, licence: str) -> 
 
 
 def questions(config: EnvConfig) -> list[dict[str, Any]]:
-    """Return three questions about the rules as they hold on a configuration; `answer` is the index of the right choice."""
+    """Return three questions about the rules as they hold on a configuration, as `protocol.Question` has them."""
     return [
         {
             "question": "What ends a round at once?",
             "choices": ["Driving into an obstacle or off the edge", "Waiting for a minute", "Crossing my own track"],
             "answer": 0,
+            "why": "Not quite: there is no clock, and your own track is free ground. An obstacle or the edge ends a round.",
         },
         {
             "question": "When is a round complete?",
@@ -44,10 +45,12 @@ def questions(config: EnvConfig) -> list[dict[str, Any]]:
                 "When the rover is back where it began",
             ],
             "answer": 1,
+            "why": f"Not quite: the rover need not drive everywhere, it discovers what its lidar sees. {config.beta:.0%} are enough.",
         },
         {
             "question": "Which of two complete rounds scores higher?",
             "choices": ["The one with more moves", "The one with fewer moves", "Both score the same"],
             "answer": 1,
+            "why": "Not quite: every move costs a little, so of two complete rounds the one with fewer moves scores higher.",
         },
     ]
