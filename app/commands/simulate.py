@@ -18,7 +18,7 @@ POPULATIONS = ("skilled", "mixed", "clumsy")
 
 @click.command()
 @click.option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
-@click.option("--players", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many play at once.")
+@click.option("--players", type=click.IntRange(1, 1000), help="How many play at once.  [default: as many as the study plans]")
 @click.option(
     "--kind", "kinds", type=click.Choice(KINDS), multiple=True, default=("noisy-frontier",), show_default=True,
     help="What they are like; given several times, players are dealt round and round.",
@@ -57,7 +57,7 @@ def simulate(
 
     \b
     Examples:
-      marsexplorer simulate --study pilot                                  ten players, twenty times faster than people
+      marsexplorer simulate --study pilot                             as many players as planned, 20 times faster than people
       marsexplorer simulate --study pilot --kind mixed --speed 100         a rehearsal with everything that can go wrong
       marsexplorer simulate --study pilot --state pilot.json               Ctrl-C, and the same command goes on
       marsexplorer simulate --study load --players 100 --speed 1           load: moves per second and round trips at the end
@@ -66,15 +66,16 @@ def simulate(
     """
     import asyncio
 
-    from app.simulate.campaign import NotReady, Plan, simulate
+    from app.simulate.campaign import NotReady, Plan, check, simulate
     from app.simulate.participant import Over
     from app.simulate.persona import deal
     from app.simulate.tally import Tally
 
-    plan = Plan(url.rstrip("/"), study, deal(kinds, players), population, seed, speed, patience, state)
-    tally = Tally()
+    tally, url = Tally(), url.rstrip("/")
     try:
-        with progress(f"{players} players") as advance:
+        count = players or int(asyncio.run(check(url, study))["players"])
+        plan = Plan(url, study, deal(kinds, count), population, seed, speed, patience, state)
+        with progress(f"{count} players") as advance:
             asyncio.run(simulate(plan, tally, advance))
     except NotReady as error:
         raise click.UsageError(str(error)) from error
@@ -82,11 +83,7 @@ def simulate(
         _print(tally)
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
-        way = (
-            "the same command goes on"
-            if state
-            else "their episodes stay as they are; with --state FILE the same command goes on"
-        )
+        way = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
         click.echo(f"marsexplorer: stopped after {tally.episodes} episodes; {way}", err=True)
         raise click.Abort from None
     _print(tally)
@@ -100,20 +97,9 @@ def _print(tally: Tally) -> None:
     rows = []
     for line in tally.lines:
         own = line.debrief or {}
-        ended = line.episodes
-        score = f"{own['mean_score']:.4f}" if own.get("mean_score") is not None else ""
-        steps = f"{own['mean_steps']:.1f}" if own.get("mean_steps") is not None else ""
-        rows.append(
-            [
-                f"{line.number} {line.kind}",
-                line.stage,
-                str(ended["warm_up"]),
-                str(ended["ranked"]),
-                score,
-                steps,
-                line.code or "",
-            ]
-        )
+        counts = [str(line.episodes[phase]) for phase in ("warm_up", "ranked")]
+        means = [_shown(own.get("mean_score"), 4), _shown(own.get("mean_steps"), 1)]
+        rows.append([f"{line.number} {line.kind}", line.stage, *counts, *means, line.code or ""])
     if rows:
         print_table("Synthetic players", ["player", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"], rows)
     seconds = tally.seconds()
@@ -125,3 +111,7 @@ def _print(tally: Tally) -> None:
         click.echo(f"cheating: {refused} of {times} attempts of {len(tally.attempts)} kinds refused")
     for fault in tally.faults:
         click.echo(f"fault: {fault}")
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

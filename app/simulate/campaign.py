@@ -51,24 +51,23 @@ class Plan:
     state: Path | None = None
 
 
-async def check(plan: Plan) -> dict[str, Any]:
+async def check(url: str, name: str) -> dict[str, Any]:
     """Return what the server says of the study; NotReady when it cannot be played."""
-    page = Page(plan.url, plan.study)
     try:
-        answer = await page.ask("GET", f"api/studies/{plan.study}")
+        page = Page(url, name)
+    except ValueError as error:
+        raise NotReady(f"--url must be like http://127.0.0.1:8000, got {url!r}") from error
+    try:
+        answer = await page.ask("GET", f"api/studies/{name}")
         if answer.is_error:
-            raise NotReady(f"the server at {plan.url} declined: {detail_of(answer)}")
+            raise NotReady(f"the server at {url} declined: {detail_of(answer)}")
         found: dict[str, Any] = answer.json()
         if found["status"] == "closed":
-            raise NotReady(f"the study {plan.study!r} is closed: nobody can take part any more")
+            raise NotReady(f"the study {name!r} is closed: nobody can take part any more")
     except Lost as error:
-        raise NotReady(
-            f"no server at {plan.url} ({error}): start one with `marsexplorer serve`, or say where with --url"
-        ) from error
+        raise NotReady(f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise NotReady(
-            f"what answers at {plan.url} is no MarsExplorer Playground: expected a study, got something else"
-        ) from error
+        raise NotReady(f"what answers at {url} is no MarsExplorer Playground: expected a study, got something else") from error
     finally:
         await page.close()
     return found
@@ -79,9 +78,14 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
 
     progress  called with (episodes ended, episodes in all)
     """
-    study = await check(plan)
+    study = await check(plan.url, plan.study)
     seats = Seats.read(plan)
-    radius = EnvConfig().sensor_radius if "config" not in study else int(study["config"]["sensor_radius"])
+    try:
+        seats.write()
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise NotReady(f"cannot write {plan.state}: {why}; name another file with --state") from error
+    radius = int(study.get("config", {}).get("sensor_radius", EnvConfig().sensor_radius))
     place = Place(plan.url, plan.study, radius, plan.speed, plan.patience_s)
     people: list[Participant] = []
     for number, kind in enumerate(plan.kinds):

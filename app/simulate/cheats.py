@@ -132,6 +132,11 @@ async def peep_at_view(heist: Heist) -> str | None:
     return await peep("viewer", heist.other_session, heist)
 
 
+async def watch_as_operator(heist: Heist) -> str | None:
+    """Look at somebody else's board by the operator's way."""
+    return await peep("ws/admin/sessions", heist.other_session, heist)
+
+
 ATTEMPTS: dict[str, Attempt] = {
     "another terrain": refused("POST", "api/sessions/{session}/episodes", {}),
     "a terrain of its choice": refused("POST", "api/sessions/{session}/episodes", {"seed": 7}),
@@ -146,13 +151,16 @@ ATTEMPTS: dict[str, Attempt] = {
     "the list of episodes": not_in("api/episodes?limit=500"),
     "the exported episodes": not_in("api/export/episodes.jsonl"),
     "the exported steps": not_in("api/export/steps.csv"),
+    "the leaderboard": not_in("api/leaderboard"),
     "somebody else's frame": refused("GET", "api/sessions/{other}"),
     "somebody else's path": refused("GET", "api/sessions/{other}/history"),
     "somebody else's board": refused("GET", "api/sessions/{other}/about"),
     "somebody else's socket": peep_at_play,
     "somebody else's view": peep_at_view,
     "the secret": read_secret,
-    "the operator's page": refused("GET", "api/admin/studies/{study}"),
+    "the operator's figures": refused("GET", "api/admin/studies/{study}"),
+    "closing the study": refused("POST", "api/admin/studies/{study}/close", {}),
+    "the operator's socket": watch_as_operator,
     "a forged cookie": forge_cookie,
     "becoming human": become_human,
 }

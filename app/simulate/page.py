@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
@@ -36,11 +36,13 @@ class Refusal(Exception):  # noqa: N818 - what has happened
 
 
 class Page:
-    """One browser tab: an HTTP client with the player's cookie, and at most one socket."""
+    """One browser tab: an HTTP client with the player's cookie, and at most one socket; ValueError for no http address."""
 
     def __init__(self, url: str, study: str, cookie: str | None = None) -> None:
-        self.url, self.study = url.rstrip("/"), study
+        self.url, self.study = url.rstrip("/"), quote(study, safe="")
         parts = urlsplit(self.url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError(f"an address must be like http://127.0.0.1:8000, got {url!r}")
         self._origin = f"{parts.scheme}://{parts.netloc}"
         self._http = httpx.AsyncClient(timeout=PATIENCE_S, trust_env=False, headers={"Origin": self._origin})
         if cookie is not None:

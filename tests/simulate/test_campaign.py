@@ -198,6 +198,8 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
     assert "there is no such study here" in refused(study="nobody")
     assert "start one with `marsexplorer serve`" in refused(url="http://127.0.0.1:9")
     assert "nothing answers GET /prefix/api/studies" in refused(url=f"{server.url}/prefix")
+    assert all("must be like http://127.0.0.1:8000" in refused(url=url) for url in ("http://[", "localhost:8000", "http://"))
+    assert "cannot write" in refused(state=tmp_path / "nowhere" / "state.json")
     (tmp_path / "broken.json").write_text("{")
     assert "is no state of a simulation" in refused(state=tmp_path / "broken.json")
     Folder(tmp_path / "studies").close(study.name)
