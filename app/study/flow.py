@@ -10,6 +10,7 @@ import json
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -120,8 +121,11 @@ class Flow:
         study, participant = self._at(name, player_id, "consent")
         if version != study.protocol.consent.version:
             raise NotNow(f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page")
-        given = {"consent_version": version, "consent_ms": self._now()} if agree else {}
-        self.records.advance(participant.id, self._now(), "instructions" if agree else "withdrawn", **given)
+        if not agree:
+            self.records.leave(participant, self._now())
+            return
+        now = self._now()
+        self.records.advance(participant.id, now, "instructions", consent_version=version, consent_ms=now)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -190,16 +194,12 @@ class Flow:
         if participant.stage in ("complete", "withdrawn"):
             raise NotNow(f"you are at {_said(participant.stage)}: there is nothing to withdraw from")
 
-        def leave() -> None:
-            self.records.note(participant.id, self._now(), "withdrawn", {"from": participant.stage})
-            self.records.advance(participant.id, self._now(), "withdrawn")
-
         session = await self.session(participant)
         if session is None or session.episode.ended or not self.study(name).is_open:
-            with self.lobby.store.transaction():
-                leave()
+            self.records.leave(participant, self._now())
             return
-        session.abandon(session.current.id, session.episode.steps, leave)
+        note = partial(self.records.leave, participant, self._now())
+        session.abandon(session.current.id, session.episode.steps, note)
 
     def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""

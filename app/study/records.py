@@ -153,6 +153,14 @@ class Records:
             self._set(participant_id, {"stage": stage, **columns})
             self._add(participant_id, at_ms, "stage", {"stage": stage})
 
+    def leave(self, participant: Participant, at_ms: int) -> None:
+        """Return with a participant withdrawn; who never agreed leaves no outside id behind."""
+        with self._changing(participant.id):
+            if participant.consent_ms is None:
+                self._conn.execute("DELETE FROM identities WHERE participant_id = ?", [participant.id])
+            self._set(participant.id, {"stage": "withdrawn"})
+            self._add(participant.id, at_ms, "withdrawn", {"from": participant.stage})
+
     def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
         """Return with a participant's settings kept, and the change among the events."""
         with self._changing(participant_id):

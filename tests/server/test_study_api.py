@@ -271,9 +271,11 @@ def test_one_outside_id_is_one_person_and_one_cookie(server):
 
 
 def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
-    shy = Person(server)
+    shy = Person(server, outside_ids={"PROLIFIC_PID": "shy"})
+    assert len(rows(server, "SELECT * FROM identities")) == 1
     shy.call("consent", {"version": "1", "agree": False})
     assert (shy.where["stage"], "did not agree" in shy.where["note"]) == ("withdrawn", True)
+    assert rows(server, "SELECT * FROM identities") == []
     assert "the end (withdrawn)" in shy.refused("advance", {"from": "instructions"})
     person = Person(server)
     person.to_warm_up()

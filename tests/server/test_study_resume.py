@@ -126,6 +126,7 @@ def go_on(person, acts, dice):
     return seen
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("batch", [0, *(pytest.param(number, marks=pytest.mark.long) for number in range(1, 9))])
 def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_step(spawn, tmp_path, batch):
     dice = random.Random(batch)
@@ -134,7 +135,7 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
     person.to_warm_up()
     path = tmp_path / "playground.db"
     while person.me()["stage"] in ("warm_up", "ranked"):
-        seen = go_on(person, dice.randrange(2, 6) if kills < 3 else 99, dice)
+        seen = go_on(person, dice.randrange(2, 6) if kills < 2 else 99, dice)
         where = person.me()
         server.kill()
         kills += 1
@@ -144,13 +145,14 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
         assert seen is None or person.frame["episode"] == seen["episode"]
         counts = rows(path, "SELECT count(*), max(step) + 1 FROM steps GROUP BY episode_id")
         assert all(count == highest for count, highest in counts)
-    assert kills >= 2
+    assert kills >= 2  # the last of them after the last move: the debrief was reached in its transaction
     assert person.where["stage"] == "debrief"
     trials = rows(path, "SELECT phase, trial FROM study_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial")
     assert trials == [("ranked", 0), ("ranked", 1), ("ranked", 2), ("warm_up", 0), ("warm_up", 1)]
     assert rows(path, "SELECT count(DISTINCT terrain) FROM study_episodes WHERE phase = 'ranked'") == [(3,)]
     assert rows(path, "SELECT count(*) FROM episodes") == [(6,)]
     assert len(person.where["debrief"]["completion_code"]) == 8
+    server.close()
 
 
 def test_every_stage_before_the_first_episode_survives_a_kill(spawn):
@@ -165,3 +167,4 @@ def test_every_stage_before_the_first_episode_survives_a_kill(spawn):
     assert again.me() == before
     assert (before["stage"], before["settings"]["palette"]) == ("instructions", "colour-blind")
     again.call("advance", {"from": "instructions"})
+    server.close()
