@@ -45,7 +45,7 @@ def questions(config: EnvConfig) -> list[dict[str, Any]]:
                 "When the rover is back where it began",
             ],
             "answer": 1,
-            "why": f"Not quite: the rover need not drive everywhere, it discovers what its lidar sees. {config.beta:.0%} are enough.",
+            "why": f"Not quite: the rover need not drive everywhere; {config.beta:.0%} seen by its lidar are enough.",
         },
         {
             "question": "Which of two complete rounds scores higher?",

@@ -11,6 +11,7 @@ import { readChoices } from "../../static/study/settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "../../static/study/state.js";
 import { createTelemetry, MOST_EVENTS, MOST_KEPT } from "../../static/study/telemetry.js";
 import * as words from "../../static/study/words.js";
+import { announcement } from "../../static/words.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
@@ -209,6 +210,12 @@ test("no sentence of a ranked terrain tells a score", () => {
   assert.equal(go, "Next terrain");
   assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), where({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
   assert.equal(words.endCard(frame({ outcome: "explored" }), where({ phase: "ranked", break_due: true })).go, "Go on");
+});
+
+test("nothing said of a ranked terrain tells a score", () => {
+  assert.doesNotMatch(announcement(frame({ coverage: 0.4 }), frame({ coverage: 0.6, step: 9 })), /score/);
+  assert.doesNotMatch(announcement(frame(), frame({ outcome: "explored", step: 9 })), /score/);
+  assert.match(announcement(frame(), frame({ outcome: "explored", step: 9, score: 0.9 })), /score 0.900/);
 });
 
 test("progress counts the running terrain, and the whole way ends at one", () => {
