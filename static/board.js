@@ -1,5 +1,6 @@
 // @ts-check
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
+import { paintThought } from "./mind.js";
 
 /** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
 export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
@@ -33,7 +34,9 @@ export function runs(line) {
 /**
  * Paints one board to fill its frame, crisp at any pixel ratio.
  * @param {HTMLCanvasElement} canvas @param {{frame: import("./protocol.js").Frame, trail: import("./protocol.js").Cell[]}} board
- * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil}} look
+ * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
+ *   ghost?: {trail: import("./protocol.js").Cell[], accent: string} | null, thought?: import("./protocol.js").Thought | null}} look
+ *   ghost is another's path under this one; thought is drawn round the rover
  */
 export function paintBoard(canvas, board, look) {
   const { frame, trail } = board;
@@ -48,7 +51,9 @@ export function paintBoard(canvas, board, look) {
   }
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   paintCells(context, frame, size, look.soil ?? SOIL);
+  if (look.ghost) paintTrail(context, look.ghost.trail, size, look.ghost.accent, true);
   paintTrail(context, trail, size, look.accent);
+  if (look.thought) paintThought(context, look.thought, frame.position, size, look);
   paintRover(context, frame, size, look.accent);
 }
 
@@ -70,8 +75,8 @@ function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   });
 }
 
-/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Cell[]} trail @param {number} size @param {string} accent */
-function paintTrail(context, trail, size, accent) {
+/** @param {CanvasRenderingContext2D} context @param {import("./protocol.js").Cell[]} trail @param {number} size @param {string} accent @param {boolean} [isGhost] */
+function paintTrail(context, trail, size, accent, isGhost = false) {
   if (trail.length < 2) return;
   context.beginPath();
   trail.forEach(([row, col], step) => {
@@ -81,10 +86,12 @@ function paintTrail(context, trail, size, accent) {
     else context.lineTo(x, y);
   });
   context.strokeStyle = accent;
-  context.globalAlpha = 0.8;
+  context.globalAlpha = isGhost ? 0.9 : 0.8;
   context.lineWidth = Math.max(1.5, size * 0.16);
-  context.lineJoin = context.lineCap = "round";
+  context.lineJoin = context.lineCap = isGhost ? "butt" : "round";
+  if (isGhost) context.setLineDash([Math.max(3, size * 0.4), Math.max(2, size * 0.3)]);
   context.stroke();
+  context.setLineDash([]);
   context.globalAlpha = 1;
 }
 

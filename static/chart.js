@@ -1,7 +1,10 @@
 // @ts-check
 // Coverage over moves, both curves on one canvas; the step axis grows with the longer of the two.
 
-/** @typedef {{name: string, colour: string, isDashed: boolean, discovered: number[], cells: number}} Curve */
+/**
+ * `values[k]` is what the policy expected to earn at step k, in units of its own; not drawn when absent.
+ * @typedef {{name: string, colour: string, isDashed: boolean, discovered: number[], cells: number, values?: (number | null)[]}} Curve
+ */
 /** @typedef {{text: string, goal: string, base: string, line: string}} Inks  of labels, the 99 % line, the axis and the grid */
 /** @type {Inks} */
 export const INKS = { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" };
@@ -53,7 +56,43 @@ export function paintChart(canvas, curves, look) {
     y: (share) => box.bottom - (box.bottom - box.top) * share,
   };
   paintAxes(context, box, at, { end, height }, look.inks ?? INKS);
+  for (const curve of curves) paintValue(context, curve, at, box.right);
   for (const curve of curves) paintCurve(context, curve, at);
+}
+
+/** The lowest and highest of the numbers, a little apart at least; null when there are none. @param {(number | null | undefined)[]} values @returns {[number, number] | null} */
+export function span(values) {
+  const known = values.filter((value) => typeof value === "number");
+  if (known.length === 0) return null;
+  const [low, high] = [Math.min(...known), Math.max(...known)];
+  return high - low < 1e-6 ? [low - 0.5, high + 0.5] : [low, high];
+}
+
+/** The value as a fine line between its own lowest and highest, its newest number beside it. @param {CanvasRenderingContext2D} context @param {Curve} curve @param {Scale} at @param {number} right */
+function paintValue(context, { values = [], colour }, at, right) {
+  const range = span(values);
+  if (!range) return;
+  const y = (/** @type {number} */ value) => at.y(0.04 + (0.86 * (value - range[0])) / (range[1] - range[0]));
+  context.beginPath();
+  let isDown = false;
+  let last = { x: 0, y: 0, value: 0 };
+  for (let step = 0; step < values.length; step++) {
+    const value = values[step];
+    if (typeof value !== "number") { isDown = false; continue; }
+    last = { x: at.x(step), y: y(value), value };
+    if (isDown) context.lineTo(last.x, last.y);
+    else context.moveTo(last.x, last.y);
+    isDown = true;
+  }
+  context.strokeStyle = context.fillStyle = colour;
+  context.globalAlpha = 0.75;
+  context.lineWidth = 1;
+  context.stroke();
+  context.globalAlpha = 1;
+  context.textAlign = last.x > right - 90 ? "right" : "left";
+  context.textBaseline = "middle";
+  const number = last.value.toFixed(1).replace("-", "\u2212");
+  context.fillText(`value ${number}`, last.x + (last.x > right - 90 ? -7 : 7), Math.min(last.y, at.y(0) - 8));
 }
 
 /** @typedef {{x: (step: number) => number, y: (share: number) => number}} Scale */

@@ -73,10 +73,10 @@ export function createJourney({ api, wish, dispatch, remember, recall, onBegun }
       const { level, size } = wish();
       begin(await api.nextEpisode(session, { level, size, seed }));
     }),
-    /** Shows a policy on the terrain of a finished ranked episode. @param {import("./state.js").State} state */
-    async replay({ player, level, size }) {
+    /** Shows a policy on the terrain of a finished ranked episode, once unless asked again. @param {import("./state.js").State} state @param {boolean} [isAgain] */
+    async replay({ player, level, size }, isAgain = false) {
       const episode = player?.frame.episode;
-      if (!player || !episode || replayedEpisode === episode) return;
+      if (!player || !episode || (replayedEpisode === episode && !isAgain)) return;
       replayedEpisode = episode;
       await once(async () => {
         const { seed } = await api.episode(episode);

@@ -5,7 +5,7 @@ import { startControls } from "./controls.js";
 import { createJourney, sessionInHash } from "./journey.js";
 import { createLinks } from "./links.js";
 import { createPainter } from "./painter.js";
-import { createPanel, paintHumanLevel } from "./panels.js";
+import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
 import { startPace } from "./pace.js";
 import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "./pipeline.js";
 import { act } from "./protocol.js";
@@ -30,7 +30,11 @@ const panels = Object.fromEntries(SEATS.map((seat) => [seat, createPanel(
 const api = createApi((path, options) => fetch(path, options));
 const views = createViews({ page: document, panels: SEATS.map((seat) => panels[seat]), storage: localStorage, onChange: () => repaint(true) });
 
-const painter = createPainter({ page: document, panels, views, rivalName: () => sheet.wish().rival, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+const think = /** @type {HTMLInputElement} */ (by("think"));
+think.checked = localStorage.getItem("mars.thoughts") !== "false";
+think.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(think.checked)); repaint(true); });
+
+const painter = createPainter({ page: document, panels, views, rivalName: () => sheet.wish().rival, showsThoughts: () => think.checked, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
 
 const sheet = createSheet(by("sheet"), {
   onStart: (wish) => journey.start(state.mode, wish),
@@ -146,6 +150,11 @@ panels.player.part.next.addEventListener("click", goNext);
 panels.player.part.again.addEventListener("click", () => state.player && journey.again(state.player.session, state.player.frame.episode));
 
 for (const seat of SEATS) {
+  panels[seat].part.pick.addEventListener("change", () => {
+    sheet.choose(seat, /** @type {HTMLSelectElement} */ (panels[seat].part.pick).value);
+    if (state.mode === "ranked") journey.replay(state, true);
+    else journey.start(state.mode);
+  });
   startPace(panels[seat].part.pace, (wish) => {
     const session = state[seat]?.session;
     if (session) api.setPace(session, wish).then((message) => dispatch({ kind: "received", seat, message }), (error) => dispatch({ kind: "notice", text: error.message }));
@@ -162,7 +171,9 @@ async function begin() {
   document.body.dataset.pad = isPadShown;
   sheet.showPad(isPadShown === "true");
   try {
-    sheet.offer(...await Promise.all([api.levels(), api.policies()]));
+    const [levels, policies] = await Promise.all([api.levels(), api.policies()]);
+    sheet.offer(levels, policies);
+    for (const seat of SEATS) offerPolicies(panels[seat], policies.map(({ name }) => name));
   } catch (error) {
     dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     dispatch({ kind: "link", link: "lost" });

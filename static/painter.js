@@ -2,6 +2,7 @@
 // From the state to the page: boards first, since a key press waits for them, then numbers, chart and the rest, each only where it changed.
 import { paintBoard } from "./board.js";
 import { paintChart } from "./chart.js";
+import { ghostOf, thoughtOf } from "./mind.js";
 import * as panel from "./panels.js";
 import { emptySeat } from "./words.js";
 
@@ -10,9 +11,9 @@ const SEATS = /** @type {const} */ (["player", "rival"]);
 
 /**
  * @param {{page: Document, panels: Record<string, panel.Panel>, views: ReturnType<import("./views.js").createViews>,
- *   rivalName: () => string, dismiss: (id: number) => void}} how
+ *   rivalName: () => string, showsThoughts: () => boolean, dismiss: (id: number) => void}} how
  */
-export function createPainter({ page, panels, views, rivalName, dismiss }) {
+export function createPainter({ page, panels, views, rivalName, showsThoughts, dismiss }) {
   const style = getComputedStyle(page.documentElement);
   const read = (/** @type {string} */ name) => style.getPropertyValue(name).trim();
   const colours = { player: read("--accent"), rival: read("--rival") };
@@ -31,7 +32,11 @@ export function createPainter({ page, panels, views, rivalName, dismiss }) {
     for (const seat of SEATS) {
       const board = state[seat];
       const { part, canvas } = panels[seat];
-      if (board && board !== before?.[seat]) paintBoard(canvas, board, { accent: colours[seat], ...views.size(part.matrix), dpr });
+      const trail = ghostOf(state, seat);
+      if (!board || (before && board === before[seat] && trail === ghostOf(before, seat))) continue;
+      const ghost = trail && { trail, accent: colours[seat === "player" ? "rival" : "player"] };
+      const thought = showsThoughts() ? thoughtOf(board) : null;
+      paintBoard(canvas, board, { accent: colours[seat], ...views.size(part.matrix), dpr, ghost, thought });
     }
     const now_ms = performance.now();
     latencies.push(...waiting.map((move) => now_ms - move.sent));
@@ -43,6 +48,7 @@ export function createPainter({ page, panels, views, rivalName, dismiss }) {
     for (const seat of SEATS) {
       if (before && state[seat] === before[seat] && state.mode === before.mode) continue;
       panel.paintPanel(panels[seat], state[seat], emptySeat(state, rivalName()));
+      panel.paintPick(panels[seat], state[seat]);
       panel.paintPace(panels[seat], state[seat], seat === "rival" && !state.rival?.isReplay);
       views.load(panels[seat], state[seat]?.session ?? null);
     }
@@ -53,7 +59,8 @@ export function createPainter({ page, panels, views, rivalName, dismiss }) {
       const board = state[seat];
       if (!board) return [];
       const { name, discovered, frame } = board;
-      return [{ name, colour: colours[seat], isDashed: seat === "rival", discovered, cells: frame.rows * frame.cols }];
+      const values = showsThoughts() ? board.values : [];
+      return [{ name, colour: colours[seat], isDashed: seat === "rival", discovered, cells: frame.rows * frame.cols, values }];
     });
     legend.replaceChildren(...curves.map(({ name }) => Object.assign(page.createElement("span"), { textContent: name })));
     paintChart(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font: read("--figures") });

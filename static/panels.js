@@ -26,8 +26,16 @@ export function createPanel(root, template) {
     part.end.dataset.testid = "end-card";
     part.next.dataset.testid = "next-terrain";
     part.again.dataset.testid = "same-again";
+    part.fold.addEventListener("click", () => fold(part, !part.end.classList.contains("is-folded")));
   }
   return { seat, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
+}
+
+/** Lets the end card shrink to its buttons, for a look at the board beneath. @param {Record<string, HTMLElement>} part @param {boolean} isFolded */
+function fold(part, isFolded) {
+  part.end.classList.toggle("is-folded", isFolded);
+  part.fold.setAttribute("aria-expanded", String(!isFolded));
+  put(part.fold, isFolded ? "More" : "Less");
 }
 
 /** The numbers of one board. @param {Panel} panel @param {Board | null} board @param {string} brief what stands in an empty seat */
@@ -49,6 +57,20 @@ export function paintPanel({ root, part, canvas }, board, brief) {
   put(part.outcome, words.outcomeShort(frame.outcome));
   root.dataset.outcome = frame.outcome ?? "running";
   canvas.setAttribute("aria-label", words.describeBoard(frame, board.name));
+}
+
+/** The policies that a board can be given. @param {Panel} panel @param {string[]} names */
+export function offerPolicies({ part }, names) {
+  part.pick.replaceChildren(...names.map((name) => new Option(name, name)));
+}
+
+/** The choice of a policy in the place of its name; a person's board has none. @param {Panel} panel @param {Board | null} board */
+export function paintPick({ part }, board) {
+  const pick = /** @type {HTMLSelectElement} */ (part.pick);
+  const isOffered = Boolean(board) && [...pick.options].some(({ value }) => value === board?.name);
+  pick.hidden = !isOffered;
+  part.name.classList.toggle("unseen", isOffered);
+  if (board && isOffered && pick.value !== board.name) pick.value = board.name;
 }
 
 /** The pace of a policy's board. @param {Panel} panel @param {Board | null} board @param {boolean} mayFollow true beside someone to follow */
@@ -73,6 +95,7 @@ export function paintEnd({ part }, state) {
   const wasHidden = part.end.hidden;
   part.end.hidden = !frame?.outcome;
   if (!frame?.outcome) return false;
+  if (wasHidden) fold(part, false);
   const goal = words.stepsToGoal(frame);
   put(part["end-title"], words.outcomeTitle(frame.outcome));
   put(part["end-line"], words.outcomeLine(frame.outcome));

@@ -67,6 +67,8 @@ export function createSheet(dialog, tell) {
       const wish = read();
       return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: field("rival").value, player: field("player").value } : wish;
     },
+    /** Chooses the policy of a board. @param {import("./state.js").Seat} seat @param {string} name */
+    choose(seat, name) { field(seat).value = name; },
     /** A chosen seed serves one terrain; the next is drawn by the server again. */
     forgetSeed() { field("seed").value = ""; },
     /** @param {{name: string, summary: string}[]} found @param {{name: string, summary: string}[]} policies */

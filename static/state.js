@@ -7,9 +7,11 @@
 /** @typedef {"player" | "rival"} Seat */
 /** @typedef {"practice" | "ranked" | "watch"} Mode */
 /**
- * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them.
+ * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
+ * of a policy that says what it thinks, `values[k]` what it expected to earn at step k (holes where nobody heard).
  * @typedef {{session: string, name: string, frame: Frame, trail: import("./protocol.js").Cell[], discovered: number[],
- *   hasGap: boolean, pace: import("./protocol.js").Pace | null, isReplay: boolean}} Board
+ *   hasGap: boolean, pace: import("./protocol.js").Pace | null, isReplay: boolean, thought?: import("./protocol.js").Thought | null,
+ *   values?: (number | null)[]}} Board
  */
 /**
  * @typedef {{mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null, rival: Board | null,
@@ -46,6 +48,7 @@ function seated(session, name, frame, before) {
 export function withFrame(board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (!isNew && frame.step < board.frame.step) return board;
+  if (isNew) board = { ...board, thought: null, values: [] };
   const trail = isNew ? [] : board.trail;
   const discovered = isNew ? [] : board.discovered;
   if (frame.step < trail.length) return { ...board, frame, trail, discovered };
@@ -60,6 +63,14 @@ function withHistory(board, history) {
   return { ...board, trail, discovered, hasGap: trail.length <= board.frame.step };
 }
 
+/** @param {Board} board @param {import("./protocol.js").Thought} thought @returns {Board} */
+function withThought(board, thought) {
+  if (thought.episode !== board.frame.episode) return board;
+  const values = [...(board.values ?? [])];
+  values[thought.step] = thought.value;
+  return { ...board, thought, values };
+}
+
 /** @param {Board | null} board @param {FromServer} message @returns {Board | null} */
 function received(board, message) {
   if (!board) return board;
@@ -67,6 +78,7 @@ function received(board, message) {
     case "frame": return withFrame(board, message);
     case "refused": return withFrame(board, message.frame);
     case "history": return withHistory(board, message);
+    case "thought": return withThought(board, message);
     case "pace": return { ...board, pace: message };
     default: return board;
   }
