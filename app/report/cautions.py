@@ -55,11 +55,7 @@ def _about_failures(group: Group) -> str:
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
-    seen = (
-        f"{bad} of {len(inside)} players had episodes short of 99 %"
-        if bad
-        else f"none of {len(inside)} players fell short of 99 %"
-    )
+    seen = f"{bad or 'none'} of {len(inside)} players had episodes that ended short of 99 %"
     cells = measured.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]

@@ -70,7 +70,7 @@ def power(player_sd: float, episode_sd: float, half_width: float, ranked: int = 
     if ranked < 1 or not 0 < assurance < 1:
         raise ValueError(f"ranked must be at least 1 and assurance in (0, 1), got {ranked} and {assurance}")
     spread = float(np.sqrt(player_sd**2 + episode_sd**2 / ranked))
-    widths = [_width(players, spread, assurance) for players in range(2, MOST + 1)]
+    widths = _widths(spread, assurance)
     players = next((width.players for width in widths if width.expected <= half_width), None)
     assured = next((width.players for width in widths if width.assured <= half_width), None)
     shown = sorted({*SHOWN, *(count for count in (players, assured) if count is not None)})
@@ -78,11 +78,14 @@ def power(player_sd: float, episode_sd: float, half_width: float, ranked: int = 
     return Plan(half_width, player_sd, episode_sd, ranked, assurance, spread, players, assured, table)
 
 
-def _width(players: int, spread: float, assurance: float) -> Width:
+def _widths(spread: float, assurance: float) -> list[Width]:
+    """Return the half-widths for 2, 3, ... MOST players."""
+    players = np.arange(2, MOST + 1)
     freedom = players - 1
-    unit = float(stats.t.ppf(1 - TAIL, freedom)) * spread / np.sqrt(players)
+    unit = stats.t.ppf(1 - TAIL, freedom) * spread / np.sqrt(players)
     mean_sd = np.sqrt(2 / freedom) * np.exp(gammaln(players / 2) - gammaln(freedom / 2))  # of the sample SD, for SD 1
-    return Width(players, float(unit * mean_sd), float(unit * np.sqrt(stats.chi2.ppf(assurance, freedom) / freedom)))
+    assured = unit * np.sqrt(stats.chi2.ppf(assurance, freedom) / freedom)
+    return [Width(*row) for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)]
 
 
 def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:

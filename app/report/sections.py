@@ -137,7 +137,7 @@ def _spread_column(metric: Metric) -> tuple[str, ...]:
 def _beside(caption: str, group: Group, names: Sequence[str], columns: Sequence[Sequence[str]]) -> str:
     """Return a table with a column for each metric of the group."""
     rows = list(zip(names, *columns, strict=True))
-    return table(caption, ("", *(NAMES[metric.name] for metric in group.metrics)), rows)
+    return table(caption, ("quantity", *(NAMES[metric.name] for metric in group.metrics)), rows)
 
 
 def _policies(report: Report, group: Group, pictures: dict[str, str]) -> str:

@@ -1,0 +1,60 @@
+"""Studies made from numbers: participants and trials with the scores a test asks for."""
+
+import numpy as np
+
+from app.report.policies import PolicyRun
+from app.study.data import Person, StudyData, Trial
+from app.study.protocol import default_protocol, protocol_hash
+from marsexplorer.config import CORE_VERSION, EnvConfig
+
+CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
+FROZEN_MS = 1_790_000_000_000
+
+
+def protocol(**rest):
+    return default_protocol("made", CONFIG, **{"warm_up": 0, "ranked": 6, "players": 4, "policies": ("random",), **rest})
+
+
+def person(number, kind="human", script=None, stage="complete", completed=True, events=()):
+    joined = FROZEN_MS + 1000 * number
+    done = joined + 500 if completed else None
+    return Person(f"{number:032x}", kind, script, stage, joined, "1", done, {}, tuple(events))
+
+
+def trial(who, index, score=0.9, steps=20, **rest):
+    """A finished ranked episode of a person's; `rest` replaces fields."""
+    given = {
+        "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain": index,
+        "episode": f"{who.id}-{index}", "driver": who.kind, "outcome": "explored", "steps": steps, "steps_to_99": steps,
+        "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS, "ended_ms": FROZEN_MS + 30_000,
+        "trajectory_hash": "0" * 64, "seed": 1000 + index, "config_hash": CONFIG.hash, "core_version": CORE_VERSION, **rest,
+    }  # fmt: skip
+    return Trial(**given)
+
+
+def study(people=(), trials=(), closed=True, **rest):
+    """StudyData around people and trials."""
+    made = protocol(**rest)
+    closed_ms = FROZEN_MS + 10_000_000 if closed else None
+    return StudyData(made, protocol_hash(made), "c" * 64, FROZEN_MS, closed_ms, None, tuple(people), tuple(trials))
+
+
+def played(scores, kind="human", script=None, first=0, steps=None, **rest):
+    """People (or scripts) and their trials, one row of `scores` each; NaN where a terrain was not played."""
+    people, trials = [], []
+    for number, row in enumerate(np.asarray(scores, float), first):
+        whole = not np.isnan(row).any()
+        who = person(number, kind, script, completed=whole, stage="complete" if whole else "ranked")
+        people.append(who)
+        for index, score in enumerate(row):
+            if not np.isnan(score):
+                count = 20 + number % 10 + index if steps is None else int(steps[number - first][index])
+                trials.append(trial(who, index, float(score), count, **rest))
+    return people, trials
+
+
+def run(name, score, steps=None, outcome="explored"):
+    """A policy's run with these values."""
+    score = np.asarray(score, float)
+    steps = np.full(len(score), 30.0) if steps is None else np.asarray(steps, float)
+    return PolicyRun(name, score, steps, tuple(outcome for _ in score))
