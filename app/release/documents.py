@@ -10,6 +10,7 @@ from typing import Any
 from app.release.columns import dictionary, json_schema
 from app.release.datasheet import datasheet
 from app.release.header import Header
+from app.study.protocol import canonical
 
 PAPER = "MarsExplorer: Exploration of Unknown Terrains via Deep Reinforcement Learning and Procedurally Generated Environments"
 LICENCES = {
@@ -48,7 +49,7 @@ def write_documents(folder: Path, header: Header, minari: Mapping[str, int], wit
     (folder / "schema").mkdir()
     _json(folder / "schema/columns.json", dictionary())
     _json(folder / "schema/episode.schema.json", json_schema())
-    _json(folder / "protocol.json", header.protocol.model_dump(mode="json"))
+    _json(folder / "protocol.json", json.loads(canonical(header.protocol)))
     (folder / "CITATION.cff").write_text(_citation_file(header), encoding="utf-8")
     (folder / "LICENSE").write_text(_licence_text(header), encoding="utf-8")
     (folder / "DATASHEET.md").write_text(

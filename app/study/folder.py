@@ -137,7 +137,7 @@ class Folder:
 
         if self.status(name) != "draft":
             raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
-        protocol, path = self.draft(name), self.path(name)
+        protocol, path = checked(self.draft(name).model_dump(mode="json")), self.path(name)  # every field set from now on
         if protocol.core_version != CORE_VERSION:
             raise StudyError(
                 f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "

@@ -163,8 +163,8 @@ def canonical_json(value: Any) -> bytes:
 
 
 def canonical(protocol: Protocol) -> bytes:
-    """Return the protocol's canonical JSON."""
-    return canonical_json(protocol.model_dump(mode="json"))
+    """Return the protocol's canonical JSON, without what it was made without: a later version's new fields change no hash."""
+    return canonical_json(protocol.model_dump(mode="json", exclude_unset=True))
 
 
 def protocol_hash(protocol: Protocol) -> str:

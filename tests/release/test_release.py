@@ -1,6 +1,7 @@
 """`release` and `import`: what is in a bundle, that nobody can be found in it, that it comes back as it was, each refusal."""
 
 import csv
+import hashlib
 import json
 import re
 import shutil
@@ -29,6 +30,7 @@ from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.release.verify import verify_database
 from app.store import SessionRow, StoreError
+from app.study.protocol import canonical, canonical_json, checked
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -244,6 +246,15 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
     assert "openssl pkeyutl" in sheet
 
 
+def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(made, tmp_path, monkeypatch):
+    manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
+    text = json.loads((made[0] / "out/protocol.json").read_text())
+    assert hashlib.sha256(canonical_json(text)).hexdigest() == manifest["protocol_hash"]
+    without = {name: value for name, value in text.items() if name != "title"} | {"title": "older"}
+    del without["equivalence_margin"]  # as if this field had come later
+    assert json.loads(canonical(checked(without))) == without
+
+
 def test_openssl_alone_can_check_the_signature(made):
     if shutil.which("openssl") is None:
         pytest.skip("no openssl here")
@@ -358,8 +369,6 @@ def test_a_forged_release_has_another_signer(made, copy):
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     manifest = json.loads((out / MANIFEST).read_text())
     manifest["signer"] = signing.fingerprint((out / PUBLIC_KEY).read_bytes())
-    import hashlib
-
     manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256((out / PUBLIC_KEY).read_bytes()).hexdigest()
     (out / MANIFEST).write_text(json.dumps(manifest))
     (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
