@@ -93,8 +93,9 @@ def check_page(request: Request) -> None:
         raise HTTPException(403, "this call must come from the operator's own page, at /admin of this server")
 
 
-def check_operator(request: Request) -> Console:
+def check_operator(request: Request, response: Response) -> Console:
     """Return the console for the operator on our page; HTTPException 401 or 403 for anybody else."""
+    response.headers["Cache-Control"] = "no-store"
     check_page(request)
     console = _console(request)
     if not console.door.admits(request):

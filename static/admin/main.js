@@ -109,7 +109,7 @@ function paintStudy(study, overview) {
   tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
   const isBusy = report?.state === "making" || release?.state === "making";
-  by("make-report").disabled = isBusy || study.participants.length === 0;
+  by("make-report").disabled = isBusy;
   by("make-release").disabled = isBusy || isOpen || study.participants.length === 0;
   by("authors").closest("p").hidden = isOpen;
   by("close").closest("div").hidden = !isOpen;

@@ -76,6 +76,7 @@ function paint() {
   const rows = standing.rows(detail, measure);
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(detail);
+  [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
   by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
   paintWorking(standing.working(detail.policies));
   paintRanks(by("ranks"), by("ticks"), rows, standing.scaleOf(figures, measure), measure);

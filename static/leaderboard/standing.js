@@ -5,7 +5,7 @@
 /** @typedef {{steps: number[], mean: number[], low: number[], high: number[]}} Curve */
 /** @typedef {{trial: number, players: number, score: Interval, steps: Interval}} Trial */
 /** @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure */
-/** @typedef {Figure & {players: number, trials: Trial[]}} People */
+/** @typedef {Figure & {players: number, trials: Trial[], set?: string}} People */
 /** @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy */
 /** @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} Board */
 /** @typedef {{board: Board, people: People | null, policies: Policy[]}} Detail */
@@ -81,13 +81,28 @@ export function movesTo({ steps, mean }, share) {
 
 /** The sentence under the heading. @param {Detail} detail */
 export function headline({ board, people, policies }) {
-  const where = board.study ? `the study ${board.study}` : `${board.level} ${board.rows} \u00d7 ${board.cols}`;
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
   const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")}.` : "";
-  if (!people) return `Nobody has played ${where} for the human score yet, so there is no human level here.${policy}`;
+  const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
+  if (!people) {
+    const what = board.study ? `No person finished the study ${board.study}` : `Nobody has played ${terrain} for the human score yet`;
+    return `${what}, so there is no human level here.${policy}`;
+  }
+  const where = board.study ? `in the study ${board.study}, ${terrain}` : `on ${terrain}`;
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
-  return `Human level on ${where}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${many(people.players, "player")} and ${many(people.episodes, "episode")}.${policy}`;
+  return `Human level ${where}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${many(people.players, "player")} and ${many(people.episodes, "episode")}.${policy}`;
+}
+
+/** Who people are here, and what policies play. @param {Detail} detail @returns {[string, string]} */
+export function reading({ board, people }) {
+  if (!board.study) {
+    return ["People are those who played for the human score on the page: terrains neither chosen nor met before, no policy beside them. Each person weighs once, however much they played, so the interval is over players.",
+      `Policies and frontier rules play ${board.terrains} fixed terrains of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
+  }
+  const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";
+  return [`People are the participants of this closed study${set}; each weighs once, and the interval is over players. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
+    `Policies and frontier rules play exactly the ${board.terrains} ranked terrains of the study; their interval is over terrains. The study's report compares them pair by pair.`];
 }
 
 /** Where a figure comes from. @param {Row} row */

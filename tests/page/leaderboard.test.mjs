@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { heat, inWords, topOf } from "../../static/leaderboard/maps.js";
-import { coverageEnd, curveText, headline, rows, scaleOf, tickText, ticks, working } from "../../static/leaderboard/standing.js";
+import { coverageEnd, curveText, headline, reading, rows, scaleOf, tickText, ticks, working } from "../../static/leaderboard/standing.js";
 import { footing } from "../../static/leaderboard/trials.js";
 
 const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });
@@ -40,6 +40,16 @@ test("honest words when nobody has played, one player, and several", () => {
   assert.match(headline({ board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
   assert.match(headline({ board, people, policies }), /90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
   assert.doesNotMatch(headline({ board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
+});
+
+test("a study's board says so, and who enters it", () => {
+  const study = { ...board, study: "dunes", terrains: 30 };
+  const policies = [ready("ppo", 78, 0.95)];
+  assert.match(headline({ board: study, people, policies }), /^Human level in the study dunes, random 21 \u00d7 21: 90\.0/);
+  assert.match(headline({ board: study, people: null, policies }), /^No person finished the study dunes, so there is no human level/);
+  assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
+  assert.match(reading({ board: study, people, policies })[1], /exactly the 30 ranked terrains/);
+  assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);
 });
 
 test("what is being evaluated is said, and nothing once all is done", () => {

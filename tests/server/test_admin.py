@@ -193,7 +193,11 @@ def test_boards_are_watched_live_with_their_scores(admin):
         person.play()
     person.call("next")
     assert person.where["phase"] == "ranked"
-    assert operator.get("/api/admin/overview").json()["boards"] == [], "nobody sits there"
+    answer = operator.get("/api/admin/overview")
+    assert answer.json()["boards"] == [], "nobody sits there"
+    assert answer.headers["cache-control"] == "no-store"
+    assert operator.get(f"/api/sessions/{person.where['session']}").status_code == 200
+    assert admin.client().get(f"/api/sessions/{person.where['session']}").status_code == 404
     with (
         person.socket() as playing,
         admin.socket(person.where["session"], operator, path="/ws/admin/sessions/") as watching,
@@ -239,6 +243,25 @@ def test_closing_takes_the_name_and_is_for_good(admin):
     shown = operator.get("/api/admin/studies/small").json()
     assert (shown["status"], shown["closed_ms"] is not None) == ("closed", True)
     assert operator.get("/api/admin/studies/nosuch").status_code == 404
+
+
+def test_an_export_that_fails_says_why_in_the_commands_own_words(admin):
+    operator = admin.operator()
+    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    begun = operator.post("/api/admin/studies/small/exports/release", json={"authors": ["Ada Lovelace"]})
+    assert (begun.status_code, begun.json()["release"]["state"]) == (202, "making")
+    busy = operator.post("/api/admin/studies/small/exports/report", json={})
+    assert (busy.status_code, busy.json()["detail"]) == (409, "another export is being made: wait until it is done")
+
+    def done():
+        made = operator.get("/api/admin/studies/small").json()["exports"]["release"]
+        return made if made["state"] != "making" else None
+
+    made = eventually(done, 120)
+    assert (made["state"], made["files"]) == ("failed", [])
+    assert "'small'" in made["error"], "nobody has joined it"
+    assert operator.get("/api/admin/studies/small/files/small-release.zip").status_code == 404
+    assert operator.post("/api/admin/studies/small/exports/anything", json={}).status_code == 422
 
 
 def test_drafts_and_thawed_studies_are_listed_with_what_is_wrong(admin, tmp_path):
