@@ -12,8 +12,10 @@
 /** @typedef {"steps" | "score"} Measure */
 /** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
 
-const INKS = ["#5fd0c5", "#b9a3f5", "#8fb8f0", "#e08fa8", "#cfc3b6", "#a9c77f"];
-const DASHES = ["7 4", "2 3", "9 3 2 3", "4 4", "1 4", "12 4"];
+/** Colour and dash of the policies everybody has, the same on every board; others take the rest in turn. @type {Record<string, [string, string]>} */
+const OWN = { ppo: ["#5fd0c5", "7 4"], "frontier-utility": ["#b9a3f5", "2 3"], "frontier-cost": ["#8fb8f0", "9 3 2 3"], planner: ["#cfc3b6", "1 4"], random: ["#e08fa8", "4 4"] };
+/** @type {[string, string][]} */
+const REST = [["#a9c77f", "12 4"], ["#7fb5c7", "5 2"], ["#d9a07a", "3 6"], ["#c7c77f", "10 2 2 2"]];
 export const PEOPLE_INK = "#ffb347";
 
 /** @param {number} count @param {string} one */
@@ -26,7 +28,11 @@ export const intervalText = (value, measure) => (value.low === null || value.hig
 /** Everyone on the board, the best first; those still without a figure last. @param {Detail} detail @param {Measure} measure @returns {Row[]} */
 export function rows({ people, policies }, measure) {
   /** @type {Row[]} */
-  const found = policies.map((policy, k) => ({ who: "policy", name: policy.name, colour: INKS[k % INKS.length], dash: DASHES[k % DASHES.length], figure: policy.figure, policy }));
+  const others = policies.filter(({ name }) => !OWN[name]);
+  const found = policies.map((policy) => {
+    const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
+    return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
+  });
   if (people) found.unshift({ who: "people", name: "People", colour: PEOPLE_INK, dash: "", figure: people, policy: null });
   const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
