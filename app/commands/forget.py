@@ -15,7 +15,7 @@ from app.console import PATH, reason, settings_of
 @click.option("--database", type=PATH, help="The database to erase them from.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def forget(participant: str, study: str | None, database: Path | None, yes: bool) -> None:
-    """Erase a participant, named by their id or by the outside id of their link, for good.
+    """Erase a participant, named by their id, the label their page shows or the outside id of their link, for good.
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
     study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its

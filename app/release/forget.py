@@ -16,6 +16,7 @@ from app.migrations import StoreError, open_database, take_lock, transaction
 from app.release.connection import reading, rows
 from app.release.errors import ReleaseError
 from app.release.join import TRAJECTORY, person_hashes, trajectory_hash
+from app.study.records import label
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Forgotten:
 
 
 def find(database: Path, who: str, study: str | None = None) -> dict[str, Any]:
-    """Return the one participant meant by an id or an outside id; ReleaseError when there is none, or several."""
+    """Return the one participant meant by an id, a label or an outside id; ReleaseError when there is none, or several."""
     with reading(database) as conn:
         return _found(conn, database, who, study)
 
@@ -42,7 +43,7 @@ def find(database: Path, who: str, study: str | None = None) -> dict[str, Any]:
 def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
     """Return what was erased.
 
-    who  a participant's id, or an outside id of theirs
+    who  a participant's id, the label their page shows, or an outside id of theirs
 
     Needs the database alone: StoreError while a server, or any other program, has it open.
     """
@@ -71,11 +72,12 @@ def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
 
 def _found(conn: sqlite3.Connection, database: Path, who: str, study: str | None) -> dict[str, Any]:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1) AND (?2 IS NULL OR p.study = ?2)"""
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = ?1) AND (?2 IS NULL OR p.study = ?2)"""
+    conn.create_function("label", 1, label, deterministic=True)
     found = rows(conn, sql, who, study)
     if not found:
         where = f"the study {study!r} of {database}" if study else str(database)
-        raise ReleaseError(f"no participant {who!r} in {where}: give the participant's id or the outside id of their link")
+        raise ReleaseError(f"no participant {who!r} in {where}: give their id, label or the outside id of their link")
     if len(found) > 1:
         studies = ", ".join(sorted({person["study"] for person in found}))
         raise ReleaseError(

@@ -291,6 +291,20 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
     assert Person(server, client=person.client).where["stage"] == "withdrawn"
 
 
+def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
+    from app.release.forget import forget
+
+    person, other = Person(server), Person(server)
+    for each in (person, other):
+        each.to_tutorial()
+        each.call("next")
+    server.stop()
+    path = server.app.state.store.path
+    assert forget(path, person.where["participant"]).episodes == 1
+    kept = rows(server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes")
+    assert [each["n"] for each in kept] == [1, 1]
+
+
 def test_settings_are_kept_and_each_change_is_on_record(server):
     person = Person(server)
     assert person.where["settings"] == {"modality": None, "palette": "mars", "keys": None}
