@@ -26,7 +26,10 @@ export function createPanel(root, template) {
     part.end.dataset.testid = "end-card";
     part.next.dataset.testid = "next-terrain";
     part.again.dataset.testid = "same-again";
-    part.fold.addEventListener("click", () => fold(part, !part.end.classList.contains("is-folded")));
+    part.fold.addEventListener("click", (event) => {
+      fold(part, !part.end.classList.contains("is-folded"));
+      if (event.detail > 0) part.next.focus({ preventScroll: true }); // a mouse or a finger; Enter still means the next terrain
+    });
   }
   return { seat, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
