@@ -22,6 +22,7 @@ from app.admin.door import Door, TooManyAttempts, WrongPassword, forget, remembe
 from app.admin.exports import Exports, NotNow, What
 from app.admin.health import Health
 from app.lobby import UnknownSession
+from app.middleware import PAGE_CSP
 from app.players import has_own_origin
 from app.protocol import Message, encode_error
 from app.reader import Reader
@@ -30,6 +31,9 @@ from app.study.flow import Flow
 from app.study.folder import Study
 from app.study.protocol import DraftStudy, StudyError, UnknownStudy
 from marsexplorer.config import CORE_VERSION
+
+ALONE = PAGE_CSP.replace("frame-ancestors 'self'", "frame-ancestors 'none'")
+"""In no page's frame: nobody can be made to press a button that they do not see."""
 
 STRANGER = 4401
 """Close code of a socket without the operator's cookie."""
@@ -117,7 +121,7 @@ def router(page: Path) -> APIRouter:
 
     @routes.get("/admin")
     async def admin() -> FileResponse:
-        return FileResponse(page, headers={"X-Frame-Options": "DENY"})
+        return FileResponse(page, headers={"Content-Security-Policy": ALONE})
 
     routes.include_router(_calls)
     return routes

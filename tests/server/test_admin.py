@@ -47,6 +47,13 @@ def test_without_a_password_there_is_no_such_page(server):
     assert refusal.value.response.status_code in (403, 404)
 
 
+def test_the_page_stands_in_no_frame(admin):
+    answer = admin.client().get("/admin")
+    assert answer.status_code == 200
+    assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+    assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
 def test_every_call_refuses_strangers(admin):
     person = Person(admin)
     person.to_tutorial()

@@ -198,6 +198,25 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
     assert 'no policy "nope"' in failed["error"]
 
 
+def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
+    async def settle():
+        figures = Figures(tmp_path / "figures.json")
+        jobs = [Job("planner", EnvConfig.of("random", 21), tuple(range(500))), Job("random", TINY, (1, 2))]
+        try:
+            while figures.ask(jobs)[0]["done"] == 0:
+                await asyncio.sleep(0.05)
+            figures._process.kill()
+            while figures.ask(jobs)[0]["state"] == "computing":
+                await asyncio.sleep(0.05)
+            return figures.ask(jobs)
+        finally:
+            await figures.close()
+
+    for state in asyncio.run(asyncio.wait_for(settle(), 120)):
+        assert (state["state"], state["figure"]) == ("failed", None)
+        assert state["error"] == "the evaluation ended early; restart the server to try again"
+
+
 def test_a_policys_hash_is_of_its_file(tmp_path):
     one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
     one.write_bytes(b"1")
