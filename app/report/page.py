@@ -27,7 +27,7 @@ REFERENCES = (
 
 def render(report: Report) -> str:
     """Return the page."""
-    mark = f'<div class="synthetic-bar" role="note">{escape(SYNTHETIC)}</div>' if report.synthetic else ""
+    mark = f'<aside class="synthetic-bar" aria-label="Warning">{escape(SYNTHETIC)}</aside>' if report.synthetic else ""
     body = [_header(report), *_groups(report), _checklist(report), _methods(report), _protocol(report)]
     title = ("SYNTHETIC — " if report.synthetic else "") + report.title
     style, kind = STYLE.read_text(encoding="utf-8"), "synthetic" if report.synthetic else "human"

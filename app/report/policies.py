@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from app.leaderboard.tally import Played, curve, visits
-from app.leaderboard.worker import played
 from app.report.intervals import Floats
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.play import Result, chunks_of, played
 
 Progress = Callable[[int, int], None]
 
@@ -39,24 +39,32 @@ def play(
 
     seeds     by terrain index; progress is called with (episodes played, episodes in all)
     """
-    loaded = [(name, policies.load(name, config.sensor_radius)) for name in dict.fromkeys(names)]
-    done, runs = 0, []
-    for name, policy in loaded:
-        episodes: dict[int, Played] = {}
-        for index, seed in sorted(seeds.items()):
-            episodes[index] = played(policy, config, seed)
-            done += 1
-            if progress:
-                progress(done, len(loaded) * len(seeds))
-        runs.append(_run(name, config, episodes, terrains))
-    return tuple(runs)
+    chosen = list(dict.fromkeys(names))
+    for name in chosen:
+        policies.load(name, config.sensor_radius)  # what cannot be played is refused before anything is
+    index_of = {seed: index for index, seed in seeds.items()}
+    found: dict[str, dict[int, Result]] = {name: {} for name in chosen}
+    done = 0
+    for part in played(chunks_of(chosen, [config], list(seeds.values()), traces=True), None):
+        for result in part:
+            found[result.policy][index_of[result.seed]] = result
+        done += len(part)
+        if progress:
+            progress(done, len(chosen) * len(seeds))
+    return tuple(_run(name, config, found[name], terrains) for name in chosen)
 
 
-def _run(name: str, config: EnvConfig, episodes: Mapping[int, Played], terrains: int) -> PolicyRun:
+def _run(name: str, config: EnvConfig, results: Mapping[int, Result], terrains: int) -> PolicyRun:
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    for index, episode in episodes.items():
-        score[index], steps[index] = episode.score, episode.steps
-    outcomes = tuple(episodes[index].outcome if index in episodes else "" for index in range(terrains))
-    groups = [[episode] for episode in episodes.values()]
+    for index, result in results.items():
+        score[index], steps[index] = result.score, result.steps_to_99
+    outcomes = tuple(results[index].outcome if index in results else "" for index in range(terrains))
+    groups = [[_pictured(result, config)] for _, result in sorted(results.items())]
     pictures = {"curve": curve(config, groups), "visits": visits(config, groups)} if groups else {}
     return PolicyRun(name, score, steps, outcomes, pictures)
+
+
+def _pictured(result: Result, config: EnvConfig) -> Played:
+    assert result.trace is not None
+    path = [divmod(cell, config.cols) for cell in result.trace.path]
+    return Played(result.outcome, result.score, result.steps_to_99, result.trace.discovered, path)

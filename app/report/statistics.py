@@ -92,8 +92,9 @@ def crossed_means(table: Floats, resamples: int = RESAMPLES) -> Floats:
     """
     rows, cols = _draws(*table.shape, resamples)
     known = ~np.isnan(table)
-    counts = known.astype(np.float64) @ cols.T
-    sums = np.where(known, table, 0.0) @ cols.T
+    # not @: BLAS would start threads for so little, and they spin where the cores are busy
+    counts = np.einsum("pt,rt->pr", known.astype(np.float64), cols)
+    sums = np.einsum("pt,rt->pr", np.where(known, table, 0.0), cols)
     there = counts > 0
     means = np.where(there, sums / np.where(there, counts, 1), 0.0)
     weights = np.where(there, rows.T, 0.0)

@@ -12,7 +12,7 @@ from app.report.measured import POPULATIONS, nearest, saved
 
 DOCS = Path(__file__).parents[2] / "docs/report.md"
 BY_NAME = {population.name: population for population in POPULATIONS}
-STUDIES = 600
+STUDIES = 400
 
 
 def within(measured, low, high, studies):
