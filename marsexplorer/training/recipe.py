@@ -47,7 +47,7 @@ class Recipe:
     kl_target: float = 0.01
     value_share: float = 0.0125
     value_clip: float = float("inf")
-    gamma: float = 0.99
+    gamma: float = 0.997
     lam: float = 0.95
     value_updates: int = 6
     max_grad: float = 1.0
