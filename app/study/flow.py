@@ -71,7 +71,7 @@ class Flow:
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; NotNow when it is closed or made for other rules."""
         study = self.study(name)
-        if not study.is_open:
+        if not study.is_open or self.records.was_closed(name):
             raise NotNow(CLOSED.format(name))
         if study.protocol.core_version != CORE_VERSION:
             _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)

@@ -102,6 +102,11 @@ class Records:
         with self._store.transaction():
             self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret.hex(), study.name, study.protocol_hash))
 
+    def was_closed(self, name: str) -> bool:
+        """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
+        found = self._conn.execute("SELECT 1 FROM studies WHERE name = ? AND closed_ms IS NOT NULL", [name]).fetchone()
+        return found is not None
+
     def open_names(self) -> list[str]:
         """Return the names of studies that the database does not know to be closed."""
         return [row[0] for row in self._conn.execute("SELECT name FROM studies WHERE closed_ms IS NULL").fetchall()]

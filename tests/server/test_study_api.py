@@ -254,6 +254,8 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     assert done.me()["debrief"]["completion_code"]
     done.call("advance", {"from": "debrief"})
     assert rows(server, "SELECT secret FROM studies") == [{"secret": study.secret.hex()}]
+    (tmp_path / "studies" / "small" / "closed.json").unlink()  # its terrains are public: there is no way back
+    assert "is closed" in person.refused("next")
 
 
 def test_one_outside_id_is_one_person_and_one_cookie(server):
