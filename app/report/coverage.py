@@ -25,7 +25,7 @@ from app.report.intervals import (
     t_interval,
 )
 from app.report.measured import POPULATIONS, TABLE, Cell, Population
-from app.report.statistics import new_terrains_interval
+from app.report.statistics import crossed_means, drawn_terrains, log_interval, new_terrains_interval
 
 TERRAINS = 30
 PLAYERS = (5, 10, 20, 30)
@@ -33,13 +33,19 @@ ICCS = (0.0, 0.2, 0.5)
 TERRAIN_SHARE = 0.2
 """Of the variance of an episode's score."""
 BOUNDS = (-0.18, 1.0)
+COST = 0.55
+"""Of a collision, in score."""
+POLICY = 0.92
 STACK = 250
 """Studies worked on at a time."""
 Progress = Callable[[int, int], None]
 
 
 def simulate(population: Population, icc: float, players: int, studies: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return scores float64[studies, players, TERRAINS] and the truth on each study's terrains float64[studies]."""
+    """Return scores float64[studies, players, TERRAINS], and what each terrain adds float64[studies, TERRAINS] (mean 0).
+
+    The truth on a study's terrains is `overall(population)` plus the mean of what they add.
+    """
     shape = (studies, players, TERRAINS)
     if not population.collisions:
         player, terrain = (_drawn(population.shape, size, rng) for size in ((studies, players, 1), (studies, 1, TERRAINS)))
@@ -49,15 +55,14 @@ def simulate(population: Population, icc: float, players: int, studies: int, rng
         shares = (icc, terrain_share, 1 - icc - terrain_share)
         parts = zip(shares, (player, terrain, episode), strict=True)
         scores: Floats = 0.9 + 0.03 * sum(np.sqrt(share) * part for share, part in parts)
-        return scores, 0.9 + 0.03 * np.sqrt(terrain_share) * terrain.mean((1, 2))
+        return scores, 0.03 * np.sqrt(terrain_share) * terrain[:, 0]
     rate = np.full((studies, players, 1), population.collisions)
     if icc:
         spread = 1 / icc - 1
         rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
     terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
     played = 0.94 + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
-    cost = 0.55
-    return played - cost * (rng.random(shape) < rate), 0.94 - cost * population.collisions + terrain.mean((1, 2))
+    return played - COST * (rng.random(shape) < rate), terrain[:, 0]
 
 
 def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Floats:
@@ -75,23 +80,40 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
 def measure(population: Population, icc: float, players: int, studies: int, seed: int) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
     rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
-    scores, truth = simulate(population, icc, players, studies, rng)
+    scores, terrain = simulate(population, icc, players, studies, rng)
+    truth, everywhere = overall(population) + terrain.mean(1), np.full(studies, overall(population))
     means = scores.mean(2)
     t, printed = t_interval(means), printed_interval(means)
     stacks = [slice(at, at + STACK) for at in range(0, studies, STACK)]
     bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
     guaranteed = np.concatenate([guaranteed_covers(means[stack], BOUNDS, truth[stack]) for stack in stacks])
-    overall = np.full(studies, _overall(population))
     return Cell(
         population.name, icc, players, studies, _share(printed, truth), 100 * float((truth < printed[0]).mean()),
         100 * float((truth > printed[1]).mean()), float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
         _share(t, truth), _share(bootstrap, truth), 100 * float(guaranteed.mean()),
-        _share(_new(scores), overall), _share(_pooled(scores), truth),
+        _share(_new(scores), everywhere), _share(_pooled(scores), truth),
     )  # fmt: skip
 
 
-def _overall(population: Population) -> float:
-    return 0.94 - 0.55 * population.collisions if population.collisions else 0.9
+def overall(population: Population) -> float:
+    """Return the mean score over players and terrains."""
+    return 0.94 - COST * population.collisions if population.collisions else 0.9
+
+
+def measure_ratio(population: Population, icc: float, players: int, studies: int, seed: int) -> float:
+    """Return how often (percent) the interval of policy / people covers the ratio of the means over players and terrains.
+
+    The policy scores 0.92 in the mean, on each terrain what the terrain adds and a little of its own.
+    """
+    rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
+    scores, terrain = simulate(population, icc, players, studies, rng)
+    values = POLICY + terrain + 0.01 * rng.standard_normal(terrain.shape)
+    truth, covered = POLICY / overall(population), 0
+    for table, own in zip(scores, values, strict=True):
+        ratio = float(own.mean() / table.mean())
+        ends = log_interval(drawn_terrains(own, players), crossed_means(table), ratio, table)
+        covered += ends is not None and ends[0] <= truth <= ends[1]
+    return 100 * covered / studies
 
 
 def _new(scores: Floats) -> Ends:
@@ -132,6 +154,17 @@ def markdown(cells: Sequence[Cell]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def _ratios(studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a Markdown table: population, ICC, and the coverage of the ratio's interval by players."""
+    yield ("population", "ICC", *(f"{count} players" for count in players))
+    yield ("---", "---", *("---:" for _ in players))
+    rows = [(population, icc) for population in POPULATIONS for icc in ICCS]
+    for done, (population, icc) in enumerate(rows, 1):
+        found = [measure_ratio(population, icc, count, studies, seed) for count in players]
+        yield (population.name, f"{icc:g}", *(f"{share:.1f}" for share in found))
+        progress(done, len(rows))
+
+
 def error(coverage: float, studies: int) -> float:
     """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
     share = coverage / 100
@@ -142,11 +175,17 @@ def error(coverage: float, studies: int) -> float:
 @click.option("--studies", type=click.IntRange(min=20), default=2000, show_default=True, help="Simulated studies a cell.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--players", multiple=True, type=click.IntRange(min=5), help="Numbers of players; default 5, 10, 20, 30.")
+@click.option("--ratio", is_flag=True, help="Measure the interval of policy / people instead, which takes as long.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
-def main(studies: int, seed: int, players: tuple[int, ...], save: bool) -> None:
+def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
     from app.console import progress
 
+    if ratio:
+        with progress("simulating studies") as advance:
+            rows = list(_ratios(studies, seed, players or PLAYERS, advance))
+        click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))
+        return
     with progress("simulating studies") as advance:
         cells = list(table(studies, seed, players or PLAYERS, advance))
     click.echo(markdown(cells))

@@ -192,7 +192,7 @@ def compare(
     difference = mean - people
     new = (min(difference - half, these[0]), max(difference + half, these[1])) if several and these else None
     ratio = mean / people if people > 0 else None
-    ratios = _log_interval(drawn, drawn_people, ratio, table) if several else None
+    ratios = log_interval(drawn, drawn_people, ratio, table) if several else None
     normalized, interval = _normalized(values, random if policy != "random" else None, table, several)
     wins = int((paired > 0).sum() if up else (paired < 0).sum())
     p = permutation_p(paired)
@@ -201,7 +201,7 @@ def compare(
     )
 
 
-def _log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats) -> Pair | None:
+def log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats) -> Pair | None:
     """Return the t interval of log(top / bottom), brought back; None where either is not positive throughout."""
     if ratio is None or ratio <= 0 or (top <= 0).any() or (bottom <= 0).any():
         return None

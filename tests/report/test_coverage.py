@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.report.coverage import BOUNDS, error, markdown, measure, simulate
+from app.report.coverage import BOUNDS, error, markdown, measure, measure_ratio, overall, simulate
 from app.report.intervals import RULE_VERSION
 from app.report.measured import POPULATIONS, nearest, saved
 
@@ -45,8 +45,9 @@ def test_no_interval_knows_of_failures_that_happened_to_nobody_but_the_guarantee
 @pytest.mark.parametrize("population", POPULATIONS, ids=lambda population: population.name)
 @pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
 def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
-    scores, truth = simulate(population, icc, 20, 400, np.random.default_rng(14))
-    assert scores.mean() == pytest.approx(truth.mean(), abs=0.004)
+    scores, terrain = simulate(population, icc, 20, 400, np.random.default_rng(14))
+    assert scores.mean() == pytest.approx(overall(population) + terrain.mean(), abs=0.004)
+    assert terrain.mean() == pytest.approx(0, abs=0.002)
     assert BOUNDS[0] < scores.mean(2).min()
     assert scores.mean(2).max() < BOUNDS[1]
     # between players, from two halves of the terrains: free of the noise within
@@ -57,8 +58,20 @@ def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
     assert between / total == pytest.approx(icc, abs=0.06)
 
 
+def test_the_ratios_interval_covers_the_ratio_over_players_and_terrains():
+    assert within(measure_ratio(BY_NAME["symmetric"], 0.2, 10, 300, seed=15), 93, 99, 300)
+    assert measure_ratio(BY_NAME["rare collisions"], 0.5, 5, 100, seed=15) < 80
+
+
 def test_the_same_seed_gives_the_same_cell():
     assert measure(POPULATIONS[0], 0.2, 5, 50, 1) == measure(POPULATIONS[0], 0.2, 5, 50, 1)
+
+
+def test_a_row_of_the_quoted_table_comes_out_again():
+    quoted = next(cell for cell in saved() if (cell.population, cell.icc, cell.players) == ("skewed", 0.5, 5))
+    again = measure(BY_NAME["skewed"], 0.5, 5, quoted.studies, seed=0)
+    for name in ("printed", "below", "above", "t", "bootstrap", "guaranteed", "pooled", "width", "new_terrains"):
+        assert getattr(again, name) == pytest.approx(getattr(quoted, name), abs=0.11), name
 
 
 def test_the_quoted_table_is_whole_and_stands_in_the_documents():
