@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections.abc import AsyncGenerator
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
@@ -271,10 +272,11 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
                 await sender
 
 
-async def _send(websocket: WebSocket, console: Console, messages: Any) -> None:
+async def _send(websocket: WebSocket, console: Console, messages: AsyncGenerator[str, None]) -> None:
     """Send what comes, as long as the door stays open."""
-    async for message in messages:
-        if not console.door.admits(websocket):
-            await websocket.close(STRANGER, "logged out")
-            return
-        await websocket.send_text(message)
+    async with contextlib.aclosing(messages):
+        async for message in messages:
+            if not console.door.admits(websocket):
+                await websocket.close(STRANGER, "logged out")
+                return
+            await websocket.send_text(message)

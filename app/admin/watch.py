@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import asyncio
+from collections.abc import AsyncGenerator
 from typing import Any
 
 from app.lobby import Lobby
@@ -36,11 +37,18 @@ def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
     return sorted(found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"])))
 
 
-async def messages(session: Session) -> AsyncIterator[str]:
-    """Yield a board's frames, the newest only, and its history wherever frames were missed, until nobody asks any more."""
+async def messages(session: Session) -> AsyncGenerator[str, None]:
+    """Yield a board's frames, the newest only, and its history wherever frames were missed, until nobody asks any more.
+
+    The operator listens and does not follow: a board that its player has left is not kept alive by being watched.
+    """
     frame, episode, steps = "", "", 0
-    with session.channel.follow() as follower:
-        async for _ in follower:
+    woken = asyncio.Event()
+    woken.set()
+    leave = session.channel.listen(woken.set)
+    try:
+        while await woken.wait():
+            woken.clear()
             newest = encode_frame(session.current.id, session.episode)
             if newest == frame:
                 continue
@@ -49,3 +57,5 @@ async def messages(session: Session) -> AsyncIterator[str]:
             if session.current.id != episode or session.episode.steps > steps + 1:
                 yield encode_history(session.current.id, session.episode)
             episode, steps = session.current.id, session.episode.steps
+    finally:
+        leave()

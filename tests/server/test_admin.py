@@ -232,6 +232,18 @@ def test_boards_are_watched_live_with_their_scores(admin):
                 watching.frame_after(own["step"])
 
 
+def test_a_board_whose_player_has_left_is_not_live_however_long_it_is_watched(admin):
+    operator, person = admin.operator(), Person(admin)
+    person.to_warm_up()
+    session = person.call("next")["session"]
+    with admin.socket(session, operator, path="/ws/admin/sessions/") as watching:
+        watching.receive("frame")
+        with person.socket() as playing:
+            playing.receive("frame")
+            assert len(operator.get("/api/admin/overview").json()["boards"]) == 1
+        eventually(lambda: operator.get("/api/admin/overview").json()["boards"] == [])
+
+
 def test_closing_takes_the_name_and_is_for_good(admin):
     operator, person = admin.operator(), Person(admin)
     person.to_tutorial()
