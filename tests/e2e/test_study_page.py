@@ -18,7 +18,7 @@ RIGHT = [0, 1, 1]
 LISTEN = """const ask = window.fetch;
 window.fetch = async (...how) => {
   const answer = await ask(...how);
-  answer.clone().text().then(window.marsHears);
+  answer.clone().text().then(window.marsHears, () => {});
   return answer;
 };"""
 COLOURFUL = ("consent", "settings", "tutorial", "questions-wrong", "ranked-end", "debrief")
