@@ -155,25 +155,20 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-_OF_STUDY = "FROM study_episodes x JOIN participants p ON p.id = x.participant_id"
-
-
 def _trials(reader: Reader, study: str, kinds: dict[str, Kind]) -> tuple[Trial, ...]:
-    moves, inputs = _by_episode(reader, "steps", "step", study), _by_episode(reader, "input_events", "number", study)
     rows = reader.query(
-        f"SELECT x.*, e.* {_OF_STUDY} JOIN episodes e ON e.id = x.episode_id WHERE p.study = ? ORDER BY e.started_ms, e.id",
+        """SELECT x.*, e.* FROM study_episodes x JOIN participants p ON p.id = x.participant_id
+        JOIN episodes e ON e.id = x.episode_id WHERE p.study = ? ORDER BY e.started_ms, e.id""",
         [study],
     )
-    return tuple(_trial(row, kinds[row["participant_id"]], moves[row["id"]], inputs[row["id"]]) for row in rows)
+    return tuple(_with_input(reader, row, kinds[row["participant_id"]]) for row in rows)
 
 
-def _by_episode(reader: Reader, table: str, order: str, study: str) -> defaultdict[str, list[dict[str, Any]]]:
-    """Return the rows of a table by episode, in order; none for episodes without any."""
-    found: defaultdict[str, list[dict[str, Any]]] = defaultdict(list)
-    join = f"{_OF_STUDY} JOIN {table} t ON t.episode_id = x.episode_id WHERE p.study = ?"
-    for row in reader.query(f"SELECT t.* {join} ORDER BY t.episode_id, t.{order}", [study]):
-        found[row["episode_id"]].append(row)
-    return found
+def _with_input(reader: Reader, row: dict[str, Any], kind: Kind) -> Trial:
+    """Return a trial, its input read and let go: a study's whole input may be larger than memory."""
+    moves = reader.query("SELECT input, server_ms FROM steps WHERE episode_id = ? ORDER BY step", [row["id"]])
+    inputs = reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [row["id"]])
+    return _trial(row, kind, moves, inputs)
 
 
 def _trial(row: dict[str, Any], kind: Kind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]) -> Trial:
