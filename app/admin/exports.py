@@ -51,7 +51,7 @@ class Exports:
 
     def __init__(self, database: Path, studies: Path) -> None:
         self._database, self._studies = database, studies
-        self._root = Path(tempfile.mkdtemp(prefix="mars-exports-"))
+        self._root: Path | None = None
         self._made: dict[tuple[str, What], Making] = {}
 
     def state(self, study: str) -> dict[str, Any]:
@@ -65,6 +65,8 @@ class Exports:
             raise NotNow("another export is being made: wait until it is done")
         if old := self._made.pop((study, what), None):
             shutil.rmtree(old.folder, ignore_errors=True)
+        if self._root is None:
+            self._root = Path(tempfile.mkdtemp(prefix="mars-exports-"))
         making = Making(Path(tempfile.mkdtemp(dir=self._root)))
         self._made[study, what] = making
         making.task = asyncio.create_task(self._make(making, study, what, authors), name=f"{what} of {study}")
@@ -85,7 +87,8 @@ class Exports:
                     making.process.kill()
             if making.task is not None:
                 await making.task
-        await asyncio.to_thread(shutil.rmtree, self._root, ignore_errors=True)
+        if self._root is not None:
+            await asyncio.to_thread(shutil.rmtree, self._root, ignore_errors=True)
 
     async def _make(self, making: Making, study: str, what: What, authors: tuple[str, ...]) -> None:
         folder = making.folder
