@@ -27,7 +27,7 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_afresh
 from app.release.tables import Writers, played
 from app.release.verify import verify_moment
-from app.study.protocol import checked
+from app.study.protocol import Protocol, StudyError, checked
 
 Advance = Callable[[int, int], None]
 COUNTED = ("participants", "episodes", "steps", "input_events", "stage_events")
@@ -105,7 +105,7 @@ def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     return Header(
         study=wanted.study,
-        protocol=checked(json.loads(row["protocol"])),
+        protocol=_protocol(row),
         protocol_hash=row["protocol_hash"],
         commitment=row["commitment"],
         secret=closed[1],
@@ -116,6 +116,13 @@ def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int
         authors=wanted.authors or (f"The operators of the study {wanted.study}",),
         url=wanted.url,
     ), closed
+
+
+def _protocol(row: dict[str, Any]) -> Protocol:
+    try:
+        return checked(json.loads(row["protocol"]))
+    except (ValueError, StudyError) as error:
+        raise ReleaseError(f"no release: the protocol of the study {row['name']!r} cannot be read: {error}") from error
 
 
 def _superseded(last: dict[str, Any]) -> dict[str, Any]:

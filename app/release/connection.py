@@ -8,18 +8,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.migrations import hold, open_read_only
+from app.migrations import StoreError, hold, open_read_only
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """Return a block with a read-only connection that sees one moment of a database; StoreError when it is not ours."""
+    """Return a block with a read-only connection that sees one moment of a database.
+
+    StoreError when it is not ours, and when it turns out to be damaged inside the block.
+    """
     db = open_read_only(path)
     release = hold(path)
     try:
         conn: sqlite3.Connection = db.conn
         conn.execute("BEGIN")
         yield conn
+    except sqlite3.DatabaseError as error:
+        if "malformed" not in str(error) and "not a database" not in str(error):
+            raise
+        raise StoreError(f"the database {path} is damaged ({error}): restore it from a backup") from error
     finally:
         db.close()
         release()

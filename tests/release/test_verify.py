@@ -6,6 +6,8 @@ import sqlite3
 import pytest
 from release.studies import Field, freeze, play_study
 
+from app import digests
+from app.cli import main
 from app.release import verify
 from app.release.verify import verify_database
 
@@ -109,6 +111,48 @@ def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
     conn.execute("UPDATE steps SET reward = 99.5 WHERE episode_id = ? AND step = 3", [ident])
     said = [str(finding) for finding in verify_database(path).findings]
     assert f"episode {ident}: reward of step 3 is 99.5, found {right!r}" in said
+
+
+RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = {})"
+
+
+@pytest.mark.parametrize(
+    ("harm", "found"),
+    [
+        ("UPDATE steps SET reward = reward + 0.5 WHERE step = 2", "reward of step 2"),
+        ("UPDATE steps SET discovered = discovered + 1 WHERE step = 2", "discovered of step 2"),
+        ("UPDATE steps SET driver = 'script' WHERE step = 1", "driver"),
+        (f"UPDATE episodes SET total = total + 1, score = score + 1 WHERE id IN {RANKED.format(1)}", "score"),
+        (f"UPDATE episodes SET trajectory_hash = 'x' WHERE id IN {RANKED.format(1)}", "trajectory_hash"),
+        (f"UPDATE episodes SET seed = 77 WHERE id IN {RANKED.format(1)}", "terrain"),
+        (f"UPDATE episodes SET seed = NULL WHERE id IN {RANKED.format(1)}", "seed of ranked terrain"),
+        (f"UPDATE episodes SET terrain = zeroblob(8) WHERE id IN {RANKED.format(1)}", "terrain_hash"),
+        (f"UPDATE episodes SET outcome = 'timed_out' WHERE id IN {RANKED.format(1)}", "outcome"),
+        (f"UPDATE episodes SET seed_chosen = 1 WHERE id IN {RANKED.format(1)}", "seed_chosen, assisted"),
+        ("UPDATE study_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'", "order of ranked terrains"),
+        ("UPDATE study_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
+        ("UPDATE study_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
+        ("DELETE FROM study_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
+    ],
+)
+def test_a_forger_who_makes_the_digests_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
+    conn, path = copy
+    assert conn.execute(harm).rowcount > 0
+    digests.renew(conn)
+    said = {finding.what for finding in verify_database(path).findings}
+    assert not any("digest" in what for what in said)
+    assert any(what.startswith(found) for what in said), said
+
+
+def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
+    data = bytearray(played[0].read_bytes())
+    data[8192:-4096] = b"\xff" * (len(data) - 12288)
+    (tmp_path / "bad.db").write_bytes(data)
+    with pytest.raises(SystemExit) as left:
+        main(["verify", "--database", str(tmp_path / "bad.db"), "--studies", str(tmp_path)])
+    said = capsys.readouterr()
+    assert (left.value.code, said.err.count("\n")) == (1, 1)
+    assert "is damaged" in said.err
 
 
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
