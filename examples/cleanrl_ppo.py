@@ -1,6 +1,6 @@
 """PPO in one file, in the manner of CleanRL, on the vectorized environment with its same-step autoreset.
 
-    pip install marsexplorer-playground
+    pip install .
     python examples/cleanrl_ppo.py --steps 20000
 
 Where an episode ends, the vector environment has already begun the next: `observations` is the first of the new episode and
@@ -78,7 +78,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Train and print coverage as it goes."""
+    """Train and print the score as it goes."""
     given = arguments()
     torch.manual_seed(given.seed)
     envs = gymnasium.make_vec(
@@ -100,7 +100,7 @@ def main() -> None:
     log_probs, rewards, dones, values = (torch.zeros((span, num)) for _ in range(4))
 
     observations, _ = envs.reset(seed=given.seed)
-    began, played, coverages = time.time(), 0, []
+    began, played, scores = time.time(), 0, []
     while played < given.steps:
         for t in range(span):
             codes[t] = torch.from_numpy(observations)  # copied: the environment writes its codes in place
@@ -114,7 +114,7 @@ def main() -> None:
             dones[t] = torch.from_numpy(terminated | truncated).float()
             if "final_obs" in info:
                 ended = np.flatnonzero(info["_final_obs"])
-                coverages += info["final_info"]["coverage"][ended].tolist()
+                scores += info["final_info"]["score"][ended].tolist()
                 cut = np.flatnonzero(truncated)
                 if len(cut):
                     last = torch.from_numpy(np.stack(list(info["final_obs"][cut])))
@@ -146,8 +146,8 @@ def main() -> None:
                 loss.backward()
                 nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
                 optimizer.step()
-        recent = f"{np.mean(coverages[-100:]):.1%}" if coverages else "no episode ended yet"
-        print(f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean coverage {recent}", flush=True)
+        recent = f"{np.mean(scores[-100:]):.3f}" if scores else "no episode ended yet"
+        print(f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score {recent}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """PPO of RLlib on MarsExplorer.
 
-    pip install marsexplorer-playground "ray[rllib]" torch
+    pip install . "ray[rllib]" torch
     python examples/rllib_ppo.py --steps 2000
 
-RLlib does not mask moves by itself, so a blind beginner crashes at once: an observation wrapper keeps the state matrix as
-it is, and learning has to find out about walls. RLlib pins an older Gymnasium; any from 1.0 on serves the environment.
+The state matrix goes in flat, into RLlib's default network. RLlib does not mask moves by itself, so a beginner drives into
+walls and pays for it first. RLlib pins an older Gymnasium; any from 1.0 on serves the environment.
 """
 
 import argparse

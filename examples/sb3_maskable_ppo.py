@@ -1,6 +1,6 @@
 """MaskablePPO of sb3-contrib on MarsExplorer: invalid moves are masked, a small convolutional net looks at the state matrix.
 
-    pip install marsexplorer-playground stable-baselines3 sb3-contrib
+    pip install . stable-baselines3 sb3-contrib
     python examples/sb3_maskable_ppo.py --steps 4096 --out mine.zip
 
 The file can be watched, and compared, without Stable-Baselines3:

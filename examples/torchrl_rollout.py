@@ -1,7 +1,7 @@
 """A TorchRL rollout of MarsExplorer, with the mask of valid moves in the tensordict.
 
-    pip install marsexplorer-playground torchrl
-    python examples/torchrl_rollout.py --steps 200
+pip install . torchrl
+python examples/torchrl_rollout.py --steps 200
 """
 
 import argparse

@@ -1,0 +1,143 @@
+"""Each example in a virtual environment of its own with what it asks for, kept in .cache/examples from run to run."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]
+
+ROOT = Path(__file__).parent.parent.parent
+HOMES = ROOT / ".cache" / "examples"
+NEEDS = {
+    "sb3": ["torch", "stable-baselines3", "sb3-contrib"],
+    "torchrl": ["torch", "torchrl"],
+    "rllib": ["torch", "ray[rllib]"],
+    "oldest": ["gymnasium==1.0.0", "numba", "scipy", "pytest", "pytest-timeout", "hypothesis"],
+}
+"""Name of an environment -> what is installed in it; ours comes with its own needs except in `oldest`, which needs the core."""
+
+
+def home(name):
+    """Return the Python of an environment, made and filled on its first use."""
+    folder = HOMES / name
+    python, stamp = folder / "bin" / "python", folder / "installed.json"
+    if not stamp.is_file() or json.loads(stamp.read_text()) != NEEDS[name]:
+        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+        ours = [] if name == "oldest" else ["--editable", str(ROOT)]
+        subprocess.run([str(python), "-m", "pip", "install", "--quiet", *NEEDS[name], *ours], check=True)
+        stamp.write_text(json.dumps(NEEDS[name]))
+    return str(python)
+
+
+def run(python, *arguments, **rest):
+    """Return what a script prints; its last words are shown when it fails."""
+    env = os.environ | {"OMP_NUM_THREADS": "1", "RAY_DISABLE_DASHBOARD": "1"}
+    done = subprocess.run([python, *map(str, arguments)], capture_output=True, text=True, env=env, timeout=1200, **rest)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+PREDICT = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import __main__
+from sb3_maskable_ppo import TerrainFeatures, make_env
+import torch
+from sb3_contrib import MaskablePPO
+__main__.TerrainFeatures = TerrainFeatures
+model, env, kept = MaskablePPO.load(sys.argv[2], device="cpu"), make_env("random", 8), []
+for seed in range(3):
+    observation, _ = env.reset(seed=seed)
+    ended = False
+    while not ended:
+        masks = env.unwrapped.action_masks()
+        action, _ = model.predict(observation, action_masks=masks, deterministic=True)
+        seen = torch.from_numpy(observation)[None]
+        with torch.no_grad():
+            shares = model.policy.get_distribution(seen, action_masks=masks[None]).distribution.probs[0].tolist()
+            value = float(model.policy.predict_values(seen)[0, 0])
+        kept.append([int(action), shares, value])
+        observation, _, terminated, truncated, _ = env.step(int(action))
+        ended = terminated or truncated
+print(json.dumps(kept))
+"""
+
+
+@pytest.mark.parametrize("features", ["terrain", "flat"])
+def test_a_maskable_ppo_trains_and_plays_here_as_it_does_there(features, tmp_path):
+    python, out = home("sb3"), tmp_path / "mine.zip"
+    said = run(
+        python, "examples/sb3_maskable_ppo.py", "--steps", 1024, "--size", 8, "--features", features, "--out", out, cwd=ROOT
+    )
+    assert "1,024 moves learnt from" in said
+    there = json.loads(run(python, "-c", PREDICT, ROOT / "examples", out))
+    policy, at = policies.load(out), 0
+    for seed in range(3):
+        episode = Episode.begin(EnvConfig.of("random", 8), seed=seed)
+        policy.reset(seed)
+        while not episode.ended:
+            action, shares, value = there[at]
+            assert policy.act(episode.observation()) == action
+            assert policy.thought()[0] == pytest.approx(shares, abs=1e-5)
+            assert policy.thought()[1] == pytest.approx(value, abs=1e-3)
+            episode.step(action)
+            at += 1
+    assert at == len(there)
+
+
+def test_other_models_of_stable_baselines3_are_read_or_refused_by_name(tmp_path):
+    code = """
+import sys, gymnasium, marsexplorer
+from stable_baselines3 import A2C, DQN, PPO
+from sb3_contrib import RecurrentPPO
+env, few = gymnasium.make("MarsExplorer-v0", size=8), {"n_steps": 16, "batch_size": 16}
+A2C("MlpPolicy", env, device="cpu").learn(16).save(sys.argv[1] + "/a2c")
+PPO("MlpPolicy", env, device="cpu", policy_kwargs={"net_arch": [32]}, **few).learn(16).save(sys.argv[1] + "/ppo")
+DQN("MlpPolicy", env, device="cpu").learn(16).save(sys.argv[1] + "/dqn")
+RecurrentPPO("MlpLstmPolicy", env, device="cpu", **few).learn(16).save(sys.argv[1] + "/recurrent")
+"""
+    run(home("sb3"), "-c", code, tmp_path)
+    board = Episode.begin(EnvConfig.of("random", 8), seed=0).codes
+    for name in ("a2c", "ppo"):
+        assert policies.load(tmp_path / f"{name}.zip").act(board) in range(4)
+    for name, said in (("dqn", "a DQN"), ("recurrent", "a RecurrentPPO")):
+        with pytest.raises(policies.PolicyFileError, match=said):
+            policies.load(tmp_path / f"{name}.zip")
+
+
+def test_the_cleanrl_loop_learns():
+    said = run(sys.executable, "examples/cleanrl_ppo.py", "--steps", 100_000, "--size", 12, cwd=ROOT)
+    scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", said)]
+    assert len(scores) > 20
+    assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05, "the first to end are the lucky ones; from then on it learns"
+
+
+def test_rllib_trains():
+    said = run(home("rllib"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
+    assert len(re.findall(r"moves, mean return -?[\d.]+", said)) >= 2
+
+
+def test_torchrl_rolls_out_with_masks():
+    said = run(home("torchrl"), "examples/torchrl_rollout.py", "--steps", 200, cwd=ROOT)
+    assert "200 moves, 0 of them invalid" in said
+    assert "action_mask" in said
+
+
+def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
+    for name in ("core/test_env.py", "core/test_world.py", "reference.py", "strategies.py"):
+        (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
+    env = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    command = [home("oldest"), "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=tmp_path, timeout=1200)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+    assert " passed" in done.stdout
