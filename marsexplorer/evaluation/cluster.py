@@ -5,7 +5,9 @@ Every machine of the cluster needs this package; policy files need not be there,
 
 from __future__ import annotations
 
+import logging
 import os
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +21,10 @@ from marsexplorer.evaluation.play import Chunk, Result, play
 
 LOCAL = "local"
 """The address that stands for a cluster of this machine alone, started for the occasion."""
+
+
+PATIENCE_S = 10.0
+"""Seconds to wait for a cluster's machine to answer."""
 
 
 class ClusterError(RuntimeError):
@@ -39,18 +45,34 @@ def session(address: str, workers: int | None = None) -> Iterator[Any]:
         raise ClusterError("ray is not installed; install it with: pip install 'marsexplorer-playground[ray]'") from error
     mine = not ray.is_initialized()
     if mine:
+        _check_reachable(address)
         local = {"num_cpus": workers, "include_dashboard": False} if address == LOCAL else {}
         try:
-            ray.init(address=address, log_to_driver=False, logging_level="ERROR", **local)
+            ray.init(address=address, log_to_driver=False, logging_level=logging.CRITICAL, **local)
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise ClusterError(
-                f"no Ray cluster answers at {address}; start one with `ray start --head`, or say {LOCAL}"
-            ) from error
+            raise _no_cluster(address) from error
     try:
         yield ray
     finally:
         if mine:
             ray.shutdown()
+
+
+def _no_cluster(address: str) -> ClusterError:
+    return ClusterError(f"no Ray cluster answers at {address}; start one with `ray start --head`, or say {LOCAL}")
+
+
+def _check_reachable(address: str) -> None:
+    """Return when something listens at HOST:PORT or ray://HOST:PORT: Ray itself would go on trying for ten minutes."""
+    if address in (LOCAL, "auto"):
+        return
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdigit():
+        raise ClusterError(f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), PATIENCE_S).close()
+    except (OSError, OverflowError) as error:
+        raise _no_cluster(address) from error
 
 
 def played_on_ray(chunks: Sequence[Chunk], address: str) -> Iterator[list[Result]]:
