@@ -15,7 +15,7 @@ import numpy as np
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
 from app.report.intervals import RULE, RULE_VERSION, Estimate, Floats, estimate
-from app.report.learning import learning
+from app.report.learning import at_trials, learning
 from app.report.model import NOBODY, SYNTHETIC, Figure, Group, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.report.sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words, scripts_of
@@ -192,6 +192,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         iqm_interval(table) if several else None,
         variance(table),
         learning(metric, cohort.table(ids, metric, "trial"), margin),
+        at_trials(cohort.practised(ids, metric)),
     )
 
 

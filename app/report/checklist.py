@@ -101,7 +101,7 @@ def _design(facts: Facts) -> Iterator[Item]:
     yield _missing("1.8", "Power analysis", "whether the number of players was planned (`marsexplorer study power` helps)")
     yield _missing("1.8.1", "Minimum detectable effect size", "it, with the power, where there was a power analysis")
     yield _missing("1.9", "Ethics review", "whether a board approved or exempted the study")
-    told = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether that was registered publicly is not known here."
+    told = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether it was registered publicly is not known."
     yield Item("1.10", "Pre-registration", "Partial", told, "protocol")
 
 

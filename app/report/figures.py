@@ -141,8 +141,13 @@ def _learning(canvas: Canvas, group: Group) -> None:
             band = np.clip(low_ends, *bounds), np.clip(high_ends, *bounds)
             axes.fill_between(places, *band, color=COLOURS[0], alpha=0.18, linewidth=0)
         axes.plot(trials, means, color=COLOURS[0], marker="o", markersize=3, linewidth=1.2)
+        practice = [(number, row[1]) for number, row in enumerate(metric.warm_up, 1 - len(metric.warm_up)) if row[0]]
+        if practice:
+            axes.plot(
+                *zip(*practice, strict=True), color="#7b8794", marker="o", markersize=3, linewidth=0.8, markerfacecolor="none"
+            )
         axes.set_title({"score": "Score", "steps": "Steps to 99 %"}[metric.name])
-    axes.set_xlabel("ranked trial, in the order played (grey: first and last third)")
+    axes.set_xlabel("ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)")
 
 
 def _curves(canvas: Canvas, group: Group, policies: Sequence[PolicyRow]) -> None:

@@ -13,6 +13,8 @@ from scipy import stats
 from app.report.intervals import CONFIDENCE, Floats, t_interval
 
 Pair = tuple[float, float]
+AtTrial = tuple[int, float, float | None, float | None]
+"""Players, mean, low and high; low and high None below two players."""
 
 LEVEL = 1 - CONFIDENCE
 """Of each of the two one-sided tests."""
@@ -22,7 +24,7 @@ LEVEL = 1 - CONFIDENCE
 class Learning:
     """What happened over the ranked trials. `table` there is float64[players, trials], in the order played.
 
-    by_trial      per trial: players, mean, low, high (low and high None below two players)
+    by_trial      per trial, with its t interval over players
     slope         change a trial: the mean of each player's least-squares slope, with its t interval over players
     change        last third minus first third of the trials, mean over players, with its 95 % t interval
     equivalence   the 90 % interval of the change: flat when it lies within +-margin (two one-sided tests at 5 %)
@@ -30,7 +32,7 @@ class Learning:
     """
 
     metric: str
-    by_trial: tuple[tuple[int, float, float | None, float | None], ...]
+    by_trial: tuple[AtTrial, ...]
     slope: float | None
     slope_interval: Pair | None
     change: float | None
@@ -43,7 +45,7 @@ class Learning:
 
 def learning(metric: str, table: Floats, margin: float | None) -> Learning:
     """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it."""
-    by_trial = tuple(_at_trial(column[~np.isnan(column)]) for column in table.T)
+    by_trial = at_trials(table)
     slopes = np.array([_slope(row) for row in table if (~np.isnan(row)).sum() > 2])
     third = table.shape[1] // 3
     pieces = (table[:, :third], table[:, -third:]) if third else (table[:, :0], table[:, :0])
@@ -78,7 +80,12 @@ def tost(changes: Floats, margin: float | None) -> tuple[Pair, float | None]:
     return ends, float(p.max())
 
 
-def _at_trial(values: Floats) -> tuple[int, float, float | None, float | None]:
+def at_trials(table: Floats) -> tuple[AtTrial, ...]:
+    """Return every trial of float64[players, trials], NaN where a player has none."""
+    return tuple(_at_trial(column[~np.isnan(column)]) for column in table.T)
+
+
+def _at_trial(values: Floats) -> AtTrial:
     if len(values) < 2:
         return len(values), float(values[0]) if len(values) else float("nan"), None, None
     low, high = t_interval(values)

@@ -9,7 +9,7 @@ from typing import Any
 
 from app.report.checklist import Item
 from app.report.intervals import Estimate
-from app.report.learning import Learning
+from app.report.learning import AtTrial, Learning
 from app.report.statistics import Comparison, Pair, Variance
 
 FORMAT = "marsexplorer-report-1"
@@ -41,6 +41,7 @@ class Metric:
 
     new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its percentile interval over players
+    warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
     """
 
     name: str
@@ -50,6 +51,7 @@ class Metric:
     iqm_interval: Pair | None
     variance: Variance | None
     learning: Learning
+    warm_up: tuple[AtTrial, ...] = ()
 
 
 @dataclass(frozen=True)

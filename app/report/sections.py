@@ -11,6 +11,10 @@ from app.report.model import Group, Metric, Report
 
 NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
+CURVE = (
+    "Mean over players at each trial; bands are 95 % t intervals over players. Hollow: the warm-up, whose terrains come in the "
+    "same order for everybody."
+)
 INTERVALS = ("95 % interval (printed)", "t interval", "studentised bootstrap", "new terrains too", "guaranteed")
 
 
@@ -200,7 +204,7 @@ def _learning(group: Group, pictures: dict[str, str]) -> str:
     columns = [_learned(metric) for metric in group.metrics]
     parts = ["<h2>Learning over the ranked trials</h2>"]
     if "learning" in pictures:
-        parts.append(figure(pictures["learning"], "Mean over players at each trial; bands are 95 % t intervals over players."))
+        parts.append(figure(pictures["learning"], CURVE))
     parts.append(_beside("Did players go on learning? Means over players", group, names, columns))
     margin = (
         "Flat means: the 90 % interval of the change lies within the margin that the protocol fixed (two one-sided "

@@ -23,22 +23,33 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Cohort:
-    """The participants of one kind, and their finished ranked episodes by participant, in the order played."""
+    """The participants of one kind, and their finished ranked and warm-up episodes by participant, in the order played."""
 
     name: str
     kind: str
     people: tuple[Person, ...]
     ranked: Mapping[str, tuple[Trial, ...]]
+    warm_up: Mapping[str, tuple[Trial, ...]]
     terrains: int
+    practice: int
 
     def table(self, ids: Sequence[str], metric: MetricName, by: Literal["terrain", "trial"] = "terrain") -> Floats:
-        """Return float64[players, terrains or trials], NaN where not finished."""
+        """Return float64[players, ranked terrains or trials], NaN where not finished."""
         found = np.full((len(ids), self.terrains), np.nan)
         for row, person in enumerate(ids):
             for trial in self.ranked[person]:
                 column = trial.terrain if by == "terrain" else trial.trial
                 if 0 <= column < self.terrains:
                     found[row, column] = value(trial, metric)
+        return found
+
+    def practised(self, ids: Sequence[str], metric: MetricName) -> Floats:
+        """Return float64[players, warm-up trials], NaN where not finished."""
+        found = np.full((len(ids), self.practice), np.nan)
+        for row, person in enumerate(ids):
+            for trial in self.warm_up[person]:
+                if 0 <= trial.trial < self.practice:
+                    found[row, trial.trial] = value(trial, metric)
         return found
 
 
@@ -62,13 +73,18 @@ def scripts_of(data: StudyData) -> list[Cohort]:
 
 
 def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
-    chosen = {person.id for person in people}
-    ranked: dict[str, list[Trial]] = {person.id: [] for person in people}
+    protocol = data.protocol
+    ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
+    return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
+
+
+def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> dict[str, tuple[Trial, ...]]:
+    """Return each one's finished episodes of a phase that they drove themselves."""
+    found: dict[str, list[Trial]] = {person.id: [] for person in people}
     for trial in data.trials:
-        if trial.participant in chosen and trial.phase == "ranked" and trial.ended_ms is not None and trial.driver == kind:
-            ranked[trial.participant].append(trial)
-    ordered = {person: tuple(sorted(trials, key=lambda trial: trial.trial)) for person, trials in ranked.items()}
-    return Cohort(name, kind, tuple(people), ordered, data.protocol.ranked)
+        if trial.participant in found and trial.phase == phase and trial.ended_ms is not None and trial.driver == kind:
+            found[trial.participant].append(trial)
+    return {person: tuple(sorted(trials, key=lambda trial: trial.trial)) for person, trials in found.items()}
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:

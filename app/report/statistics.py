@@ -202,28 +202,40 @@ def compare(
 
 
 def log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats) -> Pair | None:
-    """Return the t interval of log(top / bottom), brought back; None where either is not positive throughout."""
-    if ratio is None or ratio <= 0 or (top <= 0).any() or (bottom <= 0).any():
+    """Return the interval of a ratio policy / people over players and terrains.
+
+    The t interval of log(top / bottom) brought back, never nearer than the people's printed interval allows. None where a mean
+    or an end is not positive.
+
+    top, bottom  the policy's and the people's means in the same resamples; ratio: policy / people, None when there is none
+    """
+    people = player_means(table)
+    low, high = (float(end) for end in printed_interval(people))
+    if ratio is None or ratio <= 0 or low <= 0 or (top <= 0).any() or (bottom <= 0).any():
         return None
     half = _quantile(table) * float(np.log(top / bottom).std(ddof=1))
-    return float(ratio * np.exp(-half)), float(ratio * np.exp(half))
+    policy = ratio * float(people.mean())
+    return min(float(ratio * np.exp(-half)), policy / high), max(float(ratio * np.exp(half)), policy / low)
 
 
 def _normalized(values: Floats, random: Floats | None, table: Floats, several: bool) -> tuple[float | None, Pair | None]:
+    """Return (policy - random) / (people - random) and its interval, by the same rule as the ratio's."""
     if random is None:
         return None, None
-    people, zero = float(player_means(table).mean()), float(random.mean())
-    if people == zero:
+    means = player_means(table)
+    zero, gain = float(random.mean()), float(values.mean() - random.mean())
+    if means.mean() == zero:
         return None, None
-    share = float((values.mean() - zero) / (people - zero))
+    share = gain / (float(means.mean()) - zero)
     if not several:
         return share, None
     zeros = drawn_terrains(random, len(table))
-    gaps = crossed_means(table) - zeros
-    if (np.sign(gaps) != np.sign(people - zero)).any():
+    gaps, ends = crossed_means(table) - zeros, np.array(printed_interval(means)) - zero
+    if len({*np.sign(gaps), *np.sign(ends)}) > 1:  # people may be no better than random: the share has no bounds
         return share, None
     half = _quantile(table) * float(((drawn_terrains(values, len(table)) - zeros) / gaps).std(ddof=1))
-    return share, (share - half, share + half)
+    outer = sorted((gain / float(ends[0]), gain / float(ends[1])))
+    return share, (min(share - half, outer[0]), max(share + half, outer[1]))
 
 
 def permutation_p(differences: Floats) -> float | None:

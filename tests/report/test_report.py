@@ -161,6 +161,15 @@ def test_deviations_that_the_server_recorded():
     assert "The page was reloaded 40 times." in build(study(people, trials)).groups[0].deviations
 
 
+def test_warm_up_trials_are_shown_and_enter_no_figure():
+    people, trials = played(SCORES)
+    practice = [trial(who, index, 0.1, phase="warm_up", episode=f"w{who.id}{index}") for who in people for index in range(2)]
+    with_them, without = (build(study(people, given, warm_up=2)) for given in ([*trials, *practice], trials))
+    assert with_them.groups[0].figures == without.groups[0].figures
+    assert [row[:2] for row in with_them.groups[0].metric("score").warm_up] == [(3, pytest.approx(0.1))] * 2
+    assert [row[0] for row in without.groups[0].metric("score").warm_up] == [0, 0]
+
+
 def test_policies_are_compared_on_the_terrains_that_both_played():
     scores = SCORES.copy()
     runs = [run("ppo", [0.95] * 5 + [NAN], [25.0] * 5 + [NAN]), run("random", [0.3] * 6, [63.0] * 6)]

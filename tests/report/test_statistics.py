@@ -155,9 +155,19 @@ def test_the_ratios_interval_covers_players_and_terrains():
     players = np.array([0.9, 1.0, 1.1, 0.95, 1.05])[:, None]
     found = compare("twin", "score", 0.9 * terrain, players * terrain)
     assert found.ratio == pytest.approx(0.9)
-    half = math.log(found.ratio_interval[1] / found.ratio)
-    literal = stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / math.sqrt(5) * math.sqrt(4 / 5)
-    assert half == pytest.approx(literal, rel=0.1)
+    half = stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / math.sqrt(5) * math.sqrt(4 / 5)  # as a bootstrap sees it
+    low, high = printed_interval((players * terrain).mean(1))
+    policy = 0.9 * terrain.mean()
+    wanted = min(0.9 * math.exp(-half), policy / high), max(0.9 * math.exp(half), policy / low)
+    assert found.ratio_interval == pytest.approx(wanted, rel=0.01)
+
+
+def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
+    table = np.array([[0.2, 0.4, 0.3], [0.5, 0.3, 0.4], [0.1, 0.2, 0.2]])
+    found = compare("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
+    assert found.normalized == pytest.approx((2.6 / 3 - 0.25) / (table.mean() - 0.25))
+    assert found.normalized_interval is None
+    assert compare("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval is None
 
 
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
