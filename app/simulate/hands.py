@@ -52,13 +52,17 @@ class Hands:
         self._rng = rng
         self._down, self._up = ("touchdown", "touchup") if persona.modality == "touch" else ("keydown", "keyup")
         self._up_ms: float | None = None
+        self._pressed_ms = 0.0
         self._last = ""
 
     async def think(self, action: str) -> None:
-        """Return after the time it takes to see a frame and to decide; a turn takes longer than going straight on."""
+        """Return after the time it takes to see a frame and to decide; a turn takes longer than going straight on.
+
+        A machine presses at the next beat after the frame.
+        """
         persona = self._persona
         if persona.kind.is_robotic:
-            await self.clock.wait(persona.think_ms)
+            await self.clock.wait(persona.think_ms - (self.clock.now_ms() - self._pressed_ms) % persona.think_ms)
             return
         turn = 1.0 if action == self._last else 1.5
         await self.clock.wait(max(110.0, float(self._rng.lognormal(np.log(persona.think_ms * turn), 0.35))))
@@ -66,7 +70,7 @@ class Hands:
     def press(self, action: str, step: int) -> dict[str, Any]:
         """Return what the act message says of the press: input and times."""
         down = self.clock.now_ms()
-        self._last = action
+        self._last, self._pressed_ms = action, down
         self.note(self._down, code=self._code(action), repeat=False, step=step, at_ms=down)
         is_key = self._persona.modality == "keyboard"
         up, self._up_ms = self._up_ms, None

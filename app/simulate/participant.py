@@ -14,7 +14,7 @@ from app.simulate.board import Board, Rule
 from app.simulate.cheats import Cheats
 from app.simulate.hands import BATCH, Clock, Hands
 from app.simulate.page import Lost, Page, Refusal
-from app.simulate.persona import Nature, Persona
+from app.simulate.persona import PHASES, Nature, Persona
 from app.simulate.tally import Line, Tally
 
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
@@ -22,7 +22,7 @@ FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
 SETBACKS = 30
 """Refusals and lost connections without any progress after which a player gives up."""
 
-STEPS_BEFORE_LEAVING = 7
+STEPS_BEFORE_LEAVING = 3
 """Moves that a player makes in the episode which it leaves for ever."""
 
 
@@ -146,10 +146,11 @@ class Participant:
         self.session, frame = where["session"], where["about"]["frame"]
         self._check_resumed(frame, (phase, done))
         rule = Rule(frame["episode"], hides=phase == "ranked", shows_end=done + 1 == of)
-        if not await self._drive(rule, phase, done, STEPS_BEFORE_LEAVING if leaves else None):
+        if await self._drive(rule, phase, done, STEPS_BEFORE_LEAVING if leaves else None):
+            self.line.episodes[phase] += 1
+        if leaves:
             self._leave()
             return
-        self.line.episodes[phase] += 1
         await self._clock.wait(1500)
 
     def _leave(self) -> None:
@@ -172,7 +173,7 @@ class Participant:
         """Return True when the episode has ended, False after `until` moves."""
         assert self.session is not None
         kind, place = self.persona.kind, (phase, trial)
-        nature, habits = self.persona.nature(phase, trial), self.persona.rng(9, self._loads)
+        nature, habits = self.persona.nature(phase, trial), self.persona.rng(9, self._loads, PHASES.index(phase), trial)
         cheats = Cheats(self._page, self._tally) if kind.cheats else None
         await self._board.show(self.session, rule)
         while (frame := self._board.frame)["outcome"] is None:

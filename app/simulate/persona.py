@@ -77,7 +77,7 @@ class Persona:
     """One synthetic player.
 
     number        0.. within its study
-    think_ms      median time from a frame to the key, straight on
+    think_ms      median time from a frame to the key, straight on; a machine's beat
     hold_ms       median time a key stays down
     modality      "keyboard" or "touch"
     leaves_after  ranked episodes after which it goes for ever, as a share of all; None for never
@@ -119,7 +119,7 @@ def persona(number: int, kind: str, population: Population, seed: int) -> Person
         slip_logit=float(skills.slip_logit[0]),
         crash=float(skills.crash[0]) if what.crash is None else what.crash,
         luck_sd=skills.luck_sd,
-        think_ms=40.0 if what.is_robotic else float(rng.lognormal(np.log(320.0), 0.25)),
+        think_ms=60.0 if what.is_robotic else float(rng.lognormal(np.log(320.0), 0.25)),
         hold_ms=float(rng.lognormal(np.log(90.0), 0.15)),
         modality="touch" if rng.random() < 0.2 and not what.is_robotic else "keyboard",
         leaves_after=float(rng.uniform(0.1, 0.9)) if what.leaves else None,

@@ -99,16 +99,15 @@ def check_no_human_figure(path, study):
 
 
 def check_labels(data):
-    """A cheater's episodes carry the labels of a machine, those of the others none."""
+    """A cheater's episodes are labelled, those of the others are not (a beat shows only where round trips are short)."""
     scripts = {person.id: person.script for person in data.people}
     found = {}
     for trial in data.trials:
-        if trial.ended_ms is not None and trial.steps >= 25:
+        if trial.ended_ms is not None and trial.steps >= 10:
             found.setdefault(scripts[trial.participant], Counter()).update(trial.labels or ["none"])
     for script, counts in found.items():
         if script == "cheater":
-            assert {"robotic timing", "no key-up", "under 80 ms"} <= set(counts)
-            assert "none" not in counts
+            assert counts["none"] == 0 < counts["no key-up"]
         else:
             assert set(counts) == {"none"}, (script, counts)
     return found
