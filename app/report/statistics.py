@@ -19,6 +19,8 @@ Pair = tuple[float, float]
 
 RESAMPLES = 2000
 PERMUTATIONS = 9999
+AT_ONCE = 4_000_000
+"""Values of resampled tables held at a time."""
 
 
 def player_means(table: Floats) -> Floats:
@@ -134,15 +136,22 @@ def iqm(table: Floats) -> float:
 def iqm_interval(table: Floats, resamples: int = RESAMPLES) -> Pair:
     """Return the 95 % percentile interval of the IQM over resamples of whole players."""
     rng = np.random.default_rng(len(table))
-    drawn = table[rng.integers(0, len(table), (resamples, len(table)))].reshape(resamples, -1)
-    ordered = np.sort(drawn, axis=1)  # NaN last
-    counts = (~np.isnan(drawn)).sum(1)
-    cut = (0.25 * counts).astype(np.int64)
-    sums = np.concatenate([np.zeros((resamples, 1)), np.cumsum(np.nan_to_num(ordered), axis=1)], axis=1)
-    rows = np.arange(resamples)
-    middles = (sums[rows, counts - cut] - sums[rows, cut]) / (counts - 2 * cut)
-    low, high = np.quantile(middles, [TAIL, 1 - TAIL])
+    picks = rng.integers(0, len(table), (resamples, len(table)))
+    stack = max(1, AT_ONCE // table.size)
+    middles = [_iqms(table[picks[at : at + stack]]) for at in range(0, resamples, stack)]
+    low, high = np.quantile(np.concatenate(middles), [TAIL, 1 - TAIL])
     return float(low), float(high)
+
+
+def _iqms(drawn: Floats) -> Floats:
+    """Return the IQM of each table in float64[tables, players, terrains]."""
+    flat = np.sort(drawn.reshape(len(drawn), -1), axis=1)  # NaN last
+    counts = (~np.isnan(flat)).sum(1)
+    cut = (0.25 * counts).astype(np.int64)
+    sums = np.concatenate([np.zeros((len(flat), 1)), np.cumsum(np.nan_to_num(flat), axis=1)], axis=1)
+    rows = np.arange(len(flat))
+    middles: Floats = (sums[rows, counts - cut] - sums[rows, cut]) / (counts - 2 * cut)
+    return middles
 
 
 @dataclass(frozen=True)
