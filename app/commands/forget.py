@@ -25,6 +25,7 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
 
     \b
     Examples:
+      marsexplorer forget 6ABA18A1
       marsexplorer forget 5f3e0c9a1b2d --study dunes
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """

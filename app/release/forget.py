@@ -72,7 +72,7 @@ def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
 
 def _found(conn: sqlite3.Connection, database: Path, who: str, study: str | None) -> dict[str, Any]:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = ?1) AND (?2 IS NULL OR p.study = ?2)"""
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
     conn.create_function("label", 1, label, deterministic=True)
     found = rows(conn, sql, who, study)
     if not found:

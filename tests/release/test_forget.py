@@ -18,6 +18,7 @@ from app.release.forget import find, forget
 from app.release.manifest import MANIFEST
 from app.release.verify import verify_database
 from app.store import StoreError
+from app.study.records import label
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +129,8 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
     with pytest.raises(ReleaseError, match="in the study 'other'"):
         forget(path, people[0], "other")
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
-    assert find(path, people[0])["id"] == people[0]
+    for who in (people[0], label(people[0]), label(people[0]).lower(), IDENTITIES["SESSION_ID"].format(0)):
+        assert find(path, who)["id"] == people[0]
 
 
 def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(copy, tmp_path):
