@@ -28,6 +28,9 @@ PATH = click.Path(path_type=Path)
 PRINTED_WIDTH = 140
 """Characters of a table that goes to a file or a pipe."""
 
+TIDY_S = 5.0
+"""Seconds that work whose processes were killed may take to notice."""
+
 
 class Size(click.ParamType):  # type: ignore[type-arg]
     """`21` for a square, `42x84` for rows x columns."""
@@ -100,10 +103,14 @@ def interruptible(work: Callable[[], T]) -> T:
     try:
         return done.result()
     except KeyboardInterrupt:
+        killed = False
         while workers := multiprocessing.active_children():
+            killed = True
             for worker in workers:
                 worker.kill()
             thread.join(0.1)
+        if killed:
+            thread.join(TIDY_S)  # else the pool's semaphores are still being given back when this process ends
         raise
 
 

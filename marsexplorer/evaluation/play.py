@@ -9,9 +9,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -26,6 +27,9 @@ INFORMED = "informed"
 
 CHUNK = 5
 """Episodes a process plays before it reports."""
+
+AHEAD = 4
+"""Chunks handed out for each process: a long evaluation does not lie in the queue whole."""
 
 INLINE = 20
 """Up to so many episodes in all are played in this process: starting others costs seconds."""
@@ -169,9 +173,13 @@ def played(chunks: Sequence[Chunk], workers: int | None) -> Iterator[list[Result
         spawn = multiprocessing.get_context("spawn")
         pool = stack.enter_context(ProcessPoolExecutor(processes, spawn, one_thread))
         stack.callback(pool.shutdown, cancel_futures=True)
-        futures: list[Future[list[Result]]] = [pool.submit(play, chunk) for chunk in chunks]
-        for future in as_completed(futures):
-            yield future.result()
+        left = iter(chunks)
+        waiting = {pool.submit(play, chunk) for chunk in islice(left, AHEAD * processes)}
+        while waiting:
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            waiting |= {pool.submit(play, chunk) for chunk in islice(left, len(done))}
+            for future in done:
+                yield future.result()
 
 
 def one_thread() -> None:
