@@ -166,8 +166,8 @@ def told(run: Run, report: dict[str, float]) -> Report:
 
 
 def think(run: Run, inputs: Inputs) -> tuple[Tensor, Tensor]:
-    """Return (logits float32[boards, 4], values float32[boards]), computed in bfloat16 where that is exact enough."""
-    with torch.autocast(run.device, torch.bfloat16, enabled=run.recipe.name == "best"):
+    """Return (logits float32[boards, 4], values float32[boards]), computed in bfloat16."""
+    with torch.autocast(run.device, torch.bfloat16):
         logits, values = run.net(*(each.to(run.device) for each in inputs))
     return logits.float(), values.float()
 
