@@ -85,7 +85,7 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise NotReady(f"cannot write {plan.state}: {why}; name another file with --state") from error
-    radius = int(study.get("config", {}).get("sensor_radius", EnvConfig().sensor_radius))
+    radius = EnvConfig().sensor_radius  # no call tells it; where the study's is another one, players guess views less well
     place = Place(plan.url, plan.study, radius, plan.speed, plan.patience_s)
     people: list[Participant] = []
     for number, kind in enumerate(plan.kinds):
