@@ -42,7 +42,7 @@ async def play(websocket: WebSocket, session_id: str) -> None:
 
 
 class Socket:
-    """One connection to a session; `is_owner` says that it came with the session's own cookie, `is_page` from a page of ours."""
+    """One connection to a session; `is_owner`: it came with the session's own cookie, `is_page`: from a page of ours."""
 
     def __init__(self, websocket: WebSocket, session: Session, is_owner: bool, is_page: bool) -> None:
         self._websocket, self._session, self._is_owner, self._is_page = websocket, session, is_owner, is_page

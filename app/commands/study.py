@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -119,10 +120,20 @@ def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> 
     with _told():
         folder.study(name)
         if folder.status(name) == "open" and not yes:
-            click.confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish", abort=True)
+            _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
         found = folder.close(name)
     _tell_database(found, database or settings_of().database)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+
+
+def _confirm(question: str) -> None:
+    """Return when the answer is yes; where nobody can answer, say how to do without."""
+    try:
+        click.confirm(question, abort=True)
+    except click.Abort:
+        if sys.stdin.isatty():
+            raise
+        raise click.ClickException("nothing was closed: the answer was not yes; --yes closes without asking") from None
 
 
 def _tell_database(found: Any, database: Path) -> None:

@@ -37,7 +37,7 @@ _FLAT = 1e-9
 class Estimate:
     """A mean over players with its intervals; an interval is (low, high), or None where the players are too few for it.
 
-    interval    what the rule prints (RULE)
+    interval    what the rule prints (RULE), cut off at the metric's bounds
     t           the plain t interval
     bootstrap   the studentised cluster bootstrap: whole players are drawn
     guaranteed  holds for any distribution between the metric's bounds, hence wide
@@ -63,10 +63,11 @@ def estimate(values: Floats, bounds: tuple[float, float]) -> Estimate:
     guaranteed = _pair(guaranteed_interval(values, bounds))
     if n < 2:
         return Estimate(mean, n, None, None, None, None, guaranteed, None, None)
-    t, printed = _pair(t_interval(values)), _pair(printed_interval(values))
+    t, reached = _pair(t_interval(values)), _pair(printed_interval(values))
+    printed = max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
     bootstrap = _pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None
     lean = float(skewness(values))
-    widened = "low" if printed[0] < t[0] else "high" if printed[1] > t[1] else None
+    widened = "low" if reached[0] < t[0] else "high" if reached[1] > t[1] else None
     sd = float(values.std(ddof=1))
     return Estimate(mean, n, sd, printed, t, bootstrap, guaranteed, lean if n > 2 and sd > 0 else None, widened)
 

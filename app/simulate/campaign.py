@@ -17,7 +17,6 @@ from app.simulate.participant import Over, Participant, Place, Seat
 from app.simulate.persona import persona
 from app.simulate.population import POPULATIONS
 from app.simulate.tally import Tally
-from marsexplorer.config import EnvConfig
 
 FORMAT = "marsexplorer-simulate-1"
 JOIN_EVERY_MS = 500.0
@@ -85,8 +84,7 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise NotReady(f"cannot write {plan.state}: {why}; name another file with --state") from error
-    radius = EnvConfig().sensor_radius  # no call tells it; where the study's is another one, players guess views less well
-    place = Place(plan.url, plan.study, radius, plan.speed, plan.patience_s)
+    place = Place(plan.url, plan.study, study["config"]["sensor_radius"], plan.speed, plan.patience_s)
     people: list[Participant] = []
     for number, kind in enumerate(plan.kinds):
         who = persona(number, kind, POPULATIONS[plan.population], plan.seed)

@@ -189,6 +189,7 @@ async def get_study(flow: FlowOf, name: Name) -> dict[str, Any]:
         "level": config.level,
         "rows": config.rows,
         "cols": config.cols,
+        "config": config.to_dict(),
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "players": protocol.players,

@@ -38,6 +38,7 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
     assert told == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
         "commitment": study.commitment, "secret": None, "level": "random", "rows": 7, "cols": 9,
+        "config": study.protocol.env_config.to_dict(),
         "warm_up": 2, "ranked": 3, "players": 2, "consent_version": "1",
     }  # fmt: skip
     Folder(tmp_path / "studies").close("small")
