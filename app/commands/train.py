@@ -143,6 +143,7 @@ def _run(
             book.resume()
         try:
             play(run, book.heard)
+            book.keep()
         except KeyboardInterrupt:
             book.keep()
             click.echo(f"stopped after {run.moves:,} of {steps:,} moves; go on with: {words} --resume", err=True)

@@ -33,7 +33,7 @@ KEEP_S = 60.0
 
 
 class Logbook:
-    """Writes the folder as the run goes; `heard` is the run's `tell`. Every file is replaced whole.
+    """Writes the folder as the run goes; `heard` is the run's `tell`, and `keep` ends it. Every file is replaced whole.
 
     card   what the policy's card says besides the numbers of the run
     """
@@ -78,7 +78,7 @@ class Logbook:
         for name, value in line.items():
             if value is not None and name != "moves":
                 self._events.add_scalar(f"train/{name}", value, report.moves)
-        if time.monotonic() - self._kept > KEEP_S or self._run.done == self._run.updates:
+        if time.monotonic() - self._kept > KEEP_S:
             self.keep()
         self._tell(report, self.seconds)
 
@@ -97,7 +97,7 @@ class Logbook:
         run = self._run
         numbers = {"moves": run.moves, "updates": run.done, "seconds": round(self.seconds), "seed": run.seed}
         training = {**numbers, "recipe": run.recipe.to_dict(), "curve": [line for line in self._lines if "greedy" in line]}
-        save_network(run.net, self.policy, {**self._card, **results, "training": training})
+        save_network(run.net, self.policy, {**self._card, **results, "training": training}, run.recipe.format)
 
 
 def trial(run: Run) -> tuple[float, float]:

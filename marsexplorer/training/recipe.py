@@ -9,8 +9,7 @@ from typing import Any
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.network import Net
-from marsexplorer.policies.paper_network import PaperNet
+from marsexplorer.policies import network, paper_network
 from marsexplorer.training.boards import Boards, Stacks, View, matrix, pictures
 
 
@@ -53,6 +52,11 @@ class Recipe:
     max_grad: float = 1.0
 
     @property
+    def format(self) -> str:
+        """The format of the policy files it makes."""
+        return paper_network.FORMAT if self.name == "paper" else network.FORMAT
+
+    @property
     def view(self) -> Callable[[EnvConfig, int], View]:
         """How the network is shown a board."""
         return matrix if self.name == "paper" else pictures
@@ -60,11 +64,11 @@ class Recipe:
     def network(self, configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a network to begin with; ValueError when it cannot serve all the configurations."""
         if self.name != "paper":
-            return Net()
+            return network.Net()
         shapes = {(config.rows, config.cols) for config in configs}
         if len(shapes) != 1:
             raise ValueError(f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}")
-        return PaperNet(*shapes.pop())
+        return paper_network.PaperNet(*shapes.pop())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values (None for no bound)."""

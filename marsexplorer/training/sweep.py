@@ -120,6 +120,7 @@ def train_one(params: dict[str, Any]) -> None:
     with TemporaryDirectory() as folder:
         book = Logbook(Path(folder) / trial.name, run, trial.card, tell)
         train(run, book.heard)
+        book.keep()
         table = evaluate([str(book.policy), *RULES], config, trial.episodes, EVALUATION_SEEDS.start, workers=1)
         own, ratio = table.rows[0], table.compared(table.rows[0], "rule")
         assert ratio is not None

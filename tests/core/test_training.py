@@ -48,6 +48,7 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     run = Run.begin(QUICK, [SMALL], 40 * 1024, 0)
     book = Logbook(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
     ppo.train(run, book.heard)
+    book.keep()
     tiny, chance = load(book.policy), load("random")
     gap = np.array([score_of(tiny, seed) - score_of(chance, seed) for seed in EVALUATION_SEEDS[:50]])
     low, _ = stats.t.interval(0.95, len(gap) - 1, gap.mean(), stats.sem(gap))
@@ -82,12 +83,18 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path, recipe):
     book.keep()
     torch.rand(7)
     second = Run.begin(recipe, configs, steps, 5)
-    book = Logbook(tmp_path, second, {"summary": "resumed"}, silent)
+    book = Logbook(tmp_path, second, {"summary": "resumed", "size": [9, 12]}, silent)
     book.resume()
     assert second.done == 3
     ppo.train(second, book.heard)
+    book.keep()
     assert same_weights(second.net, whole.net)
     assert len((tmp_path / "log.jsonl").read_text().splitlines()) == 6
+    episode = Episode.begin(configs[0], seed=1)
+    policy = load(book.policy)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    assert set(policy.thought()[0]) != {0.25}
 
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path):
