@@ -70,7 +70,7 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
         app.state.players = Players(store.secret())
         app.state.flow, app.state.debriefs = Flow(lobby, Folder(settings.studies)), Debriefs(store)
-        app.state.leaderboard = Leaderboard(store.path, {each.name: each.source for each in on_offer.offers()})
+        app.state.leaderboard = Leaderboard(store.path, on_offer.offers())
         if app.state.door:
             app.state.console = Console(app.state.door, app.state.flow, settings.studies)
         sweeper = asyncio.create_task(lobby.sweep(), name="sweep")

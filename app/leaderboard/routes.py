@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request
 from fastapi.responses import FileResponse
 
+from app.agents import Offer
 from app.leaderboard.boards import Board, boards
 from app.leaderboard.figures import Figures
 from app.leaderboard.people import People
@@ -23,8 +25,8 @@ NOBODY = "Nobody has played this for the human score yet."
 class Leaderboard:
     """One server's: reads people from the database, has policies evaluated beside it."""
 
-    def __init__(self, database: Path, sources: dict[str, str]) -> None:
-        self._database, self._sources = database, sources
+    def __init__(self, database: Path, offers: Sequence[Offer]) -> None:
+        self._database, self._offers = database, offers
         self._figures = Figures(database.with_name(database.name + "-figures.json"))
         self._people = People()
         self._studies = Studies()
@@ -41,8 +43,10 @@ class Leaderboard:
         if found is None:
             raise HTTPException(404, f"no board {board_id!r} on the leaderboard; GET api/leaderboard lists them")
         people = await asyncio.to_thread(self._people_of, found)
-        jobs = found.jobs(self._sources)
-        names = {source: name for name, source in self._sources.items()}
+        board = (found.config.rows, found.config.cols)
+        sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, board)}
+        jobs = found.jobs(sources)
+        names = {source: name for name, source in sources.items()}
         states = self._figures.ask(jobs)
         policies = [{"name": names.get(job.policy, job.policy), **state} for job, state in zip(jobs, states, strict=True)]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY}

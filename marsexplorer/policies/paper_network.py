@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from marsexplorer.config import VALUES
 from marsexplorer.policies.card import read_card, refuse
 from marsexplorer.policies.common import decode, mix
+from marsexplorer.policies.imported import wrong_size
 from marsexplorer.policies.network import read_weights
 
 FORMAT = "marsexplorer-paper-1"
@@ -65,11 +66,12 @@ def tower(rows: int, cols: int, outputs: int) -> nn.Sequential:
 class PaperPolicy:
     """Draws each move from the network's probabilities, as RLlib does by default; the seed of `reset` fixes the draws.
 
+    size       (rows, cols) of the boards it plays
     thought()  after `act`: probabilities float32[4] of the moves, and the value
     """
 
     def __init__(self, name: str, net: PaperNet) -> None:
-        self.name = name
+        self.name, self.size = name, net.size
         self._net = net
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
         self.reset(0)
@@ -81,9 +83,8 @@ class PaperPolicy:
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3; ValueError for a grid of another size than the network's."""
         codes = decode(observation)
-        if codes.shape != self._net.size:
-            rows, cols = self._net.size
-            raise ValueError(f"{self.name} was trained for {rows}x{cols} alone, got {codes.shape[0]}x{codes.shape[1]}")
+        if codes.shape != self.size:
+            raise ValueError(wrong_size(self.name, self.size, codes.shape))
         if torch.get_num_threads() != 1:
             torch.set_num_threads(1)
         with torch.inference_mode():
