@@ -171,7 +171,7 @@ def test_the_papers_network_draws_its_moves_by_the_seed_and_plays_its_own_size_a
     assert played[0] == played[1]
     assert len(set(played)) == 3
     assert bytes(play(policy, config, 2, floats=True).actions) == played[2]
-    with pytest.raises(ValueError, match="was made for 9x14 .*cannot play 9x15"):
+    with pytest.raises(ValueError, match=r"was made for 9x14 .*cannot play 9x15"):
         policy.act(Episode.begin(EnvConfig("random", 9, 15), seed=0).codes)
 
 
