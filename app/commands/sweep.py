@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.commands.train import FAMILIES, LIMITS
 from app.console import PATH, Size, config_of, interruptible, print_table, progress, reason
 
 if TYPE_CHECKING:
@@ -61,6 +60,8 @@ def sweep(
       marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
       marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
+    from marsexplorer.training.recipe import FAMILIES
+
     names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
     configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     trials = [_trial(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
@@ -82,6 +83,7 @@ def sweep(
 
 
 def _trial(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> Trial:
+    from marsexplorer.training.recipe import LIMITS
     from marsexplorer.training.sweep import Trial
 
     side = f"{config.rows}x{config.cols}"

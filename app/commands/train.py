@@ -18,14 +18,8 @@ if TYPE_CHECKING:
     from marsexplorer.training.ppo import Report, Run
     from marsexplorer.training.recipe import Recipe
 
-FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
-"""What `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in what it pays alone."""
 HELD_OUT = 200
 """Terrains that the finished policy is tried on for its card."""
-LIMITS = {
-    "best": "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles.",
-    "paper": "Draws its moves; may drive into an obstacle; plays the size it was trained on alone.",
-}
 
 
 @click.command(short_help="Train a policy on this machine.")
@@ -98,11 +92,11 @@ def train(
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
     if resume and (steps is None or out is None):
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
+    from marsexplorer.training.recipe import FAMILIES, RECIPES
+
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
     configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     _check_device(device)
-    from marsexplorer.training.recipe import RECIPES
-
     chosen = RECIPES[recipe]
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_side(size) for size in sizes)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
@@ -125,6 +119,7 @@ def _run(
     from marsexplorer.training.logbook import Logbook
     from marsexplorer.training.ppo import Run
     from marsexplorer.training.ppo import train as play
+    from marsexplorer.training.recipe import LIMITS
 
     run = Run.begin(recipe, configs, steps, seed, device)
     where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in configs))

@@ -15,7 +15,7 @@ from app.leaderboard.tally import Played, figure
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies import Policy
+from marsexplorer.evaluation.play import drive
 from marsexplorer.score import steps_to_target
 
 
@@ -35,18 +35,9 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
     policy = policies.load(job["policy"], config.sensor_radius)
     groups: list[list[Played]] = []
     for seed in job["seeds"]:
-        groups.append([played(policy, config, seed)])
+        groups.append([of_episode(drive(policy, config, seed))])
         tell({"done": len(groups)})
     return figure(config, groups)
-
-
-def played(policy: Policy, config: EnvConfig, seed: int) -> Played:
-    """Return one episode; the policy draws from the terrain's seed, as in `marsexplorer.evaluation`."""
-    episode = Episode.begin(config, seed=seed)
-    policy.reset(seed)
-    while not episode.ended:
-        episode.step(policy.act(episode.codes))
-    return of_episode(episode)
 
 
 def of_episode(episode: Episode) -> Played:

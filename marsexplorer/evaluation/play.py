@@ -20,6 +20,7 @@ from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.informed import informed_walk
+from marsexplorer.policies import Policy
 from marsexplorer.score import steps_to_target
 
 INFORMED = "informed"
@@ -107,16 +108,23 @@ def play(chunk: Chunk) -> list[Result]:
     results = []
     policy = None if chunk.policy == INFORMED else policy_files.load(chunk.policy, chunk.config.sensor_radius)
     for seed in chunk.seeds:
-        episode = Episode.begin(chunk.config, seed=seed)
         if policy is None:
+            episode = Episode.begin(chunk.config, seed=seed)
             for action in informed_walk(chunk.config, episode.terrain, seed):
                 episode.step(action)
         else:
-            policy.reset(seed)
-            while not episode.ended:
-                episode.step(policy.act(episode.codes))
+            episode = drive(policy, chunk.config, seed)
         results.append(result_of(chunk.policy, episode, seed, chunk.traces))
     return results
+
+
+def drive(policy: Policy, config: EnvConfig, seed: int) -> Episode:
+    """Return a policy's episode on the terrain of a seed, played to its end; the policy draws from the same seed."""
+    episode = Episode.begin(config, seed=seed)
+    policy.reset(seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    return episode
 
 
 def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) -> Result:

@@ -19,13 +19,11 @@ from torch import Tensor
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.perception import Perception
+from marsexplorer.rules import R_MOVE
 from marsexplorer.vector import MarsExplorerVector
 
 EVALUATION_SEEDS = range(10**9, 10**9 + 10**6)
 """Seeds that are for evaluation: training refuses them."""
-
-R_MOVE = 0.5
-"""What a move costs (eq. 8)."""
 
 Inputs = tuple[Tensor, ...]
 """What a network is given for a batch of boards, each [boards, ...]."""

@@ -12,6 +12,14 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.policies import network, paper_network
 from marsexplorer.training.boards import Boards, Stacks, View, matrix, pictures
 
+FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
+"""What `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in what it pays alone."""
+LIMITS = {
+    "best": "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles.",
+    "paper": "Draws its moves; may drive into an obstacle; plays the size it was trained on alone.",
+}
+"""What the cards say of the policies' limits."""
+
 
 @dataclass(frozen=True)
 class Recipe:
