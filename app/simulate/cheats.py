@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 from websockets.exceptions import ConnectionClosed
 
-from app.simulate.page import Lost, Page
+from app.simulate.page import Lost, Page, hang_up
 from app.simulate.tally import Tally
 
 EVERY = 40
@@ -119,7 +119,7 @@ async def peep(path: str, session: str | None, heist: Heist) -> str | None:
     except ConnectionClosed:
         return None
     finally:
-        await socket.close()
+        await hang_up(socket)
 
 
 async def peep_at_play(heist: Heist) -> str | None:

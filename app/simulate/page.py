@@ -125,12 +125,22 @@ class Page:
         """Return with the socket closed, as a tab does that goes."""
         socket, self._socket, self.session = self._socket, None, None
         if socket is not None:
-            await socket.close()
+            await hang_up(socket)
 
     async def close(self) -> None:
-        """Return with everything closed."""
-        await self.close_socket()
-        await self._http.aclose()
+        """Return with everything closed, also when this is cancelled on the way."""
+        try:
+            await self.close_socket()
+        finally:
+            await self._http.aclose()
+
+
+async def hang_up(socket: ClientConnection) -> None:
+    """Return with a socket closed: politely, or at once when this is cancelled on the way."""
+    try:
+        await socket.close()
+    finally:
+        socket.transport.abort()
 
 
 def detail_of(answer: httpx.Response) -> str:
