@@ -22,12 +22,12 @@ export function readDetail(detail, status) {
  * @param {typeof fetch} fetcher @param {string} root the way from the page to the server's root: "" or "../"
  */
 export function createCall(fetcher, root) {
-  /** @param {string} path @param {unknown} [body] @param {number} [timeout_ms] @returns {Promise<any>} */
-  return async function call(path, body, timeout_ms = 15000) {
+  /** @param {string} path @param {unknown} [body] @param {number} [timeout_ms] @param {RequestInit} [rest] @returns {Promise<any>} */
+  return async function call(path, body, timeout_ms = 15000, rest = {}) {
     const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
     let response;
     try {
-      response = await fetcher(`${root}api/${path}`, { ...options, cache: "no-store", signal: AbortSignal.timeout(timeout_ms) });
+      response = await fetcher(`${root}api/${path}`, { ...options, cache: "no-store", signal: AbortSignal.timeout(timeout_ms), ...rest });
     } catch {
       throw new ApiError("The server cannot be reached.", 0);
     }

@@ -52,8 +52,8 @@ export function createStudy(call, name) {
     next: () => call(`${path}/next`, {}),
     /** @param {string} episode @param {number} step @returns {Promise<Where>} */
     giveUp: (episode, step) => call(`${path}/give-up`, { episode, step }),
-    /** @param {Settings} settings @returns {Promise<Where>} */
-    settings: (settings) => call(`${path}/settings`, settings),
+    /** A call that outlives the page. @param {Settings} settings @param {AbortSignal} signal ends it @returns {Promise<Where>} */
+    settings: (settings, signal) => call(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
     /** @returns {Promise<Where>} */
     withdraw: () => call(`${path}/withdraw`, {}),
     /** @param {number} index @returns {Promise<import("./replay.js").Runs>} */

@@ -15,6 +15,7 @@ import { actionOf, keyName } from "./keymap.js";
 import { createPages } from "./pages.js";
 import { PALETTES } from "./palettes.js";
 import { createQuiz } from "./quiz.js";
+import { createSaver } from "./saver.js";
 import { startSenses } from "./senses.js";
 import { createSettings } from "./settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
@@ -50,8 +51,12 @@ const telemetry = createTelemetry({ now_ms, send: (message) => links.send("playe
   context: () => ({ episode: screenOf(state) === "play" ? frame()?.episode ?? null : null, step: painted?.table.player?.frame.step ?? null, round_trip_ms: driver.round_trip_ms() }) });
 const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: (choices) => {
   pages.paintKeys(choices.keys, layout);
-  tellSettings();
+  saver.tell();
   repaint(true);
+} });
+const saver = createSaver({ save(signal) {
+  const { modality, palette, keys } = settings.get();
+  return study.settings({ modality, palette, keys }, signal);
 } });
 const look = () => {
   const style = getComputedStyle(document.documentElement);
@@ -65,7 +70,7 @@ const debrief = createDebrief(document, { look, terrain: study.terrain, dispatch
 const quiz = createQuiz(document, (answers) => way.take(() => study.answers(answers), "questions"));
 const way = createWay({ study, dispatch, ids: outsideIds(location.search), channel, onJoined(where) {
   if (where.settings.keys) settings.adopt(where.settings);
-  else tellSettings();
+  else saver.tell();
   pages.paintKeys(settings.get().keys, layout);
 } });
 const links = createLinks({
@@ -86,14 +91,6 @@ const links = createLinks({
     return where.session === session;
   },
 });
-
-/** Told to the server once the last change is a moment old. */
-let settingsTimer = 0;
-function tellSettings() {
-  clearTimeout(settingsTimer);
-  const { modality, palette, keys } = settings.get();
-  settingsTimer = setTimeout(() => study.settings({ modality, palette, keys }).catch(() => {}), 300);
-}
 
 /** The one door to the state. @param {Event} event */
 function dispatch(event) {
@@ -202,7 +199,8 @@ setInterval(() => {
 }, 1000);
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
 window.addEventListener("online", () => links.restart());
-document.addEventListener("visibilitychange", () => document.hidden || way.refresh());
+window.addEventListener("pagehide", saver.flush);
+document.addEventListener("visibilitychange", () => (document.hidden ? saver.flush() : way.refresh()));
 channel?.addEventListener("message", () => way.refresh());
 
 /** @type {Record<string, () => unknown>} */

@@ -316,13 +316,37 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(spawn, studies
     me.keys = {**KEY_OF, "east": "l"}
     me.press("east")
     assert (me.frame["step"], me.frame["position"]) == (1, [0, 1]), "the old key drives no more, the new one does"
-    kept = eventually(
-        lambda: (found := json.loads(rows(tmp_path, "select settings from participants")[0][0])).get("keys") and found
-    )
-    assert kept["palette"] == "high-contrast"
-    assert kept["keys"]["east"] == ["KeyL", "KeyD"]
+    eventually(lambda: chosen(tmp_path) == ("high-contrast", ["KeyL", "KeyD"]))
     pixel = "() => [...document.querySelector('#board').getContext('2d').getImageData(3, 3, 1, 1).data].slice(0, 3)"
     assert me.page.evaluate(pixel) == [0x6E, 0x6E, 0x6E], "the board wears the palette"
+    assert me.errors == []
+
+
+def chosen(tmp_path):
+    """The palette and the keys to the east that the server keeps."""
+    (settings,) = rows(tmp_path, "select settings from participants")[0]
+    kept = json.loads(settings)
+    return kept.get("palette"), (kept.get("keys") or {}).get("east")
+
+
+def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies())
+    me = participant(server)
+    held = []
+    me.page.route("**/settings", lambda route: held.append(route) if not held else route.continue_())
+    me.choose("open-settings")
+    me.tab_to("palette-mars")
+    me.page.keyboard.press("ArrowDown")
+    eventually(lambda: me.page.evaluate("() => 1") and held)
+    me.page.keyboard.press("ArrowDown")
+    me.page.wait_for_timeout(600)
+    assert chosen(tmp_path)[0] != "high-contrast", "one call at a time"
+    held[0].continue_()
+    eventually(lambda: me.page.evaluate("() => 1") and chosen(tmp_path)[0] == "high-contrast")
+    me.page.unroute("**/settings")
+    me.page.keyboard.press("ArrowDown")
+    me.page.goto("about:blank")
+    eventually(lambda: chosen(tmp_path)[0] == "mars")
     assert me.errors == []
 
 

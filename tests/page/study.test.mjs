@@ -7,6 +7,7 @@ import { createIdle } from "../../static/study/idle.js";
 import { actionOf, assign, DEFAULT_KEYS, keyName, mayDrive, readKeys } from "../../static/study/keymap.js";
 import { readPalette } from "../../static/study/palettes.js";
 import * as replays from "../../static/study/replay.js";
+import { createSaver } from "../../static/study/saver.js";
 import { readChoices } from "../../static/study/settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "../../static/study/state.js";
 import { createTelemetry, MOST_EVENTS, MOST_KEPT } from "../../static/study/telemetry.js";
@@ -191,6 +192,76 @@ test("a driver sends the step that is due and measures the way there and back", 
   now = 21.26;
   driver.heard(frame({ step: 1 }));
   assert.equal(driver.round_trip_ms(), 11.3);
+});
+
+/** A saver of `chosen.now`; `calls` are those on their way or ended, each ended by the test or by its signal. */
+function saving(how = {}) {
+  const chosen = { now: "mars" };
+  const calls = [];
+  const saver = createSaver({ settle_ms: 1, retry_ms: 1, ...how, save: (signal) => new Promise((resolve, reject) => {
+    const call = { told: chosen.now, signal, isOpen: true };
+    const ending = (settle) => (value) => { call.isOpen = false; settle(value); };
+    Object.assign(call, { answer: ending(resolve), fail: ending((status) => reject(Object.assign(new Error(), { status }))) });
+    signal.addEventListener("abort", () => call.fail(0));
+    assert.ok(calls.every(({ isOpen }) => !isOpen), "one call at a time");
+    calls.push(call);
+  }) });
+  return { chosen, calls, saver, choose(what) { chosen.now = what; saver.tell(); } };
+}
+const pass = (ms = 20) => new Promise((resolve) => setTimeout(resolve, ms));
+async function until(claim) {
+  while (!claim()) await pass(1);
+}
+
+test("choices made while a call is on its way wait for its end and are told as they are then", async () => {
+  const { calls, choose } = saving();
+  choose("keys");
+  await until(() => calls.length === 1);
+  choose("high-contrast");
+  await pass();
+  choose("colour-blind");
+  await pass();
+  assert.equal(calls.length, 1);
+  calls[0].answer();
+  await until(() => calls.length === 2);
+  calls[1].answer();
+  await pass();
+  assert.deepEqual(calls.map(({ told }) => told), ["keys", "colour-blind"]);
+});
+
+test("what did not get through is told again, what was declined is not, and an answer that never comes is not waited for", async () => {
+  for (const [status, times] of [[0, 2], [503, 2], [422, 1]]) {
+    const { calls, choose } = saving();
+    choose("keys");
+    await until(() => calls.length === 1);
+    calls[0].fail(status);
+    if (times === 2) await until(() => calls.length === 2);
+    await pass();
+    assert.equal(calls.length, times, `after ${status}`);
+    calls.at(-1).answer();
+  }
+  let asked = 0;
+  const never = (signal) => new Promise((_, reject) => signal.addEventListener("abort", () => reject(new Error())));
+  createSaver({ settle_ms: 1, retry_ms: 1, patience_ms: 5, save: (signal) => ((asked += 1) === 1 ? never(signal) : Promise.resolve()) }).tell();
+  await until(() => asked === 2);
+  await pass();
+  assert.equal(asked, 2);
+});
+
+test("a page that goes tells at once what waits, in place of a call on its way, and nothing twice", async () => {
+  const { calls, choose, saver } = saving({ settle_ms: 1e6 });
+  saver.flush();
+  assert.equal(calls.length, 0);
+  choose("keys");
+  saver.flush();
+  saver.flush();
+  assert.deepEqual(calls.map(({ told }) => told), ["keys"]);
+  choose("high-contrast");
+  saver.flush();
+  assert.deepEqual(calls.map(({ told, isOpen }) => [told, isOpen]), [["keys", false], ["high-contrast", true]]);
+  calls[1].answer();
+  await pass();
+  assert.equal(calls.length, 2);
 });
 
 test("the replay plays both runs in step, stops at the longer one's end and begins again", () => {
