@@ -22,20 +22,63 @@ from numpy.typing import NDArray
 from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import sight_table
-from marsexplorer.policies.gain import board_shape, fill_boards, look
-from marsexplorer.policies.grid import FAR, neighbour, open_cells, spread, step_down
+from marsexplorer.policies.gain import ONE, U, board_shape, look
+from marsexplorer.policies.grid import FAR, neighbour, open_cells, spread
 
 RINGS = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
 CELLS = sum(side * side for side, _ in RINGS)
 PLANES = 4
 NUMBERS = 16
+RATES = (0.5, 0.75, 0.9)
+"""What a gain is worth a move later, three ways of looking ahead."""
 FARTHEST = 127
 """Distances beyond it look the same (nearness 0)."""
+NOTHING = 255
+"""No code: what is kept of a cell before the first board."""
 
 
 @kernel
-def see(codes, row, col, gains, distance, nearness, planes):
+def notice(codes, radius, sight, seen, known, unknown, blocked, gains, edges):
+    """Bring what is kept of one board up to date with codes uint8[rows, cols]; return how many cells are unknown.
+
+    Only cells near those that were discovered since can have another gain: sight is local.
+
+    known             uint8[rows * cols], the codes as they were kept
+    unknown, blocked  its bit boards (see gain.py); gains int64[rows * cols], of the known free cells
+    edges             int64[rows, 2], room: the first and the last changed column of each row
+    """
+    rows, cols = codes.shape
+    left, changed = 0, False
+    for row in range(rows):
+        edges[row, 0], edges[row, 1] = cols, -1
+        for col in range(cols):
+            code, cell = codes[row, col], row * cols + col
+            left += code == UNKNOWN
+            if known[cell] == code:
+                continue
+            known[cell] = code
+            word, bit = (col + radius) >> 6, ONE << U((col + radius) & 63)
+            was = (unknown[row + radius, word] & bit, blocked[row + radius, word] & bit)
+            now = (bit if code == UNKNOWN else U(0), bit if code == OBSTACLE else U(0))
+            if was != now:
+                unknown[row + radius, word] ^= was[0] ^ now[0]
+                blocked[row + radius, word] ^= was[1] ^ now[1]
+                edges[row, 0], edges[row, 1], changed = min(edges[row, 0], col), col, True
+    if not changed:
+        return left
+    for row in range(rows):
+        low, high = cols, -1
+        for near in range(max(0, row - radius), min(rows, row + radius + 1)):
+            low, high = min(low, edges[near, 0] - radius), max(high, edges[near, 1] + radius)
+        for col in range(max(low, 0), min(high + 1, cols)):
+            if codes[row, col] != UNKNOWN and codes[row, col] != OBSTACLE:
+                gains[row * cols + col] = look(unknown, blocked, row, col, radius, sight, seen)
+    return left
+
+
+@kernel
+def see(codes, row, col, gains, visited, distance, nearness, planes):
     """Fill one board's pictures: planes uint8[PLANES, CELLS]."""
     rows, cols = codes.shape
     start = 0
@@ -55,48 +98,51 @@ def see(codes, row, col, gains, distance, nearness, planes):
                 if code == UNKNOWN:
                     planes[0, k] += share
                 elif distance[cell] != FAR:
-                    planes[2, k] = max(planes[2, k], min(255, gains[cell] * 5))
+                    if visited[cell] == 0:
+                        planes[2, k] = max(planes[2, k], min(255, gains[cell] * 5))
                     planes[3, k] = max(planes[3, k], nearness[min(distance[cell], FARTHEST)])
         start += side * side
 
 
 @kernel
-def goals(reached, queue, distance, gains, found):
-    """Write the cells that the three rules would go for into found[3]: gain / distance^2, gain / distance, nearest; -1 none."""
+def goals(spots, count, distance, gains, found):
+    """Write the cells that the three rules would go for into found[3]: gain / distance^2, gain / distance, nearest; -1 none.
+
+    spots  int32, its first `count` are the reachable cells with a gain, nearest first
+    """
     best_square, best_plain = 0.0, 0.0
     found[0] = found[1] = found[2] = -1
-    for k in range(1, reached):
-        cell = queue[k]
-        gain = float(gains[cell])
-        if gain > 0.0:
-            way = float(distance[cell])
-            if found[2] < 0:
-                found[2] = cell
-            if gain / (way * way) > best_square + 1e-9:
-                best_square = gain / (way * way)
-                found[0] = cell
-            if gain / way > best_plain + 1e-9:
-                best_plain = gain / way
-                found[1] = cell
+    for k in range(count):
+        cell = spots[k]
+        gain, way = float(gains[cell]), float(distance[cell])
+        if way == 0.0:
+            continue
+        if found[2] < 0:
+            found[2] = cell
+        if gain / (way * way) > best_square + 1e-9:
+            best_square = gain / (way * way)
+            found[0] = cell
+        if gain / way > best_plain + 1e-9:
+            best_plain = gain / way
+            found[1] = cell
 
 
 @kernel
-def discounted(reached, queue, distance, gains, numbers):
-    """Write distance to the nearest gain and the best discounted gains, from the cell that `distance` starts at."""
+def discounted(spots, count, distance, gains, shares, numbers):
+    """Write distance to the nearest gain and the best discounted gains, from the cell that `distance` starts at.
+
+    shares  float64[3, farthest + 1], what a gain is worth by distance, at three rates
+    """
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
-    at, by_half, by_quarter, by_tenth = 0, 1.0, 1.0, 1.0
-    for k in range(reached):
-        cell = queue[k]
-        while at < distance[cell]:
-            at += 1
-            by_half *= 0.5
-            by_quarter *= 0.75
-            by_tenth *= 0.9
-        gain = float(gains[cell])
-        if gain > 0.0:
-            if nearest == 60.0:
-                nearest = min(float(at), 60.0)
-            short, middle, long = max(short, gain * by_half), max(middle, gain * by_quarter), max(long, gain * by_tenth)
+    for k in range(count):
+        cell = spots[k]
+        gain, way = float(gains[cell]), distance[cell]
+        nearest = min(nearest, float(way))
+        short, middle, long = (
+            max(short, gain * shares[0, way]),
+            max(middle, gain * shares[1, way]),
+            max(long, gain * shares[2, way]),
+        )
     numbers[3] = nearest * 0.05
     numbers[4] = short * 0.1
     numbers[5] = middle * 0.1
@@ -104,105 +150,95 @@ def discounted(reached, queue, distance, gains, numbers):
 
 
 @kernel
-def perceive(
-    codes,
-    places,
-    visited,
-    headings,
-    radius,
-    sight,
-    unknown,
-    blocked,
-    seen,
-    is_open,
-    distance,
-    other,
-    queue,
-    gains,
-    found,
-    nearness,
-    planes,
-    moves,
-):
+def perceive(codes, places, visited, headings, radius, sight, kept, room, planes, moves):
     """Fill planes and moves for a stack of boards.
 
     codes     uint8[num, rows, cols]; places int64[num], row * cols + col of each rover
     visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
-    nearness  uint8[FARTHEST + 1] by distance
-    The rest up to `found` is room to work in: one board's bit boards, distances, queue and gains.
+    kept      of each board, from call to call: known, unknown, blocked, gains (see `notice`)
+    room      to work in: seen, edges, is_open, distance, other, queue, spots, found, rules; and the tables nearness, shares
     """
     rows, cols = codes.shape[1], codes.shape[2]
+    known, unknown, blocked, all_gains = kept
+    seen, edges, is_open, distance, other, queue, spots, found, rules, nearness, shares = room
+    slack = rows * cols - int(np.ceil(rows * cols * 0.99))
     for i in range(codes.shape[0]):
-        board, place = codes[i], places[i]
-        row, col = place // cols, place % cols
-        fill_boards(board, radius, unknown, blocked)
+        board, place, gains = codes[i], places[i], all_gains[i]
+        left = notice(board, radius, sight, seen, known[i], unknown[i], blocked[i], gains, edges)
         open_cells(board, False, is_open)
         queue[0] = place
-        reached = spread(is_open, rows, cols, distance, queue, 1)
-        left, places_with_gain = 0, 0
-        slack = rows * cols - int(np.ceil(rows * cols * 0.99))
-        for cell in range(rows * cols):
-            gains[cell] = 0
-            left += board[cell // cols, cell % cols] == UNKNOWN
+        reached, count = spread(is_open, rows, cols, distance, queue, 1), 0
         for k in range(reached):
             cell = queue[k]
-            if visited[i, cell] == 0:
-                gains[cell] = look(unknown, blocked, cell // cols, cell % cols, radius, sight, seen)
-                places_with_gain += gains[cell] > 0
-        see(board, row, col, gains, distance, nearness, planes[i])
-        goals(reached, queue, distance, gains, found)
-        moves[i] = 0.0
-        for rule in range(3):
-            if found[rule] >= 0:
-                queue[0] = found[rule]
-                spread(is_open, rows, cols, other, queue, 1)
-                action = step_down(other, place, headings[i], rows, cols)
-                if action >= 0:
-                    moves[i, action, 7 + rule] = 1.0
+            if visited[i, cell] == 0 and gains[cell] > 0:
+                spots[count] = cell
+                count += 1
+        see(board, place // cols, place % cols, gains, visited[i], distance, nearness, planes[i])
+        goals(spots, count, distance, gains, found)
+        moves[i], rules[:] = 0.0, -1
         for action in range(4):
             near = neighbour(place, action, rows, cols)
             if near < 0 or is_open[near] == 0:
                 continue
             numbers = moves[i, action]
             numbers[0] = 1.0
-            numbers[1] = gains[near] * 0.1
+            numbers[1] = 0.0 if visited[i, near] else gains[near] * 0.1
             numbers[2] = visited[i, near]
             queue[0] = near
-            discounted(spread(is_open, rows, cols, other, queue, 1), queue, other, gains, numbers)
+            spread(is_open, rows, cols, other, queue, 1)
+            discounted(spots, count, other, gains, shares, numbers)
+            for rule in range(3):
+                goal = found[rule]
+                if goal >= 0 and other[goal] == distance[goal] - 1 and (rules[rule] < 0 or action == headings[i]):
+                    rules[rule] = action
             numbers[10] = action == headings[i]
             numbers[11] = (action ^ headings[i]) == 2
             numbers[12] = left / (rows * cols)
             numbers[13] = np.log(1.0 + left) * 0.2
             numbers[14] = np.log(1.0 + max(0, left - slack)) * 0.3
-            numbers[15] = np.log(1.0 + places_with_gain) * 0.2
+            numbers[15] = np.log(1.0 + count) * 0.2
+        for rule in range(3):
+            if rules[rule] >= 0:
+                moves[i, rules[rule], 7 + rule] = 1.0
 
 
 class Perception:
-    """Perceives `num` boards of one size; the arrays `planes` and `moves` are the same from call to call."""
+    """Perceives `num` boards of one size; the arrays `planes` and `moves` are the same from call to call.
+
+    What it keeps of each board only saves time: boards may be given in any order, and others than before.
+    """
 
     def __init__(self, num: int, rows: int, cols: int, radius: int) -> None:
         self.size = (rows, cols)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, NUMBERS), np.float32)
         table, cells = sight_table(radius), rows * cols
+        boards = (num, *board_shape(rows, cols, radius))
+        self._lidar = radius, table
+        self._kept = (
+            np.full((num, cells), NOTHING, np.uint8),
+            np.zeros(boards, np.uint64),
+            np.zeros(boards, np.uint64),
+            np.zeros((num, cells), np.int64),
+        )
         self._room = (
-            radius,
-            table,
-            np.zeros(board_shape(rows, cols, radius), np.uint64),
-            np.zeros(board_shape(rows, cols, radius), np.uint64),
             np.zeros(int(table[1]), np.uint64),
+            np.zeros((rows, 2), np.int64),
             np.zeros(cells, np.uint8),
             np.zeros(cells, np.int32),
             np.zeros(cells, np.int32),
             np.zeros(cells + 1, np.int32),
-            np.zeros(cells, np.int64),
+            np.zeros(cells, np.int32),
+            np.zeros(3, np.int64),
             np.zeros(3, np.int64),
             (255 * np.exp(-0.12 * np.arange(FARTHEST + 1))).astype(np.uint8),
+            np.cumprod([[1.0] + [rate] * cells for rate in RATES], axis=1),
         )
 
     def __call__(
         self, codes: NDArray[np.uint8], places: NDArray[np.int64], visited: NDArray[np.uint8], headings: NDArray[np.int64]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (planes, moves) of a stack of boards; see `perceive` for what they take."""
-        perceive(codes, places, visited, headings, *self._room, self.planes[: len(codes)], self.moves[: len(codes)])
-        return self.planes[: len(codes)], self.moves[: len(codes)]
+        num = len(codes)
+        perceive(codes, places, visited, headings, *self._lidar, self._kept, self._room, self.planes[:num], self.moves[:num])
+        return self.planes[:num], self.moves[:num]

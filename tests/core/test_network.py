@@ -125,6 +125,29 @@ def test_a_stack_of_boards_is_perceived_as_each_alone():
         assert np.array_equal(moves[0], together[1][i])
 
 
+def test_what_is_kept_of_a_board_changes_nothing_that_is_seen():
+    """Eyes that follow several episodes, meet others without notice and come back see what fresh eyes see."""
+    config = EnvConfig("2-2-1", 17, 70)
+    rng, eyes = np.random.default_rng(3), Perception(1, 17, 70, 6)
+    episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
+    visited = np.zeros((3, config.n), np.uint8)
+    for step in range(240):
+        which = step // 20 % 3
+        episode = episodes[which]
+        if episode.ended:
+            continue
+        place = np.array([episode.position[0] * 70 + episode.position[1]])
+        visited[which, place] = 1
+        board = episode.codes[None], place, visited[which : which + 1], np.array([step % 4])
+        seen, fresh = eyes(*board), Perception(1, 17, 70, 6)(*board)
+        assert np.array_equal(seen[0], fresh[0])
+        assert np.array_equal(seen[1], fresh[1])
+        valid = np.flatnonzero(seen[1][0, :, 0])
+        forward = valid[seen[1][0, valid, 7] > 0]
+        episode.step(int(rng.choice(forward if len(forward) and rng.random() < 0.8 else valid)))
+    assert all(episode.steps > 40 for episode in episodes)
+
+
 def written(path, tensors, card=None):
     save_file(tensors, path, metadata={"card": json.dumps({"format": FORMAT} if card is None else card)})
     return path
