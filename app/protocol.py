@@ -1,7 +1,7 @@
 """Every message in both directions, over HTTP and over the socket; `static/protocol.js` is its twin.
 
 Messages that come in are pydantic models and checked strictly; what goes out is built once, as text, by the functions
-at the end. `sentence` turns a failed check into one plain sentence: what was expected, what came.
+at the end.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 
+from app.sentences import sentence
 from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED, MIN_SIDE
 from marsexplorer.episode import Episode
 
@@ -38,9 +39,6 @@ CELLS = bytes.maketrans(bytes(range(4)), b"?.@#")
 ActionName = Literal["north", "east", "south", "west"]
 PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
-
-
-NO_BODY = "expected a JSON object, sent with Content-Type: application/json"
 
 
 class BadMessage(ValueError):  # noqa: N818 - the word of the protocol
@@ -234,7 +232,6 @@ class Pace(BaseModel):
 
 ClientMessage = Annotated[Act | AskHistory | Events, Field(discriminator="kind")]
 _CLIENT: TypeAdapter[Act | AskHistory | Events] = TypeAdapter(ClientMessage)
-_KINDS = '"act", "history" or "events"'
 
 
 def parse(text: str) -> Act | AskHistory | Events:
@@ -246,58 +243,6 @@ def parse(text: str) -> Act | AskHistory | Events:
         return _CLIENT.validate_json(text)
     except ValidationError as error:
         raise BadMessage(sentence(error.errors(include_url=False))) from None
-
-
-_TYPES = {
-    "int": "a whole number", "float": "a number", "string": "text", "bool": "true or false",
-    "list": "a list", "dict": "a JSON object", "model": "a JSON object", "model_attributes": "a JSON object",
-}  # fmt: skip
-
-
-_TAGS = ("body", "query", "path", "act", "history", "events")
-
-
-def sentence(errors: Sequence[Any]) -> str:
-    """Return pydantic's findings as one sentence, the first three at most."""
-    return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
-
-
-def _clause(error: dict[str, Any]) -> str:
-    kind, context = str(error["type"]), error.get("ctx", {})
-    loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
-    names = [str(part) for part in loc]
-    name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
-    bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than", "max_length": "at most"}
-    bound = next((f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context), None)
-    if kind == "value_error":
-        return str(context["error"])
-    if kind == "json_invalid":
-        return f"a message must be JSON, and this is not: {context['error']}"
-    if kind == "too_long":
-        return f"{name} must hold at most {context['max_length']}, got {context['actual_length']}"
-    if kind == "missing":
-        return f"{name} is missing" if names else NO_BODY
-    if kind == "model_attributes_type" and not names:
-        return f"{NO_BODY}, got {came}"
-    if kind == "union_tag_not_found":
-        return f"kind is missing: expected {_KINDS}"
-    if kind == "union_tag_invalid":
-        return f"kind must be {_KINDS}, got {context['tag']!r}"
-    if kind == "literal_error":
-        return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
-    if bound is not None:
-        return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
-    expected = _TYPES.get(kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float"))
-    return f"{name} must be {expected}, got {came}" if expected else f"{name}: {error['msg']}, got {came}"
-
-
-def _plain(bound: float) -> str:
-    return str(int(bound)) if bound == int(bound) else str(bound)
-
-
-def _shown(value: object) -> str:
-    text = repr(value) if isinstance(value, bytes) else json.dumps(value, default=repr)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:

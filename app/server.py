@@ -33,7 +33,7 @@ from app.leaderboard.routes import router as leaderboard_routes
 from app.lobby import Lobby, Sources, UnknownSession
 from app.middleware import Guard
 from app.players import Players, has_own_origin
-from app.protocol import NO_BODY, sentence
+from app.sentences import NO_BODY, sentence
 from app.settings import ROOT, Settings
 from app.store import Store, StoreError
 from app.study.debrief import Debriefs
