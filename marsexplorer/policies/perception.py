@@ -23,7 +23,7 @@ from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import sight_table
 from marsexplorer.policies.gain import ONE, U, board_shape, look
-from marsexplorer.policies.grid import FAR, neighbour, open_cells, spread
+from marsexplorer.policies.grid import FAR, enough, neighbour, open_cells, spread
 
 RINGS = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
@@ -161,7 +161,7 @@ def perceive(codes, places, visited, headings, radius, sight, kept, room, planes
     rows, cols = codes.shape[1], codes.shape[2]
     known, unknown, blocked, all_gains = kept
     seen, edges, is_open, distance, other, queue, spots, found, rules, nearness, shares = room
-    slack = rows * cols - int(np.ceil(rows * cols * 0.99))
+    slack = rows * cols - enough(rows * cols)
     for i in range(codes.shape[0]):
         board, place, gains = codes[i], places[i], all_gains[i]
         left = notice(board, radius, sight, seen, known[i], unknown[i], blocked[i], gains, edges)
