@@ -229,10 +229,10 @@ def run(settings: Settings) -> None:
         with _policy_errors():
             for path in settings.policies:
                 describe(str(path))
-        Store(settings.database, settings.durable).close()
         print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
         with _policy_errors():
             policies = Policies(settings.policies)
+        Store(settings.database, settings.durable).close()  # last: a start that fails leaves no new file behind
         sys.setswitchinterval(0.001)  # a policy thinking in a thread lets a move through within a millisecond
         app = create_app(settings, policies=policies)
         if app.state.door and app.state.door.drawn:

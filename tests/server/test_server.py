@@ -6,10 +6,12 @@ import subprocess
 import sys
 
 import pytest
+import torch
 
 from app.server import ServerError, listen, run
 from app.settings import Settings
 from app.store import StoreError
+from marsexplorer.policies.network import save_network
 
 
 def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
@@ -38,7 +40,8 @@ def test_a_foreign_database_is_left_alone(tmp_path):
 def test_a_policy_file_that_is_none_is_said(tmp_path):
     path = tmp_path / "model.safetensors"
     path.write_bytes(b"no policy at all")
-    for source in (path, tmp_path / "absent.safetensors"):
+    save_network(torch.nn.Linear(2, 2), tmp_path / "other.safetensors", {"summary": "of others"})
+    for source in (path, tmp_path / "absent.safetensors", tmp_path / "other.safetensors"):
         with pytest.raises(ServerError, match=source.name):
             run(Settings(port=0, database=tmp_path / "new.db", policies=(source,)))
     assert not (tmp_path / "new.db").exists()
@@ -76,4 +79,4 @@ def test_kept_alive_requests_are_answered_without_waiting_for_an_acknowledgement
     client = server.client()
     client.get("/api/health")
     spent = sorted(client.get("/api/health").elapsed.total_seconds() for _ in range(21))
-    assert spent[10] < 0.03
+    assert spent[4] < 0.03, "the wait of 40 ms would be in every answer, a busy machine is in some"
