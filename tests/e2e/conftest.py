@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import eventually
 from e2e_tools import KEY_OF, QUIET, SOFTWARE_3D, chromium_path
 
 
@@ -84,6 +85,26 @@ class Player:
     def picture(self, test_id):
         """The pixels of an element as they are on screen."""
         return self.page.get_by_test_id(test_id).screenshot()
+
+    def still(self, test_id, looks=4):
+        """The pixels of an element once they have stayed the same for some looks in a row."""
+        seen = []
+
+        def is_still():
+            self.page.wait_for_timeout(200)
+            seen.append(self.picture(test_id))
+            return len(seen) >= looks and len(set(seen[-looks:])) == 1
+
+        eventually(is_still, 60)
+        return seen[-1]
+
+    def changes(self, test_id, before):
+        """Wait until the pixels of an element are others than those before."""
+        eventually(lambda: self.picture(test_id) != before)
+
+    def shows(self, test_id, text):
+        """Wait until an element says just that: the page paints in the frame after its state has changed."""
+        eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)
 
 
 def codes_of(frame):

@@ -79,7 +79,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(serve, 
                 frame = socket.frame_after(frame["step"])
                 if frame["outcome"]:
                     break
-            go_on.wait(60)
+            go_on.wait(300)
 
     driving = threading.Thread(target=drive)
     driving.start()

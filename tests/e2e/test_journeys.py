@@ -17,25 +17,21 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn,
     me.goto()
     about = me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
-    me.page.wait_for_timeout(1500)
 
-    moves = []
-    matrix, view = me.picture("canvas-player"), me.picture("stage-player")
+    view, matrix = me.still("stage-player"), me.still("canvas-player")
     me.press("east")
-    me.page.wait_for_timeout(700)
-    assert me.picture("canvas-player") != matrix
-    assert me.picture("stage-player") != view, "the rover did not move in the 3-D view"
+    me.changes("canvas-player", matrix)
+    me.changes("stage-player", view)  # the rover moves in the 3-D view
 
     viewer = me.page.get_by_test_id("viewer-player")
     box = viewer.bounding_box()
     me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
-    matrix, view = me.picture("canvas-player"), me.picture("stage-player")
+    view, matrix = me.still("stage-player"), me.still("canvas-player")
     me.press("west")
-    me.page.wait_for_timeout(700)
     assert me.state()["position"] == [0, 0]
-    assert me.picture("canvas-player") != matrix
-    assert me.picture("stage-player") != view
+    me.changes("canvas-player", matrix)
+    me.changes("stage-player", view)
 
     me.page.reload()
     me.wait("window.mars && window.mars.state.player && window.mars.state.player.trail.length === 3")
@@ -88,8 +84,8 @@ def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(spawn, player):
     policy = policies.load("frontier-utility")
     me.explore(policy, lambda frame: frame["step"] == 10)
     me.wait("window.mars.state.rival.frame.step === 10")
-    assert me.page.get_by_test_id("steps-player").inner_text() == "10"
-    assert me.page.get_by_test_id("steps-rival").inner_text() == "10"
+    me.shows("steps-player", "10")
+    me.shows("steps-rival", "10")
     assert "practice" in me.page.get_by_test_id("badge").inner_text().lower()
 
     me.page.get_by_test_id("pace-timed-rival").click()

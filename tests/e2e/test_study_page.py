@@ -93,12 +93,20 @@ class Participant:
         self.page.keyboard.press(self.keys[action])
         self.wait(f"window.marsStudy.state.table.player.frame.step > {step}")
 
+    def wake(self):
+        """Go on, if stillness has paused the board meanwhile."""
+        self.page.keyboard.press("Shift")
+        if self.state("isPaused"):
+            self.page.keyboard.press("ArrowRight")
+            self.wait("!window.marsStudy.state.isPaused")
+
     def next_action(self):
         return ACTIONS[self.policy.act(codes_of(self.frame))]
 
     def explore(self):
         """Drive until the episode ends."""
         self.policy.reset(0)
+        self.wake()
         while self.frame["outcome"] is None:
             self.press(self.next_action())
         self.page.get_by_test_id("end-card").wait_for(state="visible")
@@ -229,7 +237,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     kept = me.frame
     server.kill()
     me.wait("window.marsStudy.state.table.link === 'lost'", 3_000)
-    assert "lost" in me.page.get_by_test_id("link").inner_text()
+    eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
     server = spawn(studies=folder, port=server.port)
     me.driving()
     assert me.frame == kept, "a restarted server goes on in the same episode at the same step"
@@ -351,13 +359,13 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
 
 
 def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies(pause_after_s=1.5))
+    server = spawn(studies=studies(pause_after_s=3))
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")
     me.choose("to-tutorial")
     me.driving()
-    me.page.get_by_test_id("pause").wait_for(state="visible", timeout=8_000)
+    me.page.get_by_test_id("pause").wait_for(state="visible")
     me.page.reload()
     me.stands("play")
     assert me.page.get_by_test_id("pause").is_visible(), "a reload finds it paused"
@@ -455,6 +463,7 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participan
                 found[f"{name}, {palette}"] = violations(me.page, runOnly=["color-contrast"])
 
     def dialog(name):
+        me.wake()
         me.page.get_by_test_id(f"open-{name}").click()
         look(name)
         me.page.keyboard.press("Escape")
@@ -471,7 +480,6 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participan
     dialog("map")
     me.page.get_by_test_id("pause").wait_for(state="visible", timeout=15_000)
     look("paused")
-    me.page.keyboard.press("ArrowRight")
     me.explore()
     look("tutorial-end")
     me.page.keyboard.press("Enter")
@@ -493,10 +501,10 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participan
     look("ranked-ready")
     me.page.keyboard.press("Enter")
     me.driving()
+    me.wake()
     me.press("east")
     look("ranked")
     dialog("give-up")
-    me.page.keyboard.press("ArrowRight")
     me.explore()
     look("ranked-end")
     me.page.keyboard.press("Enter")

@@ -16,17 +16,15 @@ def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(spawn,
     me.wait("window.mars.state.rival.values.length === 1")
     switch = me.page.get_by_test_id("show-thoughts")
     assert switch.is_checked()
-    shown, curve = me.picture("canvas-rival"), me.picture("chart")
+    shown, curve = me.still("canvas-rival"), me.still("chart")
     switch.uncheck()
-    me.page.wait_for_timeout(300)
-    assert me.picture("canvas-rival") != shown
-    assert me.picture("chart") != curve
-    plain = me.picture("canvas-rival")
+    me.changes("canvas-rival", shown)
+    me.changes("chart", curve)
+    plain = me.still("canvas-rival")
     me.page.reload()
     me.wait(f"window.mars && window.mars.state.rival && {FIRST}")
-    me.page.wait_for_timeout(300)
     assert not me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
-    assert me.picture("canvas-rival") == plain
+    assert me.still("canvas-rival") == plain
     assert me.errors == []
 
 
@@ -38,13 +36,12 @@ def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the
     me.page.wait_for_timeout(500)
     assert me.state("player.thought") is None
     assert me.state("rival") is None
-    before = me.picture("canvas-player")
+    before = me.still("canvas-player")
     me.press("north")
     assert me.state()["outcome"] == "out_of_bounds"
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
     me.page.get_by_test_id("fold-player").click()
-    me.page.wait_for_timeout(300)
-    assert me.picture("canvas-player") != before, "the policy's path is drawn under the player's"
+    me.changes("canvas-player", before)  # the policy's path is drawn under the player's
     assert me.page.get_by_test_id("end-line-player").is_hidden()
     me.page.keyboard.press("Enter")
     me.wait("window.mars.state.rival === null")
