@@ -1,7 +1,9 @@
 """What the browser tests share: where Chromium is, how it is started, where pictures go."""
 
+import random
 import shutil
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 SCREENSHOTS = Path(__file__).parent / "e2e" / "screenshots"
@@ -19,7 +21,9 @@ def chromium_path():
 
 
 def free_port():
-    """Return a port nobody listens on."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
+    """Return a port nobody listens on, below those that the system hands out meanwhile."""
+    while True:
+        port = random.randrange(20_000, 32_000)
+        with socket.socket() as sock, suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            return port

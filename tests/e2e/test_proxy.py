@@ -64,11 +64,9 @@ def test_playing_behind_tls_and_a_path_prefix(spawn, player, proxy):
     me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
     eventually(lambda: [s for s in sockets if "/mars/viewer/" in s.url and not s.is_closed()])
-    me.page.wait_for_timeout(1500)
-    view = me.picture("stage-player")
+    view = me.still("stage-player")
     me.press("east")
-    me.page.wait_for_timeout(700)
-    assert me.picture("stage-player") != view
+    me.changes("stage-player", view)
     assert me.state()["position"] == [0, 1]
     assert all(socket.url.startswith("wss://localhost") for socket in sockets)
     cookies = me.page.context.cookies()
