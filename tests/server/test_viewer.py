@@ -264,7 +264,9 @@ def test_a_closed_viewer_leaves_no_task_and_no_follower():
             flush=viewer._server.flush,
         )
         task = asyncio.create_task(mirror(client, session))
-        await asyncio.sleep(0.05)
+        async with asyncio.timeout(20):
+            while channel.followers == 0:
+                await asyncio.sleep(0.005)
         assert channel.followers == 1
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)

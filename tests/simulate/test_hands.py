@@ -63,12 +63,15 @@ def test_compressed_time_is_short_and_looks_long():
 
 
 def test_at_the_speed_of_people_the_clock_is_the_wall():
+    before = time.perf_counter()
     clock = Clock(1.0)
-    began = time.perf_counter()
+    after = time.perf_counter()
     asyncio.run(clock.wait(120.0))
-    took = (time.perf_counter() - began) * 1000
-    assert took >= 119.0
-    assert abs(clock.now_ms() - took) < 30.0
+    least = (time.perf_counter() - after) * 1000
+    now = clock.now_ms()
+    most = (time.perf_counter() - before) * 1000
+    assert least >= 119.0
+    assert least - 1.0 <= now <= most + 1.0
 
 
 def test_an_idler_pauses_its_page():
