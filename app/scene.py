@@ -7,31 +7,19 @@ The soil is a fixed picture for each size; the fog over it is a small picture wi
 
 from __future__ import annotations
 
-import io
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
-from PIL import Image
 
-from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
+from app.ground import NIGHT, fog, soil
+from marsexplorer.config import ACTIONS, OBSTACLE
 from marsexplorer.episode import Episode
 
-NIGHT = (14, 11, 13)
-SOIL = (181, 101, 58)
 ROCK = (100, 74, 64)
 PLAYER, RIVAL = (255, 179, 71), (95, 208, 197)
 PALE, DARK = (232, 224, 214), (46, 42, 44)
-
-CLEAR, FOG, LINE, EDGE, SHADE = range(5)
-FOG_COLOURS = bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20])
-FOG_ALPHA = bytes([0, 255, 255, 46, 150])
-"""Of clear ground, the unknown and the lines between its cells, known cells that border on it, the ground under rocks."""
-
-TILT, FOV, FILLED = float(np.deg2rad(64)), float(np.deg2rad(30)), 0.93
-"""Of the camera: above the horizon, vertical angle of view (radians), and the share of the view that a board may fill."""
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
 CHUNK = 32
@@ -61,52 +49,6 @@ def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
     low, high = share / 12.92, ((share + 0.055) / 1.055) ** 2.4
     colours: NDArray[np.uint8] = np.rint(255 * np.where(share <= 0.04045, low, high)).astype(np.uint8)
     return colours
-
-
-def pixels_a_cell(side: int, pixels: int, most: int) -> int:
-    """Return how many pixels, 1 to `most`, a cell gets so that the longer side of a picture stays within `pixels`."""
-    return max(1, min(most, pixels // side))
-
-
-@lru_cache(maxsize=16)
-def soil(rows: int, cols: int) -> bytes:
-    """Return the ground as a JPEG, the same for every terrain of a size: value noise and a faint grid."""
-    scale = pixels_a_cell(max(rows, cols), 768, 16)
-    height, width = rows * scale, cols * scale
-    rng = np.random.default_rng(rows * 1009 + cols)
-    noise = np.zeros((height, width))
-    for cells, weight in ((max(rows, cols) / 9, 0.5), (max(rows, cols) / 3, 0.3), (max(rows, cols) * 1.5, 0.2)):
-        coarse = rng.random((max(2, round(cells * rows / max(rows, cols))), max(2, round(cells * cols / max(rows, cols)))))
-        blurred = Image.fromarray(coarse.astype(np.float32)).resize((width, height), Image.Resampling.BICUBIC)
-        noise += weight * np.asarray(blurred)
-    ground = np.array(SOIL) * (0.74 + 0.5 * noise[..., None])
-    lines = (np.arange(height)[:, None] % scale == 0) | (np.arange(width)[None] % scale == 0)
-    ground[lines] *= 0.86
-    ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
-    return encoded(Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8)), format="JPEG", quality=80)
-
-
-def encoded(image: Image.Image, **options: Any) -> bytes:
-    """Return a picture's file."""
-    file = io.BytesIO()
-    image.save(file, **options)
-    return file.getvalue()
-
-
-def fog(codes: NDArray[np.uint8]) -> bytes:
-    """Return the fog over codes[rows, cols] as a PNG with a palette and alpha."""
-    unknown = codes == UNKNOWN
-    near = np.pad(unknown, 1)
-    borders = near[:-2, 1:-1] | near[2:, 1:-1] | near[1:-1, :-2] | near[1:-1, 2:]
-    picture = np.where(unknown, FOG, np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))).astype(np.uint8)
-    scale = pixels_a_cell(max(codes.shape), 400, 4)
-    picture = picture.repeat(scale, 0).repeat(scale, 1)
-    if scale > 2:
-        for lines in (picture[::scale], picture[:, ::scale]):
-            lines[lines == FOG] = LINE
-    image = Image.fromarray(picture, "P")
-    image.putpalette(FOG_COLOURS)
-    return encoded(image, format="PNG", transparency=FOG_ALPHA, compress_level=1)
 
 
 class Scene:
@@ -250,57 +192,3 @@ def add_rocks(scene: viser.SceneApi, name: str, cells: NDArray[np.int64]) -> vis
         cast_shadow=False,
         receive_shadow=False,
     )
-
-
-def camera_for(rows: int, cols: int, aspect: float) -> tuple[float, float]:
-    """Return (y, distance): what the camera looks at and from how far, so that all of a board fits and is centred.
-
-    aspect   width of the view over its height
-    """
-    x, y, z = np.meshgrid([-cols / 2, cols / 2], [0.5 - rows, 0.5], [0.0, 1.2])
-    targets = (1 - rows) / 2 + np.linspace(-0.3, 0.3, 121)[:, None] * rows
-    up = (y.ravel() - targets) * np.sin(TILT) + z.ravel() * np.cos(TILT)
-    ahead = (y.ravel() - targets) * np.cos(TILT) - z.ravel() * np.sin(TILT)
-    tall = FILLED * np.tan(FOV / 2)
-    distances = np.maximum(np.abs(up) / tall, np.abs(x.ravel()) / (tall * aspect)) - ahead
-    distance = distances.max(axis=1)
-    heights = up / (distance[:, None] + ahead)
-    best = int(np.abs(heights.max(axis=1) + heights.min(axis=1)).argmin())
-    return float(targets[best, 0]), float(distance[best])
-
-
-class View:
-    """Where one viewer looks from: north at the top, all of the board in sight, again whenever the view changes shape."""
-
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
-        self._board, self._aspect = (0, 0), 0.0
-        client.camera.on_update(self._reshape)
-
-    def show(self, rows: int, cols: int) -> None:
-        """Look at a board of this size; what the viewer has turned to stays when the size is the same."""
-        if self._board != (rows, cols):
-            self._board = rows, cols
-            self._look()
-
-    async def _reshape(self, camera: viser.CameraHandle) -> None:
-        if self._board != (0, 0) and abs(aspect_of(camera) / self._aspect - 1) > 0.02:
-            self._look()
-            self._client.flush()
-
-    def _look(self) -> None:
-        camera, (rows, cols) = self._client.camera, self._board
-        self._aspect = aspect_of(camera)
-        y, distance = camera_for(rows, cols, self._aspect)
-        x = (cols - 1) / 2
-        with self._client.atomic():
-            camera.fov = FOV
-            camera.far = max(1000.0, 4 * distance)
-            camera.up_direction = (0.0, 0.0, 1.0)
-            camera.position = (x, y - distance * np.cos(TILT), distance * np.sin(TILT))
-            camera.look_at = (x, y, 0.0)
-
-
-def aspect_of(camera: viser.CameraHandle) -> float:
-    """Return width over height of a view, within what a screen can be."""
-    return min(max(camera.image_width / max(camera.image_height, 1), 0.1), 10.0)

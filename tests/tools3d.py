@@ -4,7 +4,7 @@ import msgspec
 import zstandard
 from websockets.sync.client import connect
 
-from app.viewer import PROTOCOL
+from app.transport import PROTOCOL
 
 CAMERA = msgspec.msgpack.encode(
     {

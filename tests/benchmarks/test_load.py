@@ -13,7 +13,7 @@ import pytest
 from tools3d import CAMERA
 from websockets.asyncio.client import connect
 
-from app.viewer import PROTOCOL
+from app.transport import PROTOCOL
 from marsexplorer import policies
 
 pytestmark = pytest.mark.bench

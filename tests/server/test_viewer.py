@@ -14,9 +14,12 @@ from tools3d import CAMERA
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from app.camera import FOV, TILT, camera_for
 from app.channel import Channel
-from app.scene import FOV, TILT, Scene, camera_for, fog, soil
-from app.viewer import PROTOCOL, Viewer, mirror
+from app.ground import fog, soil
+from app.scene import Scene
+from app.transport import PROTOCOL
+from app.viewer import Viewer, mirror
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
