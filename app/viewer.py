@@ -34,11 +34,13 @@ INJECTED = (
     "html,body,:has(>canvas),:has(>div>canvas),:has(>div>div>canvas),:has(>div>div>div>canvas)"
     "{background:#0e0b0d!important}</style>"
     "<script>document.hasFocus=()=>true</script>"
+    '<script src="../../static/easel.js"></script>'
 )
-"""Hides viser's own panels, and lets it reconnect while the page around it has the focus."""
+"""Ahead of viser's own: hides its panels, lets it reconnect while the page around it has the focus, and shows what a
+processor draws without the page waiting for it."""
 
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; connect-src 'self' blob: data:; "
     "frame-ancestors 'self'"
 )
@@ -60,7 +62,7 @@ class Viewer:
         self._dress()
         self._server.on_client_connect(self._welcome)
         self._server.on_client_disconnect(self._dismiss)
-        page = CLIENT.read_bytes().replace(b"</head>", INJECTED.encode() + b"</head>", 1)
+        page = CLIENT.read_bytes().replace(b"<head>", b"<head>" + INJECTED.encode(), 1)
         self._page, self._zipped = page, gzip.compress(page, 6, mtime=0)
         self._etag = f'"{PROTOCOL}-{zlib.crc32(page):08x}"'
 

@@ -16,9 +16,9 @@ export function probeWebGL(page) {
   }
 }
 
-/** The address of a session's 3-D view; coarser pixels where the processor draws them, so that keys stay quick. @param {string} session @param {boolean} isSoftware */
+/** The address of a session's 3-D view; where the processor draws it, with coarser pixels and on an easel (easel.js), so that keys stay quick. @param {string} session @param {boolean} isSoftware */
 export function viewerUrl(session, isSoftware) {
-  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75" : ""}`;
+  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&easel" : ""}`;
 }
 
 /**

@@ -123,5 +123,5 @@ test("the human level of a configuration is one short line", () => {
 
 test("the 3-D view is asked for beside the page, in coarser pixels where the processor draws", () => {
   assert.equal(viewerUrl("ab_c", false), "viewer/ab_c/");
-  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75");
+  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75&easel");
 });

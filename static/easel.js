@@ -1,0 +1,118 @@
+// @ts-check
+// Inside the 3-D view, where the processor draws it (`?easel` in its address). To show such a canvas a browser waits for each picture
+// on the page's own thread, and keys wait with it. So the canvas stays unseen; one picture is drawn at a time, and laid on a sheet
+// over it once it has come, while nobody waits. A plain script: it has to run before the client's own.
+
+(() => {
+  if (!new URLSearchParams(location.search).has("easel")) return;
+
+  /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within these, ms. */
+  const LOOK_MS = 8;
+  const LEAST_REST_MS = 30;
+  const MOST_REST_MS = 250;
+
+  const nextFrame = window.requestAnimationFrame.bind(window);
+  const open = HTMLCanvasElement.prototype.getContext;
+  /** @type {Map<number, FrameRequestCallback>} what waits for the next frame */
+  let waiting = new Map();
+  /** @type {typeof waiting} what runs in this one */
+  let running = new Map();
+  let count = 0;
+  let isBusy = false;
+  let isScheduled = false;
+  /** @type {ReturnType<typeof createEasel> | null} */
+  let easel = null;
+
+  function schedule() {
+    if (isScheduled || isBusy || waiting.size === 0) return;
+    isScheduled = true;
+    nextFrame(turn);
+  }
+  /** @param {number} now_ms */
+  function turn(now_ms) {
+    isScheduled = false;
+    [running, waiting] = [waiting, new Map()];
+    for (const callback of running.values()) {
+      try {
+        callback(now_ms);
+      } catch (error) {
+        reportError(error);
+      }
+    }
+    isBusy = easel?.fetch((took_ms) => setTimeout(goOn, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms)))) ?? false;
+    schedule();
+  }
+  function goOn() {
+    isBusy = false;
+    schedule();
+  }
+  window.requestAnimationFrame = (callback) => {
+    count += 1;
+    waiting.set(count, callback);
+    schedule();
+    return count;
+  };
+  window.cancelAnimationFrame = (number) => { if (!waiting.delete(number)) running.delete(number); };
+
+  HTMLCanvasElement.prototype.getContext = /** @type {any} */ (function getContext(/** @type {string} */ kind, /** @type {any} */ options) {
+    const isBoard = kind === "webgl2" && this.isConnected && !easel;
+    const context = open.call(this, kind, isBoard ? { ...options, antialias: false, preserveDrawingBuffer: false } : options);
+    if (isBoard && context) easel = createEasel(this, /** @type {WebGL2RenderingContext} */ (context));
+    return context;
+  });
+
+  /** @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} gl */
+  function createEasel(canvas, gl) {
+    const sheet = document.createElement("canvas");
+    sheet.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none"; // rows come from the bottom up
+    canvas.style.visibility = "hidden";
+    canvas.after(sheet);
+    const paper = /** @type {CanvasRenderingContext2D} */ (open.call(sheet, "2d", { alpha: false }));
+    const buffer = gl.createBuffer();
+    let picture = new ImageData(1, 1);
+    let isDrawn = false;
+    const clear = gl.clear.bind(gl);
+    gl.clear = (mask) => {
+      isDrawn = true;
+      clear(mask);
+    };
+
+    function lay() {
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+      gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, picture.data);
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+      if (sheet.width !== picture.width || sheet.height !== picture.height) [sheet.width, sheet.height] = [picture.width, picture.height];
+      paper.putImageData(picture, 0, 0);
+    }
+    return {
+      /** Asks for what was drawn since the last time; false when nothing was. @param {(took_ms: number) => void} onDone */
+      fetch(onDone) {
+        if (!isDrawn || gl.isContextLost()) return false;
+        isDrawn = false;
+        const began_ms = performance.now();
+        const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
+        gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+        if (picture.width !== width || picture.height !== height) {
+          picture = new ImageData(width, height);
+          gl.bufferData(gl.PIXEL_PACK_BUFFER, picture.data.byteLength, gl.STREAM_READ);
+        }
+        const bound = gl.getParameter(gl.READ_FRAMEBUFFER_BINDING);
+        gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+        gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, 0);
+        gl.bindFramebuffer(gl.READ_FRAMEBUFFER, bound);
+        gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+        const fence = /** @type {WebGLSync} */ (gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0));
+        gl.flush();
+        function look() {
+          const isLost = gl.isContextLost();
+          if (!isLost && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return void setTimeout(look, LOOK_MS);
+          gl.deleteSync(fence);
+          if (!isLost) lay();
+          onDone(performance.now() - began_ms);
+        }
+        setTimeout(look, LOOK_MS);
+        return true;
+      },
+    };
+  }
+})();
