@@ -26,9 +26,11 @@ with httpx.Client(base_url="http://127.0.0.1:8000") as mars:       # one client 
 SOCKET = """ws(s)://.../ws/sessions/{session}
 -> {"kind":"act","episode":"...","step":0,"action":"east"}     the same act as over HTTP; its answer is the next frame
 -> {"kind":"history"}                                          asks for the path so far
+-> {"kind":"events","episode":"...","events":[...]}            a study's input events, 200 at most; a repeat is kept once
 <- {"kind":"frame", ...}       whole, the newest always; a slow client skips
 <- {"kind":"history", ...}     on joining, at each new episode, and when asked
 <- {"kind":"pace", ...}        for a session that a policy drives, on joining and on change
+<- {"kind":"kept","episode":"...","count":2,"reason":null}      the answer to events; count 0 with a reason: they are not kept
 <- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
 <- {"kind":"error","detail":"..."}                             a bad message: the socket stays open"""
 

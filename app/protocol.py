@@ -14,25 +14,22 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     TypeAdapter,
     ValidationError,
-    WithJsonSchema,
     model_validator,
 )
 
 from app.sentences import sentence
-from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED, MIN_SIDE
+from app.sizes import Size
+from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED
 from marsexplorer.episode import Episode
 
 MAX_BYTES = 64 * 1024
 """Longest message or body taken."""
 MAX_EVENTS = 200
 """Most input events in a message."""
-MAX_API_SIDE = 128
-"""Longest side of a board over the API (cells)."""
 CELLS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
 
@@ -45,41 +42,12 @@ class BadMessage(ValueError):  # noqa: N818 - the word of the protocol
     """A message that is none of ours; its text is the sentence for whoever sent it."""
 
 
-def _check_side(name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f"{name} must be a whole number, got {value!r}")
-    if value < MIN_SIDE:
-        raise ValueError(f"{name} must be at least {MIN_SIDE}, got {value}")
-    if value > MAX_API_SIDE:
-        raise ValueError(f"{name} must be at most {MAX_API_SIDE} over the API, got {value}")
-    return value
-
-
-def check_size(value: object) -> tuple[int, int]:
-    """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
-    if isinstance(value, (list, tuple)):
-        if len(value) != 2:
-            raise ValueError(f"size must be a whole number or [rows, cols], got {len(value)} values")
-        return _check_side("rows", value[0]), _check_side("cols", value[1])
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
-    side = _check_side("rows", value)
-    return side, side
-
-
 def _check_level(value: str) -> str:
     if value not in LEVELS:
         raise ValueError(f"no level {value!r}; choose one of: {', '.join(LEVELS)}")
     return value
 
 
-_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_API_SIDE}
-_SIZE_SCHEMA = {
-    "title": "Size",
-    "description": "One side for a square board, or [rows, cols]; cells.",
-    "anyOf": [_SIDE_SCHEMA, {"type": "array", "items": _SIDE_SCHEMA, "minItems": 2, "maxItems": 2}],
-}
-Size = Annotated[tuple[int, int], BeforeValidator(check_size), WithJsonSchema(_SIZE_SCHEMA)]
 LevelName = Annotated[str, AfterValidator(_check_level)]
 Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 
@@ -139,7 +107,7 @@ class InputEvent(Message):
 
 
 class Events(Message):
-    """Input events of a study's episode; nothing answers when they were taken."""
+    """Input events of a study's episode; the answer is `Kept`, and a batch that was kept already is not kept again."""
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
@@ -228,6 +196,17 @@ class Pace(BaseModel):
     kind: Literal["pace"] = "pace"
     mode: PaceMode
     moves_per_second: float
+
+
+class Kept(BaseModel):
+    """The answer to `Events`: all are kept, or none for a reason that will not pass; none and no reason: send them again."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: Literal["kept"] = "kept"
+    episode: str
+    count: int
+    reason: str | None = None
 
 
 ClientMessage = Annotated[Act | AskHistory | Events, Field(discriminator="kind")]

@@ -24,6 +24,10 @@ class Refused(Exception):  # noqa: N818 - the word of the protocol
     """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
 
 
+class NotNow(Refused):
+    """The study cannot go on at the moment; whoever asks again later may be answered otherwise."""
+
+
 @dataclass(frozen=True)
 class Move:
     """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""

@@ -14,8 +14,8 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from app.doors import enter, owns
 from app.lobby import UnknownSession
 from app.players import has_own_origin
-from app.protocol import Act, BadMessage, Events, Pace, encode_error, encode_history, encode_refused, parse
-from app.session import HUMAN, SCRIPT, Move, Refused, Session
+from app.protocol import Act, BadMessage, Events, Kept, Pace, encode_error, encode_history, encode_refused, parse
+from app.session import HUMAN, SCRIPT, Move, NotNow, Refused, Session
 from app.store import StoreError
 
 UNKNOWN_SESSION = 4404
@@ -102,8 +102,7 @@ class Socket:
         try:
             message = parse(text)
             if isinstance(message, Events):
-                self._take(message)
-                return None
+                return self._take(message).model_dump_json()
             if isinstance(message, Act):
                 self._check_owner()
                 session.act(as_move(message, self._driver(message)))
@@ -119,11 +118,18 @@ class Socket:
         is_human = self._is_owner and self._is_page and act.input is not None and (seat is None or seat.driver == HUMAN)
         return HUMAN if is_human else SCRIPT
 
-    def _take(self, events: Events) -> None:
-        if self._session.seat is None:
-            raise BadMessage("input events are kept for a study's episodes alone; this session belongs to none")
-        self._check_owner()
-        self._session.seat.take(events)
+    def _take(self, events: Events) -> Kept:
+        """Return how many of the events are kept: all, or none for a reason, or none for now."""
+        try:
+            if self._session.seat is None:
+                raise Refused("input events are kept for a study's episodes alone; this session belongs to none")
+            self._check_owner()
+            self._session.seat.take(events)
+        except (NotNow, StoreError):
+            return Kept(episode=events.episode, count=0)
+        except Refused as refusal:
+            return Kept(episode=events.episode, count=0, reason=str(refusal))
+        return Kept(episode=events.episode, count=len(events.events))
 
     def _check_owner(self) -> None:
         if self._session.seat is not None and not self._is_owner:

@@ -19,7 +19,11 @@
  * @typedef {{kind: "thought", episode: string, step: number, probabilities: [number, number, number, number],
  *   value: number | null}} Thought
  */
-/** @typedef {Frame | History | Refused | Problem | Pace | Thought} FromServer */
+/**
+ * The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again.
+ * @typedef {{kind: "kept", episode: string, count: number, reason: string | null}} Kept
+ */
+/** @typedef {Frame | History | Refused | Problem | Pace | Thought | Kept} FromServer */
 /**
  * @typedef {{session: string, player: string, level: string, size: number | [number, number], counts: boolean, frame: Frame,
  *   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}}} About  what POST api/sessions answers
@@ -31,7 +35,8 @@ export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_b
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
   "reward", "return", "score", "outcome"];
 export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];
-export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "thought"];
+export const KEPT_FIELDS = ["kind", "episode", "count", "reason"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "thought", "kept"];
 export const TO_SERVER = ["act", "history", "events"];
 
 /**

@@ -66,6 +66,15 @@ class Board:
             await self._take()
         return (time.perf_counter() - began) * 1000
 
+    async def tell(self, events: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to input events; Refusal when the study is closed."""
+        await self.page.send(events)
+        while (answer := await self._take())["kind"] != "kept":
+            pass
+        if "closed" in (answer["reason"] or ""):
+            raise Refusal(409, answer["reason"])
+        return answer
+
     def decide(self, nature: Nature) -> str:
         """Return the next action in words."""
         frame = self.frame

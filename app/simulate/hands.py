@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from app.simulate.persona import Persona
+from app.simulate.tally import Tally
 
 KEYS = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
 BATCH = 100
@@ -45,11 +46,12 @@ class Clock:
 class Hands:
     """Presses and releases, and the input events of them not sent yet (`events`, as the socket takes them)."""
 
-    def __init__(self, persona: Persona, clock: Clock, rng: np.random.Generator) -> None:
+    def __init__(self, persona: Persona, clock: Clock, rng: np.random.Generator, tally: Tally | None = None) -> None:
         self.clock = clock
         self.events: list[dict[str, Any]] = []
         self._persona = persona
         self._rng = rng
+        self._tally = tally or Tally()
         self._down, self._up = ("touchdown", "touchup") if persona.modality == "touch" else ("keydown", "keyup")
         self._up_ms: float | None = None
         self._pressed_ms = 0.0
@@ -96,11 +98,17 @@ class Hands:
         if ms >= PAUSE_AFTER_MS:
             self.note("resume", step=step)
 
+    def take(self) -> list[dict[str, Any]]:
+        """Return the events for the next batch, which are not here any more."""
+        taken, self.events = self.events, []
+        return taken
+
     def note(self, kind: str, at_ms: float | None = None, **rest: Any) -> None:
         """Keep an input event for the next batch."""
         is_press = kind in ("keydown", "keyup", "touchdown", "touchup")
         event = dict.fromkeys(("code", "repeat", "trusted", "step", "round_trip_ms"))
         at = self.clock.now_ms() if at_ms is None else at_ms
+        self._tally.noted += 1
         self.events.append({**event, "kind": kind, "trusted": True if is_press else None, "client_ms": at, **rest})
 
     def _code(self, action: str) -> str | None:

@@ -13,6 +13,7 @@ from typing import Any
 from app.simulate.board import Board, Rule
 from app.simulate.cheats import Cheats
 from app.simulate.hands import BATCH, Clock, Hands
+from app.simulate.outbox import Outbox
 from app.simulate.page import Lost, Page, Refusal
 from app.simulate.persona import PHASES, Nature, Persona
 from app.simulate.tally import Line, Tally
@@ -63,6 +64,7 @@ class Participant:
         self.progress = 0
         """Episodes ended since the player joined, in this run of the command or an earlier one."""
         self._neighbours = neighbours
+        self._outbox = Outbox(tally.fault)
         self._setbacks = 0
         self._loads = 0
         self._answers: list[int] = []
@@ -75,7 +77,9 @@ class Participant:
         try:
             while not self.line.is_done:
                 try:
-                    await self._turn(await self._where())
+                    where = await self._where()
+                    await self._tell_rest()
+                    await self._turn(where)
                 except Lost as error:
                     self._tally.lost += 1
                     self._set_back(str(error))
@@ -146,8 +150,12 @@ class Participant:
         self.session, frame = where["session"], where["about"]["frame"]
         self._check_resumed(frame, (phase, done))
         rule = Rule(frame["episode"], hides=phase == "ranked", shows_end=done + 1 == of)
-        if await self._drive(rule, phase, done, STEPS_BEFORE_LEAVING if leaves else None):
-            self.line.episodes[phase] += 1
+        try:
+            if await self._drive(rule, phase, done, STEPS_BEFORE_LEAVING if leaves else None):
+                self.line.episodes[phase] += 1
+        finally:
+            self._outbox.add(rule.episode, self._hands.take())
+        await self._outbox.tell(self._board)
         if leaves:
             self._leave()
             return
@@ -191,7 +199,6 @@ class Participant:
                 await cheats.maybe(self.session, frame, phase, self._other_session())
             await self._move(nature)
         self._last = (place, self._board.frame)
-        await self._tell_events(rule.episode)
         return True
 
     def _other_session(self) -> str | None:
@@ -212,9 +219,15 @@ class Participant:
             await self._tell_events(board.frame["episode"])
 
     async def _tell_events(self, episode: str) -> None:
-        events, self._hands.events = self._hands.events, []
-        if events:
-            await self._page.send({"kind": "events", "episode": episode, "events": events})
+        self._outbox.add(episode, self._hands.take())
+        await self._outbox.tell(self._board)
+
+    async def _tell_rest(self) -> None:
+        """Return when nothing is left of what a lost line did not bring."""
+        if self.session is not None and not self._outbox.is_empty:
+            await self._page.open(self.session)
+            await self._outbox.tell(self._board)
+            await self._page.close_socket()
 
     async def _debrief(self, where: dict[str, Any]) -> None:
         """Look at the first replay, then go on to the completion code."""
@@ -242,7 +255,7 @@ class Participant:
     def _load_page(self) -> None:
         self._loads += 1
         self._clock = Clock(self.place.speed)
-        self._hands = Hands(self.persona, self._clock, self.persona.rng(8, self._loads))
+        self._hands = Hands(self.persona, self._clock, self.persona.rng(8, self._loads), self._tally)
         self._page = Page(self.place.url, self.place.study, self.seat.cookie)
         self._board = Board(self._page, self.place.radius, self._tally.fault)
 

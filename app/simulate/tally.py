@@ -36,6 +36,7 @@ class Tally:
     """A simulated study as it goes.
 
     round_trips_ms  from each act to its frame
+    noted           input events of the players, each of which is to be kept once
     lost            connections that broke, the server's restarts among them
     reloads         pages closed and opened again of the players' own will
     attempts        what cheaters tried, by name: (times tried, times refused)
@@ -44,6 +45,7 @@ class Tally:
 
     lines: list[Line] = field(default_factory=list)
     round_trips_ms: list[float] = field(default_factory=list)
+    noted: int = 0
     lost: int = 0
     reloads: int = 0
     attempts: dict[str, tuple[int, int]] = field(default_factory=dict)

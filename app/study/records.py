@@ -69,6 +69,10 @@ _HIDES = """SELECT t.phase = 'ranked' AND p.stage NOT IN ('debrief', 'complete')
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
 
 
+_RUN = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FROM input_events
+    WHERE episode_id = ?1 AND number >= ?2 ORDER BY number LIMIT ?3"""
+
+
 def label(participant_id: str) -> str:
     """Return the short label a participant sees and can quote; nobody can find the id from it."""
     return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()
@@ -198,8 +202,10 @@ class Records:
         return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
 
     def add_input(self, events: Events, at_ms: int) -> bool:
-        """Return whether input events of an episode were kept: False when it has MAX_EVENTS already."""
+        """Return whether input events of an episode are kept, those sent again once: False when it has MAX_EVENTS already."""
         with self._store.transaction():
+            if self._has_input(events):
+                return True
             sql = "SELECT coalesce(max(number) + 1, 0) FROM input_events WHERE episode_id = ?"
             first: int = self._conn.execute(sql, [events.episode]).fetchone()[0]
             if first + len(events.events) > MAX_EVENTS:
@@ -210,9 +216,22 @@ class Records:
                 for number, each in enumerate(events.events, first)
             ]  # fmt: skip
             self._conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
-            if rows:
-                digests.extend_events(self._conn, events.episode, first)
+            digests.extend_events(self._conn, events.episode, first)
         return True
+
+    def _has_input(self, events: Events) -> bool:
+        """Return whether a batch is kept already: its events stand in one run, whatever came after them.
+
+        The page sends no two batches that are the same; what was under way when a line broke can come after its repeat.
+        """
+        told = [tuple(each.model_dump().values()) for each in events.events]
+        if not told:
+            return True
+        sql = "SELECT number FROM input_events WHERE episode_id = ? AND client_ms = ? AND kind = ?"
+        first = events.events[0]
+        starts = self._conn.execute(sql, (events.episode, first.client_ms, first.kind)).fetchall()
+        values = [(events.episode, number, len(told)) for (number,) in starts]
+        return any([tuple(row) for row in self._conn.execute(_RUN, each)] == told for each in values)
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from app.lobby import Sources
 from app.protocol import Events
-from app.session import Refused
+from app.session import NotNow, Refused
 from app.study.folder import Folder, Study, StudyError
 from app.study.records import Participant, Records
 
@@ -40,7 +40,7 @@ class ParticipantSeat:
         settle(self._records, self._records.get(self._participant.id), self._study(), self._clock(), self._code)
 
     def take(self, events: Events) -> None:
-        """Keep input events of one of the participant's episodes; Refused for any other."""
+        """Keep input events of one of the participant's episodes, each once; Refused for any other."""
         self.check()
         if not self._records.owns(self._participant.id, events.episode):
             raise Refused(f"episode {events.episode!r} is none of this participant's: no input events were kept")
@@ -51,7 +51,7 @@ class ParticipantSeat:
         try:
             return self._folder.study(self._participant.study)
         except StudyError as error:
-            raise Refused(f"the study {self._participant.study!r} cannot go on now; tell whoever invited you") from error
+            raise NotNow(f"the study {self._participant.study!r} cannot go on now; tell whoever invited you") from error
 
 
 def settle(records: Records, participant: Participant, study: Study, now: int, code: Callable[[], str]) -> None:

@@ -48,6 +48,7 @@ Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() 
 
 const driver = createDriver({ send: (message) => links.send("player", message), now_ms });
 const telemetry = createTelemetry({ now_ms, send: (message) => links.send("player", message),
+  stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
   context: () => ({ episode: screenOf(state) === "play" ? frame()?.episode ?? null : null, step: painted?.table.player?.frame.step ?? null, round_trip_ms: driver.round_trip_ms() }) });
 const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: (choices) => {
   pages.paintKeys(choices.keys, layout);
@@ -77,12 +78,13 @@ const links = createLinks({
   base: new URL(ROOT, location.href).href,
   onMessage(_, message) {
     driver.heard(message);
-    if (message.kind === "refused") way.refresh();
-    dispatch({ kind: "received", seat: "player", message });
+    if (message.kind === "refused" || (message.kind === "kept" && message.reason !== null)) way.refresh();
+    if (message.kind === "kept") telemetry.answered(message);
+    else dispatch({ kind: "received", seat: "player", message });
   },
   onLink(_, link) {
     if (link === "lost") driver.drop();
-    else telemetry.flush();
+    else telemetry.reconnected();
     dispatch({ kind: "link", link });
   },
   async beforeRetry(_, session) {
@@ -174,7 +176,7 @@ function onEnter() {
 }
 
 const mayDrive = () => isDriving(state) && !dialogs.isOpen();
-startSenses({ page: window, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, onActivity: () => !state.isPaused && idle.touch(),
+startSenses({ page: window, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity: () => !state.isPaused && idle.touch(),
   drives: (code) => screenOf(state) === "play" && !dialogs.isOpen() && actionOf(settings.get().keys, code) !== undefined });
 startControls({
   page: window, pad: by("dock"), frames: [], onEnter,

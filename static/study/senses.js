@@ -6,13 +6,13 @@
 /**
  * Notes raw events before anyone swallows them; call it before the controls are started.
  *   note        keeps an event
- *   flush       sends what is kept
+ *   flush       sends what is kept; `leave` does it when the page may never come back
  *   drives      whether a key's code drives the rover now
  *   onActivity  anything was pressed: the user is there
- * @param {{page: Window & typeof globalThis, pad: HTMLElement, note: (kind: InputEvent["kind"], fields?: object) => void, flush: () => void,
+ * @param {{page: Window & typeof globalThis, pad: HTMLElement, note: (kind: InputEvent["kind"], fields?: object) => void, flush: () => void, leave: () => void,
  *   drives: (code: string) => boolean, onActivity: () => void}} how
  */
-export function startSenses({ page, pad, note, flush, drives, onActivity }) {
+export function startSenses({ page, pad, note, flush, leave, drives, onActivity }) {
   for (const kind of /** @type {const} */ (["keydown", "keyup"])) {
     page.addEventListener(kind, (event) => {
       if (kind === "keydown") onActivity();
@@ -30,7 +30,8 @@ export function startSenses({ page, pad, note, flush, drives, onActivity }) {
   page.addEventListener("blur", () => note("blur"));
   page.document.addEventListener("visibilitychange", () => {
     note(page.document.hidden ? "hidden" : "visible");
-    flush();
+    if (page.document.hidden) leave();
+    else flush();
   });
-  page.addEventListener("pagehide", flush);
+  page.addEventListener("pagehide", leave);
 }

@@ -1,8 +1,8 @@
 // @ts-check
-// What the fingers did and where the eyes were, kept until a batch can leave: one episode a batch, in order, 200 events at most.
+// What the fingers did and where the eyes were, until the server says that it is kept: in batches of one episode, 200 events at most.
 import { events } from "../protocol.js";
 
-/** @typedef {import("../protocol.js").InputEvent} InputEvent */
+/** @typedef {import("../protocol.js").InputEvent} InputEvent @typedef {ReturnType<typeof events>} Batch */
 export const MOST_EVENTS = 200;
 /** Events kept while there is no connection; the oldest go first. */
 export const MOST_KEPT = 5000;
@@ -18,29 +18,67 @@ export function nextBatch(waiting) {
 /**
  *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
  *   send      true when the message left
+ *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for the next
  * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null}, now_ms: () => number,
- *   send: (message: object) => boolean}} how
+ *   send: (message: object) => boolean, stored?: Batch[], store?: (batches: Batch[]) => void}} how
  */
-export function createTelemetry({ context, now_ms, send }) {
+export function createTelemetry({ context, now_ms, send, stored = [], store = () => {} }) {
   /** @type {{episode: string, event: InputEvent}[]} */
   let waiting = [];
-  return {
+  /** Batches in order; they never change, so that the server knows them again. */
+  let batches = stored;
+  /** Those of them that no answer has come for on this line. @type {Batch[]} */
+  let underWay = [];
+  let isDue = false;
+  /** The newest time of each kind and code: no two events of a page are the same, however coarse its clock. */
+  const newest_ms = new Map();
+
+  function seal() {
+    const { episode, batch, count } = nextBatch(waiting);
+    batches = [...batches, events(episode, batch)];
+    waiting = waiting.slice(count);
+  }
+  const tell = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
+  const count = () => batches.reduce((sum, batch) => sum + batch.events.length, waiting.length);
+  const telemetry = {
     /** @param {InputEvent["kind"]} kind @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} [fields] */
     note(kind, { code, repeat, trusted, at_ms } = {}) {
       const { episode, step, round_trip_ms } = context();
       if (episode === null) return;
-      const client_ms = Math.round((at_ms ?? now_ms()) * 10) / 10;
+      const last_ms = newest_ms.get(`${kind} ${code}`) ?? -Infinity;
+      const client_ms = Math.round(Math.max(at_ms ?? now_ms(), last_ms + 0.1) * 10) / 10;
+      newest_ms.set(`${kind} ${code}`, client_ms);
       waiting.push({ episode, event: { kind, code: code ?? null, repeat: repeat ?? null, trusted: trusted ?? null, client_ms, step, round_trip_ms } });
-      if (waiting.length > MOST_KEPT) waiting = waiting.slice(-MOST_KEPT);
+      if (count() > MOST_KEPT) waiting = waiting.slice(1);
     },
-    /** Sends what waits, if there is a line. */
+    /** Sends the next batch, if there is a line; while one is under way, the next follows its answer. */
     flush() {
-      while (waiting.length > 0) {
-        const { episode, batch, count } = nextBatch(waiting);
-        if (!send(events(episode, batch))) return;
-        waiting = waiting.slice(count);
-      }
+      isDue = underWay.length > 0;
+      if (isDue) return;
+      if (batches.length === 0 && waiting.length > 0) seal();
+      isDue = waiting.length > 0;
+      if (batches.length > 0) tell(batches[0]);
     },
-    waiting: () => waiting.length,
+    /** What was sent first is kept, or never will be; without a reason it is sent again. @param {import("../protocol.js").Kept} answer */
+    answered({ count, reason }) {
+      const batch = underWay.shift();
+      if (!batch || (reason === null && count < batch.events.length)) return;
+      batches = batches.filter((each) => each !== batch);
+      store(batches);
+      if (underWay.length === 0 && (isDue || batches.length > 0)) telemetry.flush();
+    },
+    /** A new line: nobody knows whether what was under way on the last one arrived. */
+    reconnected() {
+      underWay = [];
+      telemetry.flush();
+    },
+    /** The page may never come back: sends everything at once, and stores what no answer has come for. */
+    leave() {
+      while (waiting.length > 0) seal();
+      for (const batch of batches) if (!underWay.includes(batch)) tell(batch);
+      store(batches);
+    },
+    waiting: count,
   };
+  return telemetry;
 }

@@ -10,7 +10,6 @@ import * as replays from "../../static/study/replay.js";
 import { createSaver } from "../../static/study/saver.js";
 import { readChoices } from "../../static/study/settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "../../static/study/state.js";
-import { createTelemetry, MOST_EVENTS, MOST_KEPT } from "../../static/study/telemetry.js";
 import * as words from "../../static/study/words.js";
 import { announcement } from "../../static/words.js";
 
@@ -131,44 +130,6 @@ test("a key is called what is printed on it", () => {
   assert.equal(keyName("KeyQ"), "Q");
   assert.equal(keyName("KeyQ", new Map([["KeyQ", "a"]])), "A");
   assert.equal(keyName("Numpad8"), "Num 8");
-});
-
-function telemetry(isOpen) {
-  const sent = [];
-  const on = { episode: "e1", step: 4, round_trip_ms: 7.5 };
-  const line = { isOpen };
-  const kept = createTelemetry({ context: () => on, now_ms: () => 100.04, send: (message) => line.isOpen && sent.push(message) > 0 });
-  return { kept, sent, on, line };
-}
-
-test("an event carries its key, the step on screen and the round trip, in its episode's batch", () => {
-  const { kept, sent, on } = telemetry(true);
-  kept.note("keydown", { code: "KeyD", repeat: false, trusted: true, at_ms: 99.96 });
-  on.episode = "e2";
-  kept.note("blur");
-  kept.flush();
-  assert.deepEqual(sent, [
-    { kind: "events", episode: "e1", events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
-    { kind: "events", episode: "e2", events: [{ kind: "blur", code: null, repeat: null, trusted: null, client_ms: 100, step: 4, round_trip_ms: 7.5 }] }]);
-  assert.equal(kept.waiting(), 0);
-});
-
-test("without a line events wait; then they leave in order, 200 at a time, the oldest lost beyond the most", () => {
-  const { kept, sent, line } = telemetry(false);
-  for (let k = 0; k < MOST_KEPT + 5; k++) kept.note("keydown", { at_ms: k });
-  kept.flush();
-  assert.equal(kept.waiting(), MOST_KEPT);
-  line.isOpen = true;
-  kept.flush();
-  assert.equal(Math.max(...sent.map(({ events }) => events.length)), MOST_EVENTS);
-  assert.deepEqual(sent.flatMap(({ events }) => events.map((event) => event.client_ms)), Array.from({ length: MOST_KEPT }, (_, k) => k + 5));
-});
-
-test("nothing is kept while no board is shown", () => {
-  const { kept, on } = telemetry(true);
-  on.episode = null;
-  kept.note("keydown");
-  assert.equal(kept.waiting(), 0);
 });
 
 test("stillness is over after the protocol's seconds, and counted from the last touch", () => {

@@ -129,7 +129,9 @@ def listed(name):
 def test_the_page_and_the_server_name_the_same_messages():
     assert listed("FRAME_FIELDS") == [field.alias or name for name, field in protocol.Frame.model_fields.items()]
     assert listed("THOUGHT_FIELDS") == list(protocol.Thought.model_fields)
-    assert listed("FROM_SERVER")[-1] == get_args(protocol.Thought.model_fields["kind"].annotation)[0]
+    assert listed("KEPT_FIELDS") == list(protocol.Kept.model_fields)
+    told = [get_args(model.model_fields["kind"].annotation)[0] for model in (protocol.Thought, protocol.Kept)]
+    assert listed("FROM_SERVER")[-2:] == told
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
     sent = [protocol.Act.model_fields["kind"].default, *get_args(protocol.AskHistory.model_fields["kind"].annotation)]

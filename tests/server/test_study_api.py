@@ -318,42 +318,6 @@ def test_settings_are_kept_and_each_change_is_on_record(server):
     assert len(rows(server, "SELECT * FROM stage_events WHERE kind = 'settings'")) == 2
 
 
-def test_input_events_are_kept_for_the_participants_own_episodes_alone(server):
-    person, other = Person(server), Person(server)
-    for each in (person, other):
-        each.to_warm_up()
-        each.call("next")
-    event = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 12.25, "step": 0}
-    batch = [
-        event,
-        {"kind": "blur", "client_ms": 13},
-        {"kind": "keyup", "code": "ArrowUp", "client_ms": 14.5, "round_trip_ms": 3},
-    ]
-    with person.socket() as socket:
-        episode = socket.receive("frame")["episode"]
-        socket.send({"kind": "events", "episode": episode, "events": batch})
-        socket.send({"kind": "events", "episode": episode, "events": batch[:1]})
-        socket.send({"kind": "events", "episode": other.frame["episode"], "events": batch})
-        assert "none of this participant's" in socket.receive("refused")["reason"]
-        for events, said in (
-            ([event] * 201, "events must hold at most 200, got 201"),
-            ([{**event, "kind": "wink"}], "kind must be"),
-            ([{"kind": "keydown"}], "client_ms is missing"),
-            ([{**event, "mood": 1}], "unknown field 'mood'"),
-        ):
-            socket.send({"kind": "events", "episode": episode, "events": events})
-            assert said in socket.receive("error")["detail"]
-    kept = rows(server, "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", episode)
-    assert [(each["number"], each["kind"], each["code"], each["trusted"]) for each in kept] == [
-        (0, "keydown", "ArrowUp", 1), (1, "blur", None, None), (2, "keyup", "ArrowUp", None), (3, "keydown", "ArrowUp", 1)
-    ]  # fmt: skip
-    assert all(each["server_ms"] > 0 for each in kept)
-    begun = person.client.post("/api/sessions").json()
-    with server.socket(begun["session"], person.client) as socket:
-        socket.send({"kind": "events", "episode": begun["frame"]["episode"], "events": batch})
-        assert "a study's episodes alone" in socket.receive("error")["detail"]
-
-
 def test_a_script_is_a_script_for_ever(server):
     script = Person(server, script="noisy-frontier")
     assert script.where["stage"] == "consent"

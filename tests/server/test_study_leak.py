@@ -155,7 +155,7 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played):
         socket.act(frame, "south", input="key")
         assert "nobody else can move its rover" in socket.receive("refused")["reason"]
         socket.send({"kind": "events", "episode": frame["episode"], "events": [{"kind": "blur", "client_ms": 1}]})
-        assert "nobody else" in socket.receive("refused")["reason"]
+        assert "nobody else" in socket.receive("kept")["reason"]
     assert person.me()["about"]["frame"] == frame
 
 

@@ -87,6 +87,10 @@ def check_database(path, study, tally, kills):
     # a kill can lose the frame of a move that is in the database: one a player, never the move
     assert 0 <= sum(count for _, count, _, _ in moves) - tally.moves <= (kills + tally.reloads) * len(people)
     assert rows(path, "SELECT count(*) FROM identities")[0][0] == len(people)
+    # an input event is never lost, though its batch may be on its way when the server is killed, and never kept twice
+    columns = "episode_id, kind, code, repeat, trusted, client_ms, step, round_trip_ms"
+    told = rows(path, f"SELECT {columns} FROM input_events")
+    assert len(told) == len(set(told)) == tally.noted > tally.moves
 
 
 def check_no_human_figure(path, study):

@@ -1,0 +1,148 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { createTelemetry, MOST_EVENTS, MOST_KEPT } from "../../static/study/telemetry.js";
+
+/** A page's telemetry: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
+function telemetry(isOpen, stored) {
+  const sent = [];
+  const on = { episode: "e1", step: 4, round_trip_ms: 7.5 };
+  const line = { isOpen };
+  const store = { kept: undefined };
+  let answers = 0;
+  const kept = createTelemetry({ context: () => on, now_ms: () => 100.04, stored, store: (batches) => { store.kept = JSON.parse(JSON.stringify(batches)); },
+    send: (message) => line.isOpen && sent.push(message) > 0 });
+  return { kept, sent, on, line, store,
+    answer(how = {}) {
+      const { episode, events } = sent[answers++];
+      kept.answered({ kind: "kept", episode, count: events.length, reason: null, ...how });
+    },
+    reconnect() { answers = sent.length; line.isOpen = true; kept.reconnected(); } };
+}
+const times = (batches) => batches.map(({ events }) => events.map(({ client_ms }) => client_ms));
+
+test("an event carries its key, the step on screen and the round trip, in its episode's batch", () => {
+  const { kept, sent, on, answer } = telemetry(true);
+  kept.note("keydown", { code: "KeyD", repeat: false, trusted: true, at_ms: 99.96 });
+  on.episode = "e2";
+  kept.note("blur");
+  kept.flush();
+  answer();
+  answer();
+  assert.deepEqual(sent, [
+    { kind: "events", episode: "e1", events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
+    { kind: "events", episode: "e2", events: [{ kind: "blur", code: null, repeat: null, trusted: null, client_ms: 100, step: 4, round_trip_ms: 7.5 }] }]);
+  assert.equal(kept.waiting(), 0);
+});
+
+test("without a line events wait; then they leave in order, 200 at a time, the oldest lost beyond the most", () => {
+  const { kept, sent, answer, reconnect } = telemetry(false);
+  for (let k = 0; k < MOST_KEPT + 5; k++) kept.note("keydown", { at_ms: k });
+  kept.flush();
+  assert.equal(kept.waiting(), MOST_KEPT);
+  reconnect();
+  for (let k = 0; k < MOST_KEPT / MOST_EVENTS; k++) answer();
+  assert.equal(kept.waiting(), 0);
+  assert.deepEqual(new Set(sent.map(({ events }) => events.length)), new Set([MOST_EVENTS]));
+  assert.deepEqual(times(sent).flat(), Array.from({ length: MOST_KEPT }, (_, k) => k + 5));
+});
+
+test("nothing is kept while no board is shown", () => {
+  const { kept, on } = telemetry(true);
+  on.episode = null;
+  kept.note("keydown");
+  assert.equal(kept.waiting(), 0);
+});
+
+test("one batch is under way at a time; what a flush asked for meanwhile follows its answer, what none asked for waits", () => {
+  const { kept, sent, answer } = telemetry(true);
+  kept.note("keydown", { at_ms: 1 });
+  kept.flush();
+  kept.note("keyup", { at_ms: 2 });
+  kept.flush();
+  kept.note("keydown", { at_ms: 3 });
+  assert.deepEqual(times(sent), [[1]]);
+  assert.equal(kept.waiting(), 3);
+  answer();
+  assert.deepEqual(times(sent), [[1], [2, 3]]);
+  kept.note("keyup", { at_ms: 4 });
+  answer();
+  assert.deepEqual(times(sent), [[1], [2, 3]]);
+  kept.flush();
+  answer();
+  assert.deepEqual(times(sent), [[1], [2, 3], [4]]);
+  assert.equal(kept.waiting(), 0);
+});
+
+test("a batch under way when the line broke is sent again, the very same, before anything newer", () => {
+  const { kept, sent, answer, line, reconnect } = telemetry(true);
+  kept.note("keydown", { at_ms: 1 });
+  kept.flush();
+  line.isOpen = false;
+  kept.note("keyup", { at_ms: 2 });
+  kept.flush();
+  reconnect();
+  assert.deepEqual(sent[1], sent[0]);
+  answer();
+  assert.deepEqual(times(sent), [[1], [1], [2]]);
+  answer();
+  assert.equal(kept.waiting(), 0);
+  reconnect();
+  assert.equal(sent.length, 3);
+});
+
+test("a batch that is not kept for a reason is dropped, one that is not kept for now is sent again", () => {
+  const { kept, sent, answer } = telemetry(true);
+  kept.note("keydown", { at_ms: 1 });
+  kept.flush();
+  answer({ count: 0 });
+  assert.equal(kept.waiting(), 1);
+  kept.flush();
+  assert.deepEqual(times(sent), [[1], [1]]);
+  answer({ count: 0, reason: "the study is closed" });
+  assert.equal(kept.waiting(), 0);
+  kept.flush();
+  assert.equal(sent.length, 2);
+  kept.answered({ kind: "kept", episode: "e1", count: 1, reason: null });
+});
+
+test("a page that goes sends everything and stores what no answer came for; the next load sends the same batches again", () => {
+  const { kept, sent, store, answer } = telemetry(true);
+  kept.note("keydown", { at_ms: 1 });
+  kept.flush();
+  kept.note("keyup", { at_ms: 2 });
+  kept.leave();
+  kept.leave();
+  assert.deepEqual(times(sent), [[1], [2]]);
+  assert.deepEqual(store.kept, sent);
+  answer();
+  assert.deepEqual(times(store.kept), [[2]]);
+  const next = telemetry(false, store.kept);
+  next.kept.note("focus", { at_ms: 0.5 });
+  next.kept.flush();
+  next.reconnect();
+  next.answer();
+  next.answer();
+  assert.deepEqual(times(next.sent), [[2], [0.5]]);
+  assert.deepEqual([next.kept.waiting(), next.store.kept], [0, []]);
+});
+
+test("without a line a page that goes stores all it has, and goes on in the same batches when it stays after all", () => {
+  const { kept, sent, store, answer, reconnect } = telemetry(false);
+  kept.note("keydown", { at_ms: 1 });
+  kept.leave();
+  kept.note("keyup", { at_ms: 2 });
+  reconnect();
+  assert.deepEqual(sent, store.kept);
+  answer();
+  answer();
+  assert.deepEqual(times(sent), [[1], [2]]);
+  assert.deepEqual([kept.waiting(), store.kept], [0, []]);
+});
+
+test("no two events of a page are the same, however coarse its clock", () => {
+  const { kept, sent } = telemetry(true);
+  for (let k = 0; k < 3; k++) for (const kind of ["keydown", "keyup"]) kept.note(kind, { code: "KeyD", at_ms: 200 });
+  kept.note("keydown", { code: "KeyA", at_ms: 200 });
+  kept.flush();
+  assert.deepEqual(times(sent), [[200, 200, 200.1, 200.1, 200.2, 200.2, 200]]);
+});
