@@ -54,10 +54,10 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
     async def tell(lobby):
         session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
         rival = lobby.rival_of(session)
-        session.act(move(session))
-        await until(lambda: rival.episode.steps == 1)
-        frames = session.frame, rival.frame
         with rival.channel.follow():
+            session.act(move(session))
+            await until(lambda: rival.episode.steps == 1)
+            frames = session.frame, rival.frame
             await asyncio.sleep(0.3)
             assert len(lobby) == 2
         await until(lambda: len(lobby) == 0)
@@ -65,8 +65,9 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
         assert (beside.frame, woken.frame) == frames
         assert lobby.rival_of(beside) is woken
         assert beside is not session
-        beside.act(move(beside))
-        await until(lambda: woken.episode.steps == 2)
+        with woken.channel.follow():
+            beside.act(move(beside))
+            await until(lambda: woken.episode.steps == 2)
 
     story(tell, idle_s=0.1)
 
