@@ -95,6 +95,7 @@ class Lobby:
         drivers = [wanted.player] if wanted.rival is None else [wanted.player, self.policies.check(wanted.rival)]
         config = EnvConfig.of(wanted.level or "random", wanted.size or 21)
         self.policies.check_size(drivers, config)
+        shown = None if wanted.replays is None else await self._ended(wanted.replays, wanted.player)
         seed, episodes = await self._draw(config, wanted.seed, len(drivers))
         rows = self._session_rows(drivers, player_id)
         for row in rows:
@@ -103,7 +104,11 @@ class Lobby:
         if len(boards) == 2:
             self._rivals[boards[0].id] = boards[1].id
         self._open(boards, episodes, seed, wanted.seed is not None)
-        return self._admit(boards).player
+        player = self._admit(boards).player
+        if shown is not None:
+            player.is_second, player.beside, shown.beside = True, shown, player
+            shown.channel.nudge()
+        return player
 
     async def get(self, session_id: str) -> Session:
         """Return the session, brought back to memory if it slept; UnknownSession when there is none."""
@@ -128,6 +133,7 @@ class Lobby:
             self.policies.check_size((board.row.driver_name for board in group.boards), config)
             seed, episodes = await self._draw(config, wanted.seed, len(group.boards))
             self._open(group.boards, episodes, seed, wanted.seed is not None)
+            group.player.beside = group.rival  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, seat: Seat) -> Session:
         """Return a participant's board, known to nobody before `begin` opens its first episode."""
@@ -181,6 +187,15 @@ class Lobby:
             rows.append(SessionRow(id_, owner, driver, rival_of, mode, ALONE_PER_SECOND, now))
         return rows
 
+    async def _ended(self, session_id: str, driver: str) -> Session:
+        """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
+        session = await self.get(session_id)
+        if driver == HUMAN:
+            raise ValueError("only a policy replays another session's episode; name one as player")
+        if session.seat is not None or not session.episode.ended:
+            raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
+        return session
+
     async def _draw(self, config: EnvConfig, seed: int | None, boards: int) -> tuple[int, list[Episode]]:
         """Return the seed, drawn when None, and an episode on its terrain for each board."""
         chosen = self.sources.seed() if seed is None else seed
@@ -224,6 +239,8 @@ class Lobby:
         """Return the boards as a group in memory, an agent at the controls of each that is not a person's."""
         player, rival = boards[0], boards[1] if len(boards) > 1 else None
         group = Group(player, rival, asyncio.Lock(), {})
+        if rival is not None:
+            player.beside, rival.beside = rival, player
         for board in boards:
             self._groups[board.id] = group
             if not board.is_human:

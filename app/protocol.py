@@ -129,6 +129,9 @@ class NewSession(NewEpisode):
     rival: str | None = Field(
         default=None, max_length=200, description="a policy to play the same terrain beside", examples=["frontier-cost"]
     )
+    replays: str | None = Field(
+        default=None, max_length=128, description="the session whose ended episode a policy replays beside it"
+    )
 
 
 class ChangePace(Message):

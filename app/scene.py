@@ -7,6 +7,8 @@ The soil is a fixed picture for each size; the fog over it is a small picture wi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,10 @@ PALE, DARK = (232, 224, 214), (46, 42, 44)
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
 CHUNK = 32
-"""Rocks, and steps of the trail, in one node of the scene: a move sends only the last one again."""
+"""Rocks, and steps of a path, in one node of the scene: a move sends only the last one again."""
+
+DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
+"""Corners of a ghost's dash around the middle of its step: along and across it, in steps."""
 
 
 def boulder() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
@@ -60,8 +65,9 @@ class Scene:
 
     def __init__(self, scene: viser.SceneApi, episode: Episode, is_rival: bool) -> None:
         self._scene = scene
-        self._accent = RIVAL if is_rival else PLAYER
+        self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
         self._board, self._drawn = (0, 0), -1
+        self._ghost: Episode | None = None
         self._passing: list[viser.SceneNodeHandle] = []
         self._add_ground()
         self._add_rover()
@@ -84,11 +90,27 @@ class Scene:
         self._show_trail(max(self._drawn, 0))
         self._drawn = episode.steps
 
+    def show_ghost(self, ghost: Episode | None) -> None:
+        """Draw another's path so far, dashed and translucent, under this board's own; None takes it away."""
+        if ghost is not self._ghost:
+            for node in [node for node in self._passing if node.name.startswith("/ghost/")]:
+                node.remove()
+                self._passing.remove(node)
+            self._ghost, self._haunted = ghost, 0
+        if ghost is None or ghost.steps == self._haunted:
+            return
+        for start in range(self._haunted // CHUNK * CHUNK, ghost.steps, CHUNK):
+            corners, faces = dashes(ghost.path[start : start + CHUNK + 1])
+            if len(faces):
+                self._keep(add_dashes(self._scene, f"/ghost/{start}", corners, faces, self._other))
+        self._haunted = ghost.steps
+
     def _begin(self, episode: Episode) -> None:
         """Take away what the last episode left: its rocks, its trail, its size."""
         for node in self._passing:
             node.remove()
         self._passing = []
+        self._ghost, self._haunted = None, 0
         self.episode = episode
         self._drawn = -1
         self._shown = np.zeros(episode.codes.shape, np.bool_)
@@ -171,6 +193,27 @@ def circle(radius: float, pieces: int, height: float) -> NDArray[np.float32]:
     turn = np.linspace(0, 2 * np.pi, pieces + 1)
     points = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, height)], axis=1)
     return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+
+
+def dashes(path: Sequence[tuple[int, int]]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Return corners[4 n, 3] and faces[2 n, 3] of flat dashes, one over each step of a path of (row, col)."""
+    steps = {frozenset((one, two)): (one, two) for one, two in pairwise(path) if one != two}
+    cells = np.array(list(steps.values()), np.float32).reshape(-1, 2, 2)
+    places = np.stack([cells[..., 1], -cells[..., 0]], axis=-1)
+    middle, ahead = places.mean(axis=1), places[:, 1] - places[:, 0]
+    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
+    flat = np.stack([middle + long * ahead + wide * aside for long, wide in DASH], axis=1).reshape(-1, 2)
+    corners = np.hstack([flat, np.full((len(flat), 1), 0.05, np.float32)]).astype(np.float32)
+    first = 4 * np.arange(len(cells), dtype=np.uint32)[:, None, None]
+    return corners, (first + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)).reshape(-1, 3)
+
+
+def add_dashes(
+    scene: viser.SceneApi, name: str, corners: NDArray[np.float32], faces: NDArray[np.uint32], colour: tuple[int, int, int]
+) -> viser.MeshHandle:
+    """Return the node of a ghost's dashes."""
+    plain: dict[str, Any] = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_shadow": False}
+    return scene.add_mesh_simple(name, corners, faces, color=colour, opacity=0.85, **plain)
 
 
 def add_rocks(scene: viser.SceneApi, name: str, cells: NDArray[np.int64]) -> viser.BatchedMeshHandle:

@@ -73,6 +73,8 @@ class Session:
     seat      a participant's, in a study; else None
     fault     one sentence when the policy at the controls has failed, else None
     thought   what the policy at the controls makes of the newest frame, encoded; "" when it says nothing
+    beside    the board shown beside it on the same terrain (a rival's, its player's, a replay's), else None
+    is_second  whether it is the second of the two: a rival's or a replay's
     touched   monotonic seconds of the last access
     """
 
@@ -85,6 +87,8 @@ class Session:
         self.number = 0
         self.fault: str | None = None
         self.thought = ""
+        self.beside: Session | None = None
+        self.is_second = row.rival_of is not None
         self.touched = time.monotonic()
         self.current: EpisodeRow
         self.episode: Episode

@@ -19,6 +19,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
+from app.beside import Neighbour, ghost_of
 from app.camera import View
 from app.ground import NIGHT
 from app.scene import Scene
@@ -141,12 +142,14 @@ async def mirror(client: viser.ClientHandle, session: Session) -> None:
     """Keep one browser's scene like the session's board, from now until cancelled."""
     scene: Scene | None = None
     view = View(client)
-    with session.channel.follow() as follower:
+    with session.channel.follow() as follower, Neighbour(session, follower.wake) as neighbour:
         async for _ in follower:
+            neighbour.attend()
             episode = session.episode
             with client.atomic():
                 if scene is None:
-                    scene = Scene(client.scene, episode, session.row.rival_of is not None)
+                    scene = Scene(client.scene, episode, session.is_second)
                 scene.show(episode)
+                scene.show_ghost(ghost_of(session))
                 view.show(episode.config.rows, episode.config.cols)
             client.flush()

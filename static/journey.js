@@ -80,7 +80,7 @@ export function createJourney({ api, wish, dispatch, remember, recall, onBegun }
       replayedEpisode = episode;
       await once(async () => {
         const { seed } = await api.episode(episode);
-        dispatch({ kind: "replay", about: await api.createSession({ level, size, seed, player: wish().rival }) });
+        dispatch({ kind: "replay", about: await api.createSession({ level, size, seed, player: wish().rival, replays: player.session }) });
       });
     },
   };

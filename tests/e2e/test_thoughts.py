@@ -37,8 +37,10 @@ def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the
     assert me.state("player.thought") is None
     assert me.state("rival") is None
     before = me.still("canvas-player")
-    me.press("north")
+    with me.page.expect_request(lambda request: request.url.endswith("/api/sessions") and request.method == "POST") as asked:
+        me.press("north")
     assert me.state()["outcome"] == "out_of_bounds"
+    assert asked.value.post_data_json["replays"] == about["session"], "so that the 3-D views show the paths as well"
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
     me.page.get_by_test_id("fold-player").click()
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's

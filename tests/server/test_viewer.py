@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 from app.camera import FOV, TILT, camera_for
 from app.channel import Channel
 from app.ground import fog, soil
-from app.scene import Scene
+from app.scene import Scene, dashes
 from app.transport import PROTOCOL
 from app.viewer import Viewer, mirror
 from marsexplorer.config import EnvConfig
@@ -220,6 +220,119 @@ def test_a_new_episode_puts_the_rover_back_and_takes_old_rocks_and_trail_away(se
     assert any(m["type"].startswith("Remove") and m["name"].startswith("/trail/") for m in seen)
 
 
+AMBER, TEAL = [255, 179, 71], [95, 208, 197]
+
+
+def move(client, session, action):
+    frame = client.get(f"/api/sessions/{session}").json()
+    act = {"episode": frame["episode"], "step": frame["step"], "action": action}
+    return client.post(f"/api/sessions/{session}/act", json=act).json()
+
+
+def read_all(view, name):
+    """Every message up to one about a node of that name, and all that follow until the server is silent."""
+    seen = []
+    with suppress(TimeoutError):
+        while True:
+            seen += messages(view.recv(timeout=0.5 if any(map(is_named(name), seen)) else 20))
+    return seen
+
+
+def is_ghost(message):
+    return str(message.get("name")).startswith("/ghost/") and not message["type"].startswith("Remove")
+
+
+def colour_of(message):
+    return list(message["props"]["color"])
+
+
+def test_the_paths_meet_in_both_views_when_the_player_has_ended_and_not_before(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    mine, other = about["session"], about["rival"]["session"]
+    with open_view(server, mine) as view, open_view(server, other) as beside:
+        for each in (view, beside):
+            each.send(CAMERA)
+            read_until(each, is_named("/border"))
+        for number, action in enumerate(("east", "west", "east"), 1):
+            assert move(client, mine, action)["outcome"] is None
+            eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] == number)  # noqa: B023
+        assert move(client, mine, "north")["outcome"] == "out_of_bounds"
+        for each, colour in ((view, TEAL), (beside, AMBER)):
+            seen = read_until(each, is_ghost)
+            assert colour_of(seen[-1]) == colour
+            ended = next(n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0)
+            assert not any(is_ghost(message) for message in seen[:ended])
+        # the rival goes on alone, and its path with it
+        steps = client.get(f"/api/sessions/{other}").json()["step"]
+        read_until(view, is_ghost)
+        assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
+        client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
+        gone = read_until(view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/ghost/"))
+        drawn = [message for message in gone if is_ghost(message)]
+        assert all(colour_of(message) == TEAL for message in drawn)
+
+
+def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_under_way(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    mine, other = about["session"], about["rival"]["session"]
+    with open_view(server, mine) as view:
+        view.send(CAMERA)
+        client.post(f"/api/sessions/{other}/pace", json={"moves_per_second": 20})
+        eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 4)
+        move(client, mine, "east")
+        seen = read_all(view, "/trail/0")
+    assert not any(is_ghost(message) for message in seen)
+
+
+def test_a_policy_that_replays_an_ended_episode_wears_the_rival_s_colour_and_leaves_its_path_there(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
+    wish = {"size": [9, 12], "seed": 3, "player": "frontier-cost", "replays": about["session"]}
+    assert client.post("/api/sessions", json=wish).status_code == 422, "it has not ended"
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        seen = read_until(view, is_named("/border"))
+        move(client, about["session"], "east")
+        assert move(client, about["session"], "north")["outcome"] == "out_of_bounds"
+        assert client.post("/api/sessions", json={**wish, "player": "human"}).status_code == 422
+        assert client.post("/api/sessions", json={**wish, "replays": "none"}).status_code == 404
+        replay = client.post("/api/sessions", json=wish).json()
+        seen += read_until(view, is_ghost)
+        assert colour_of(seen[-1]) == TEAL
+    for session, colour, ghost in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
+        with open_view(server, session) as view:
+            view.send(CAMERA)
+            seen = read_until(view, is_ghost)
+            assert colour_of(next(message for message in seen if message.get("name") == "/rover/deck")) == colour
+            assert colour_of(seen[-1]) == ghost
+
+
+def test_a_replay_on_another_terrain_leaves_no_path(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
+    move(client, about["session"], "east")
+    move(client, about["session"], "north")
+    wish = {"size": [9, 12], "seed": 4, "player": "frontier-cost", "replays": about["session"]}
+    other = client.post("/api/sessions", json=wish).json()["session"]
+    eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 2)
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        seen = read_all(view, "/trail/0")
+    assert not any(is_ghost(message) for message in seen)
+
+
+def test_a_dash_lies_over_the_middle_of_each_step_once():
+    corners, faces = dashes([(0, 0), (0, 1), (0, 0), (0, 0)])
+    assert corners.shape == (4, 3)
+    assert faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert np.allclose(sorted(map(tuple, corners[:, :2])), [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)])
+    corners, _ = dashes([(3, 2), (4, 2)])
+    assert np.allclose(corners[:, :2].mean(axis=0), (2, -3.5)), "x is the column, y the row southward"
+    assert np.ptp(corners[:, 1]) > np.ptp(corners[:, 0])
+
+
 @pytest.mark.parametrize(("rows", "cols"), [(21, 21), (5, 40), (40, 5), (84, 84), (9, 12)])
 @pytest.mark.parametrize("aspect", [0.4, 0.83, 1.0, 1.8, 3.0])
 def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
@@ -258,7 +371,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_follower():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        session = SimpleNamespace(id="s", channel=channel, episode=episode, row=SimpleNamespace(rival_of=None))
+        session = SimpleNamespace(id="s", channel=channel, episode=episode, beside=None, is_second=False)
         channel.publish("frame")
         client = SimpleNamespace(
             scene=viewer._server.scene,
