@@ -56,7 +56,7 @@
 
   HTMLCanvasElement.prototype.getContext = /** @type {any} */ (function getContext(/** @type {string} */ kind, /** @type {any} */ options) {
     const isBoard = kind === "webgl2" && this.isConnected && !easel;
-    const context = open.call(this, kind, isBoard ? { ...options, antialias: false, preserveDrawingBuffer: false } : options);
+    const context = open.call(this, kind, isBoard ? { ...options, preserveDrawingBuffer: false } : options);
     if (isBoard && context) easel = createEasel(this, /** @type {WebGL2RenderingContext} */ (context));
     return context;
   });

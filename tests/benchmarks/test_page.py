@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, rea
 
 PRESSES = 300
 SLOW_WITHOUT_A_GPU = pytest.mark.xfail(
-    reason="known miss: software 3-D slows the frames that the repaint waits for", strict=False
+    reason="known miss: while the processor draws, p95 is 77 to 105 ms (p50 9 to 12 ms) one of two cores taken", strict=False
 )
 
 
@@ -28,7 +28,7 @@ def test_keydown_to_repaint(spawn, drawn, flags):
         browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto(server.url)
-        about = page.request.post(f"{server.url}/api/sessions", data={"size": 42}).json()
+        about = page.request.post(f"{server.url}/api/sessions", data={"size": 42, "seed": 3}).json()  # 385 moves for the policy
         page.goto("about:blank")
         page.goto(f"{server.url}/#s={about['session']}")
         page.wait_for_function("() => window.mars?.state.player && window.mars.state.link === 'open'")
