@@ -43,7 +43,7 @@ const channel = "BroadcastChannel" in window ? new BroadcastChannel(`mars.study.
 const idle = createIdle(now_ms);
 const frame = () => state.table.player?.frame;
 const dialogs = startDialogs(document, { frame, onClose: () => state.isPaused && by("resume").focus() });
-Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get screen() { return screenOf(state); },
+Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
 const driver = createDriver({ send: (message) => links.send("player", message), now_ms });

@@ -91,7 +91,7 @@ class Participant:
     def press(self, action):
         step = self.frame["step"]
         self.page.keyboard.press(self.keys[action])
-        self.wait(f"window.marsStudy.state.table.player.frame.step > {step}")
+        self.wait(f"window.marsStudy.painted?.table.player.frame.step > {step}")  # the next key tells the step on the screen
 
     def wake(self):
         """Go on, if stillness has paused the board meanwhile."""
