@@ -30,6 +30,12 @@ def eventually(claim, seconds=PATIENCE_S):
     raise AssertionError(f"not within {seconds} s: {claim}")
 
 
+def forged(cookie):
+    """Return a signed cookie with another signature (not its last character: two of that one's bits say nothing)."""
+    body, sign = cookie[:-8], cookie[-8:]
+    return body + ("A" if sign[0] != "A" else "B") + sign[1:]
+
+
 class Socket:
     """A websocket client that speaks JSON and sorts what comes."""
 

@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from conftest import eventually
+from conftest import eventually, forged
 from study_tools import Person, freeze
 from tools3d import View
 from websockets.exceptions import ConnectionClosed
@@ -108,7 +108,7 @@ def test_a_board_is_its_participants_alone(server, study, played, cookie):
         client.post("/api/sessions")
     if cookie == "forged":
         name, value = next(iter(dict(person.client.cookies).items()))
-        client.cookies.set(name, value[:-1] + ("A" if value[-1] != "A" else "B"))
+        client.cookies.set(name, forged(value))
     session, frame = person.where["session"], person.frame
     act = {"episode": frame["episode"], "step": frame["step"], "action": "south"}
     unknown = client.get("/api/sessions/nobody").json()["detail"]
