@@ -20,6 +20,7 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   /** @type {WebSocket | null} */
   let socket = null;
   let attempt = 0;
+  let round = 0;
   let isClosed = false;
   let timer = 0;
   let heardAt_ms = performance.now();
@@ -42,9 +43,10 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     socket = null;
     onLink("lost");
     clearTimeout(timer);
+    const mine = ++round;
     timer = setTimeout(async () => {
       const goesOn = await beforeRetry().catch(() => null);
-      if (isClosed || goesOn === false) return;
+      if (isClosed || mine !== round || goesOn === false) return; // another round began meanwhile: one socket, not two
       if (goesOn === null) retry();
       else connect();
     }, backoff_ms(attempt++));

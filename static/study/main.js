@@ -32,6 +32,8 @@ const keep = (/** @type {string} */ what) => `mars.study.${name}.${what}`;
 
 let state = initialState();
 let isScheduled = false;
+/** The next repaint is also of what did not change. */
+let isWhole = false;
 /** @type {import("./state.js").State | null} */
 let painted = null;
 /** @type {any} */
@@ -121,12 +123,13 @@ function begun({ episode }) {
 
 /** Schedules the one repaint. @param {boolean} [isAll] also what did not change: sizes or colours did */
 function repaint(isAll = false) {
-  if (isAll) painted = null;
+  isWhole ||= isAll;
   if (isScheduled) return;
   isScheduled = true;
   requestAnimationFrame(() => {
     isScheduled = false;
-    const before = painted;
+    const before = isWhole ? null : painted;
+    isWhole = false;
     painted = state;
     pages.paint(state, before);
     if (state.where && screenOf(state) === "questions" && before?.where !== state.where) quiz.paint(state.where);
