@@ -82,7 +82,9 @@ class Running:
             headers["Cookie"] = cookie
         own = self.url if origin is True else origin or None
         url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
-        with connect(url, origin=own, additional_headers=headers, proxy=None, compression=None, max_size=None) as connection:
+        with connect(
+            url, origin=own, additional_headers=headers, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
+        ) as connection:
             yield Socket(connection)
 
     def close(self):
@@ -106,7 +108,7 @@ def serve(tmp_path):
         engine = uvicorn.Server(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()
-        eventually(lambda: engine.started or not thread.is_alive(), 60)
+        eventually(lambda: engine.started or not thread.is_alive(), 240)  # the rules are compiled first, perhaps
         assert engine.started
 
         def stop():

@@ -28,7 +28,7 @@ def wheel(tmp_path_factory):
     """The wheel of this tree."""
     folder = tmp_path_factory.mktemp("wheel")
     made = pip("wheel", ROOT, "--no-deps", "--wheel-dir", folder)
-    if made.returncode and re.search(r"(No matching distribution found for|Could not find .*) hatchling", made.stderr):
+    if made.returncode and re.search(r"(found for|find .*) hatchling|to install build dependencies did not run", made.stderr):
         pytest.skip("NO HATCHLING: the package registry cannot be reached, so no wheel can be built here")
     assert made.returncode == 0, made.stderr
     return next(folder.glob("*.whl"))

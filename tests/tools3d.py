@@ -2,6 +2,7 @@
 
 import msgspec
 import zstandard
+from conftest import PATIENCE_S
 from websockets.sync.client import connect
 
 from app.transport import PROTOCOL
@@ -29,6 +30,7 @@ class View:
         url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
         cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar) if client else ""
         plain = {"proxy": None, "compression": None, "max_size": None, "additional_headers": {"Cookie": cookies}}
+        plain["open_timeout"] = PATIENCE_S
         self.socket = stack.enter_context(connect(url, subprotocols=[PROTOCOL], origin=server.url, **plain))
         self.socket.send(CAMERA)
 
@@ -36,7 +38,7 @@ class View:
         """Every message, encoded, until one has come whose name or type begins with each of the words, and what follows."""
         messages = []
         while not all(any(is_called(message, word) for message in messages) for word in awaited):
-            messages += unpack(self.socket.recv(timeout=20))
+            messages += unpack(self.socket.recv(timeout=PATIENCE_S))
         try:
             while True:
                 messages += unpack(self.socket.recv(timeout=0.1))

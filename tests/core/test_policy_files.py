@@ -191,8 +191,8 @@ def test_a_network_written_as_onnx_plays_the_same_episode(tmp_path):
         episode = Episode.begin(EnvConfig.of("random", size, max_steps=150), seed=4)
         ours.reset(4), twin.reset(4)
         while not episode.ended:
-            action = ours.act(episode.codes)
-            assert twin.act(episode.codes) == action
+            action, shares = ours.act(episode.codes), np.sort(ours.thought()[0])
+            assert twin.act(episode.codes) == action or shares[3] - shares[2] < 1e-5  # rounding decides between equals
             assert twin.thought()[0] == pytest.approx(ours.thought()[0], abs=1e-4)
             assert twin.thought()[1] == pytest.approx(ours.thought()[1], abs=1e-3)
             episode.step(action)

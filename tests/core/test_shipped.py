@@ -1,6 +1,7 @@
 """The shipped policy is what its card says."""
 
 import time
+from statistics import median
 
 import pytest
 
@@ -36,8 +37,9 @@ def test_a_move_of_the_network_takes_under_two_milliseconds():
     policy.reset(0)
     for _ in range(10):
         episode.step(policy.act(episode.codes))
-    began, count = time.thread_time(), 0
+    spent = []
     while not episode.ended:
+        began = time.thread_time()
         episode.step(policy.act(episode.codes))
-        count += 1
-    assert (time.thread_time() - began) / count < 0.002
+        spent.append(time.thread_time() - began)
+    assert median(spent) < 0.002

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import eventually
+from conftest import PATIENCE_S, eventually
 from e2e_tools import KEY_OF, QUIET, SOFTWARE_3D, chromium_path
 
 
@@ -54,7 +54,7 @@ class Player:
         self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
         return self
 
-    def wait(self, claim, timeout_ms=20_000):
+    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
         self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
 
     def state(self, path="player.frame"):
@@ -70,6 +70,7 @@ class Player:
         return about
 
     def press(self, action, wait=True):
+        self.wait("window.mars.state.link === 'open'")  # a page that is starved of time may call its server lost
         step = self.state()["step"]
         self.page.keyboard.press(KEY_OF[action])
         if wait:
@@ -118,7 +119,8 @@ def player(open_browser):
 
     def start(server, flags=(), width=1440, height=900, **context):
         browser = open_browser(flags)
-        page = browser.new_context(viewport={"width": width, "height": height}, **context).new_page()
-        return Player(page, server if isinstance(server, str) else server.url)
+        profile = browser.new_context(viewport={"width": width, "height": height}, **context)
+        profile.set_default_timeout(1000 * PATIENCE_S)
+        return Player(profile.new_page(), server if isinstance(server, str) else server.url)
 
     return start

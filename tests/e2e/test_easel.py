@@ -60,6 +60,6 @@ def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(spaw
     me.page.locator("canvas").first.wait_for()
     assert me.page.evaluate("() => requestAnimationFrame.toString().includes('native code')")
     assert me.page.locator("canvas").first.is_visible()
-    options = me.page.evaluate("() => document.querySelector('canvas').getContext('webgl2').getContextAttributes()")
+    options = me.page.evaluate("() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()")
     assert options["antialias"]
     eventually(lambda: colours(me.page.screenshot())[0] > 500)

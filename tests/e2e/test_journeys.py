@@ -19,7 +19,8 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn,
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 
     view, matrix = me.still("stage-player"), me.still("canvas-player")
-    me.press("east")
+    there, back = ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")  # a rock may be in the way
+    me.press(there)
     me.changes("canvas-player", matrix)
     me.changes("stage-player", view)  # the rover moves in the 3-D view
 
@@ -28,7 +29,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn,
     me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
     view, matrix = me.still("stage-player"), me.still("canvas-player")
-    me.press("west")
+    me.press(back)
     assert me.state()["position"] == [0, 0]
     me.changes("canvas-player", matrix)
     me.changes("stage-player", view)
@@ -53,7 +54,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn,
     assert {row[2] for row in kept} == {"key"}
     words = ["north", "east", "south", "west"]
     assert [row["action"] for row in exported] == [words[row[1]] for row in kept]
-    assert [words[row[1]] for row in kept[:2]] == ["east", "west"]
+    assert [words[row[1]] for row in kept[:2]] == [there, back]
     level = me.page.request.get(f"{server.url}/api/human-level").json()["figures"]
     assert [(figure["players"], figure["episodes"]) for figure in level] == [(1, 1)]
 
@@ -73,7 +74,9 @@ def test_a_driven_browser_is_never_human(spawn, player):
     assert me.state()["outcome"] == "out_of_bounds"
     assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
     episodes = me.page.request.get(f"{server.url}/api/episodes").json()
-    assert [episode["driver"] for episode in episodes] == ["script"]
+    drivers = {episode["driver"] for episode in episodes}
+    assert "script" in drivers
+    assert "human" not in drivers
 
 
 def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(spawn, player):
@@ -106,7 +109,7 @@ def test_holding_a_key_moves_once_and_typing_moves_never(spawn, player):
     server = spawn()
     me = player(server, NO_3D)
     me.goto()
-    me.begin(size=[15, 21], rival="frontier-cost")
+    me.begin(size=[15, 21], seed=3, rival="frontier-cost")
     for _ in range(4):
         me.page.keyboard.down(KEY_OF["east"])
     me.page.keyboard.up(KEY_OF["east"])
@@ -125,7 +128,7 @@ def test_watching_two_policies(spawn, player):
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-watch").click()
-    me.wait("window.mars.state.mode === 'watch' && window.mars.state.player.frame.step > 3", 30_000)
+    me.wait("window.mars.state.mode === 'watch' && window.mars.state.player.frame.step > 3")
     me.wait("window.mars.state.rival.frame.step > 3")
     assert me.errors == []
 
@@ -138,7 +141,7 @@ def test_the_ranked_game_shows_no_rival_until_its_end(spawn, player):
     me.wait("window.mars.state.mode === 'ranked' && window.mars.state.player.frame.step === 0")
     assert me.state("rival") is None
     me.press("north")
-    me.wait("window.mars.state.rival && window.mars.state.rival.frame.step > 2", 30_000)
+    me.wait("window.mars.state.rival && window.mars.state.rival.frame.step > 2")
     assert me.errors == []
 
 
@@ -146,13 +149,13 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     server = spawn()
     me = player(server, NO_3D)
     me.goto()
-    me.begin(size=[9, 12], rival="frontier-cost")
+    me.begin(size=[9, 12], seed=3, rival="frontier-cost")
     me.press("east")
     server.kill()
     me.page.keyboard.press("ArrowDown")
     me.wait("window.mars.state.link === 'lost'", 2_000)
     again = spawn(port=server.port)
-    me.wait("window.mars.state.link === 'open'", 20_000)
+    me.wait("window.mars.state.link === 'open'")
     assert me.state()["step"] == 1
     me.press("east")
     eventually(lambda: me.state()["step"] == 2)
@@ -163,7 +166,7 @@ def test_a_second_tab_is_harmless(spawn, player):
     server = spawn()
     me = player(server, NO_3D)
     me.goto()
-    about = me.begin(size=[9, 12])
+    about = me.begin(size=[9, 12], seed=3)
     tab = type(me)(me.page.context.new_page(), me.url)
     tab.goto(about["session"])
     me.press("east")
@@ -202,7 +205,7 @@ def test_touch_arrows_drive(spawn, player):
     server = spawn()
     me = player(server, [*NO_3D, *AS_A_PERSON], 390, 844, has_touch=True, is_mobile=True)
     me.goto()
-    me.begin(size=[9, 12])
+    me.begin(size=[9, 12], seed=3)
     me.page.get_by_test_id("pad-east").tap()
     me.wait("window.mars.state.player.frame.step === 1")
     assert me.state()["position"] == [0, 1]

@@ -61,7 +61,7 @@ def test_playing_behind_tls_and_a_path_prefix(spawn, player, proxy):
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))
     me.goto()
-    me.begin(size=[9, 12])
+    me.begin(size=[9, 12], seed=3)
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 
     def asked():

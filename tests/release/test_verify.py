@@ -93,7 +93,7 @@ def test_a_change_to_any_stored_field_is_found(copy, table, column, kind):
         "INSERT INTO input_events SELECT episode_id, 5000, kind, code, repeat, trusted, client_ms, step, round_trip_ms, "
         "server_ms FROM input_events WHERE number = 0",
         "UPDATE episodes SET ended_ms = NULL, outcome = NULL, trajectory_hash = NULL WHERE outcome = 'out_of_bounds'",
-        "UPDATE studies SET secret = '00' || substr(secret, 3)",
+        "UPDATE studies SET secret = CASE WHEN secret LIKE '0%' THEN '1' ELSE '0' END || substr(secret, 2)",
         "UPDATE studies SET protocol = replace(protocol, 'dunes', 'duned')",
     ],
 )

@@ -187,7 +187,7 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin):
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
     assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (2, 3, pytest.approx(sum(steps) / 3))
     assert sum(first["outcomes"].values()) == 3
-    fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"], 30)
+    fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"])
     assert (fresh["players"], fresh["episodes"]) == (1, 3)
     assert fresh["steps"]["mean"] == pytest.approx(sum(steps) / 3)
 

@@ -60,8 +60,9 @@ def test_timed_paused_and_single_steps(server):
     rival = begun["rival"]["session"]
     with server.socket(rival, client) as watcher:
         watcher.receive("pace")
-        assert client.post(f"/api/sessions/{rival}/pace", json={"step": True}).json()["mode"] == "paused"
+        client.post(f"/api/sessions/{rival}/pace", json={"pause": True})
         assert watcher.receive("pace")["mode"] == "paused"
+        assert client.post(f"/api/sessions/{rival}/pace", json={"step": True}).json()["mode"] == "paused"
         assert watcher.frame_after(0)["step"] == 1
         client.post(f"/api/sessions/{rival}/pace", json={"step": True})
         assert watcher.frame_after(1)["step"] == 2

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from conftest import eventually
+from conftest import PATIENCE_S, eventually
 from recorded import play
 
 from app.cli import cli, main
@@ -28,6 +28,7 @@ def run(capsys):
     """`run("export", ...)` -> (exit code, stdout, stderr)."""
 
     def call(*args):
+        capsys.readouterr()  # what was said before: the rules were compiled, perhaps
         with pytest.raises(SystemExit) as left:
             main([str(arg) for arg in args])
         said = capsys.readouterr()
@@ -287,7 +288,7 @@ def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, in
             eventually(lambda: list(tmp_path.iterdir()), 60)
             time.sleep(3)
             interrupt(process)
-            out, err = process.communicate(timeout=20)
+            out, err = process.communicate(timeout=PATIENCE_S)
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)

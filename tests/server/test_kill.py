@@ -5,7 +5,7 @@ import sqlite3
 from contextlib import ExitStack, closing
 
 import pytest
-from conftest import eventually
+from conftest import PATIENCE_S, eventually
 
 KINDS = ("human", "rival", "policy")
 
@@ -86,7 +86,7 @@ def story(spawn, path, dice, sessions):
                 eventually(lambda: (now := again.get(url).json())["step"] >= steps or now["outcome"])  # noqa: B023
                 check(again, path, rival["session"], rival["frame"], False)
     server.process.terminate()
-    assert server.process.wait(20) in (0, -15)
+    assert server.process.wait(PATIENCE_S) in (0, -15)
     assert "Traceback" not in server.process.stdout.read()
     server.close()
 

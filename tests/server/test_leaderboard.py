@@ -21,6 +21,9 @@ from marsexplorer.evaluation import evaluate
 from marsexplorer.training.boards import EVALUATION_SEEDS
 
 TINY = EnvConfig("random", 5, 7)
+IDLE_WORK_S = 600
+"""Evaluations for a board have the lowest priority: beside other jobs they take their time."""
+pytestmark = pytest.mark.timeout(900)
 
 
 def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, outcome="explored"):
@@ -88,7 +91,7 @@ def settled(client, board):
             assert policy["done"] <= policy["of"] == 5
         return found if all(policy["figure"] for policy in found["policies"]) else None
 
-    return eventually(ask, 120)
+    return eventually(ask, IDLE_WORK_S)
 
 
 def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick, tmp_path):
@@ -156,7 +159,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
         found = client.get("/api/leaderboard/study-small").json()
         return found if found["policies"][0]["figure"] else None
 
-    found = eventually(made, 120)
+    found = eventually(made, IDLE_WORK_S)
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
     assert (found["people"]["players"], found["people"]["steps"]["mean"]) == (1, pytest.approx(np.mean(steps)))
     assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
@@ -193,7 +196,7 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
         finally:
             await figures.close()
 
-    failed, made = asyncio.run(asyncio.wait_for(settle(), 60))
+    failed, made = asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S))
     assert (failed["state"], failed["figure"], made["state"]) == ("failed", None, "ready")
     assert 'no policy "nope"' in failed["error"]
 
@@ -212,7 +215,7 @@ def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
         finally:
             await figures.close()
 
-    for state in asyncio.run(asyncio.wait_for(settle(), 120)):
+    for state in asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S)):
         assert (state["state"], state["figure"]) == ("failed", None)
         assert state["error"] == "the evaluation ended early; restart the server to try again"
 

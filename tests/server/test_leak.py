@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from uuid import UUID
 
 import pytest
-from conftest import eventually
+from conftest import PATIENCE_S, eventually
 from study_tools import Person, freeze
 from tools3d import View
 
@@ -97,7 +97,8 @@ class Recorder:
         self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
         self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
-            self.tape.add(*(socket.recv(20).encode() for _ in range(3 if number else 2)))  # frame, history, a rival's pace
+            heard = 3 if number else 2  # frame, history, a rival's pace
+            self.tape.add(*(socket.recv(PATIENCE_S).encode() for _ in range(heard)))
             self.tape.add(*view.read("/border", "ReplayDone"))
         self.ask_everything()
 
@@ -136,7 +137,7 @@ class Recorder:
             rival = f"/api/sessions/{self.ids[1]}"
             eventually(lambda: self.client.get(rival).json()["step"] == self.frame["step"])
         for socket, view in zip(self.sockets, self.views, strict=True):
-            self.tape.add(socket.recv(20).encode())
+            self.tape.add(socket.recv(PATIENCE_S).encode())
             self.tape.add(*view.read("/trail/"))
         assert self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=act).status_code == 409
         self.ask_everything()

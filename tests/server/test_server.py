@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import torch
+from conftest import PATIENCE_S
 
 from app.server import ServerError, listen, run
 from app.settings import Settings
@@ -55,7 +56,7 @@ def test_the_server_closes_cleanly_with_a_socket_open(spawn, number):
     with server.socket(begun["session"], client) as board:
         board.receive("history")
         server.process.send_signal(number)
-        server.process.wait(15)
+        server.process.wait(PATIENCE_S)
     said = server.process.stdout.read()
     assert "Traceback" not in said
     assert "Error" not in said
@@ -79,4 +80,4 @@ def test_kept_alive_requests_are_answered_without_waiting_for_an_acknowledgement
     client = server.client()
     client.get("/api/health")
     spent = sorted(client.get("/api/health").elapsed.total_seconds() for _ in range(21))
-    assert spent[4] < 0.03, "the wait of 40 ms would be in every answer, a busy machine is in some"
+    assert spent[0] < 0.03, "the wait of 40 ms would be in every answer, a busy machine is in some"

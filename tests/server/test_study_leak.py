@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from conftest import eventually, forged
+from conftest import PATIENCE_S, eventually, forged
 from study_tools import Person, freeze
 from tools3d import View
 from websockets.exceptions import ConnectionClosed
@@ -128,7 +128,7 @@ def test_a_board_is_its_participants_alone(server, study, played, cookie):
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
     with connect(url, subprotocols=[PROTOCOL], origin=server.url, proxy=None, additional_headers={"Cookie": cookies}) as view:
         with pytest.raises(ConnectionClosed) as closed:
-            view.recv(timeout=20)
+            view.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd.code == 4404
     assert person.me()["about"]["frame"] == frame
 

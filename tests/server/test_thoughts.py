@@ -48,6 +48,7 @@ def test_each_frame_of_a_network_is_followed_by_what_it_thinks_of_it_from_its_ob
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+    client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
     twin, frame = policies.load(thinker), None
     with server.socket(session, client) as socket:
         while frame is None or (frame["step"] < 12 and not frame["outcome"]):
@@ -69,6 +70,7 @@ def test_a_late_follower_hears_the_thought_about_the_newest_frame(client_and_ser
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker"}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+    client.post(f"/api/sessions/{session}/episodes", json={})  # paused from its beginning
     for _ in range(3):
         client.post(f"/api/sessions/{session}/pace", json={"step": True})
     eventually(lambda: client.get(f"/api/sessions/{session}").json()["step"] >= 3)
@@ -121,6 +123,7 @@ def test_thoughts_about_terrains_that_look_alike_so_far_are_the_same(client_and_
     for _ in range(2):
         session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
         client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+        client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
         with server.socket(session, client) as socket:
             thought = socket.receive("thought")
             said.append((thought["probabilities"], thought["value"]))

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import zstandard
-from conftest import eventually
+from conftest import PATIENCE_S, eventually
 from tools3d import CAMERA
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -26,7 +26,9 @@ from marsexplorer.episode import Episode
 
 def open_view(server, session, subprotocol=PROTOCOL):
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-    return connect(url, subprotocols=[subprotocol], origin=server.url, proxy=None, compression=None, max_size=None)
+    return connect(
+        url, subprotocols=[subprotocol], origin=server.url, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
+    )
 
 
 def messages(data):
@@ -75,7 +77,7 @@ def test_a_move_reaches_the_view_and_costs_little(server, board):
             frame = client.post(f"/api/sessions/{about['session']}/act", json=act).json()
             data = b""
             while not any(message.get("name") == "/rover" for message in (messages(data) if data else [])):
-                data = view.recv(timeout=20)
+                data = view.recv(timeout=PATIENCE_S)
                 sent += len(data)
         assert sent < 3 * 4000
 
@@ -93,7 +95,7 @@ def test_the_page_is_viser_s_client_of_the_same_version(server, board):
 def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
     client, about = board
     with open_view(server, about["session"], "viser-v0.0.0") as view, pytest.raises(ConnectionClosed) as closed:
-        view.recv(timeout=20)
+        view.recv(timeout=PATIENCE_S)
     assert PROTOCOL in closed.value.rcvd.reason
     camera = msgspec.msgpack.decode(CAMERA)
     for rubbish, code in (
@@ -234,7 +236,7 @@ def read_all(view, name):
     seen = []
     with suppress(TimeoutError):
         while True:
-            seen += messages(view.recv(timeout=0.5 if any(map(is_named(name), seen)) else 20))
+            seen += messages(view.recv(timeout=0.5 if any(map(is_named(name), seen)) else PATIENCE_S))
     return seen
 
 

@@ -122,7 +122,7 @@ def test_a_small_study_survives_a_kill_and_reloads_and_refuses_a_cheater(spawn, 
     server = spawn()
     kinds = ("noisy-frontier", "reloader", "cheater")
     simulation = Simulation(Plan(server.url, study.name, kinds, seed=3, speed=FAST))
-    simulation.reaches(100)
+    simulation.reaches(40)
     server.kill()
     server = spawn(port=server.port)
     tally = simulation.result()
@@ -168,7 +168,7 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path):
     out, said = first.communicate(timeout=60)
     assert first.returncode == 130, out + said
     assert "the same command goes on" in said
-    assert len(said.splitlines()) == 1
+    assert len([line for line in said.splitlines() if "compiling the rules" not in line]) == 1
     assert state.stat().st_mode & 0o777 == 0o600
     half = rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0]
     again = subprocess.run([*command, "1e6"], capture_output=True, text=True, timeout=120)

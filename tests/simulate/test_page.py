@@ -43,6 +43,8 @@ async def visit(url):
 def left_open(work):
     """Return what `asyncio.run(work)` left unclosed, and whether it was cancelled."""
     with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        gc.collect()  # what others left is not ours
         warnings.simplefilter("always", ResourceWarning)
         try:
             asyncio.run(work)
