@@ -74,6 +74,25 @@ def spread(is_open, rows, cols, distance, queue, filled):
 
 
 @kernel
+def first_moves(distance, queue, reached, rows, cols, ways):
+    """Write uint8[n] of the reached cells: by which moves from the source a shortest way begins, bit 1 << action each.
+
+    distance, queue  as `spread` leaves them from one source; 0 for the source
+    A neighbour of the source is one move nearer to a cell than the source is when its bit is set, and one move farther when
+    not: on a grid every way round takes an even number of moves.
+    """
+    ways[queue[0]] = 0
+    for k in range(1, reached):
+        cell = queue[k]
+        found, nearer = 0, distance[cell] - 1
+        for action in range(4):
+            near = neighbour(cell, action, rows, cols)
+            if near >= 0 and distance[near] == nearer:
+                found |= ways[near] if nearer > 0 else 1 << (action ^ 2)
+        ways[cell] = found
+
+
+@kernel
 def step_down(distance, cell, heading, rows, cols):
     """Return the action that goes one nearer to the sources of `distance`: straight on if that does, else the first of
     north, east, south, west that does; -1 at a source or where there is no way."""

@@ -23,7 +23,7 @@ from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import sight_table
 from marsexplorer.policies.gain import ONE, U, board_shape, look
-from marsexplorer.policies.grid import FAR, enough, neighbour, open_cells, spread
+from marsexplorer.policies.grid import FAR, enough, first_moves, neighbour, open_cells, spread
 
 RINGS = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
@@ -128,15 +128,16 @@ def goals(spots, count, distance, gains, found):
 
 
 @kernel
-def discounted(spots, count, distance, gains, shares, numbers):
-    """Write distance to the nearest gain and the best discounted gains, from the cell that `distance` starts at.
+def discounted(spots, count, distance, ways, action, gains, shares, numbers):
+    """Write distance to the nearest gain and the best discounted gains, from the cell that a move leads to.
 
-    shares  float64[3, farthest + 1], what a gain is worth by distance, at three rates
+    distance, ways  from the rover, see `grid.first_moves`
+    shares          float64[3, farthest + 1], what a gain is worth by distance, at three rates
     """
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
     for k in range(count):
         cell = spots[k]
-        gain, way = float(gains[cell]), distance[cell]
+        gain, way = float(gains[cell]), distance[cell] + (-1 if ways[cell] >> action & 1 else 1)
         nearest = min(nearest, float(way))
         short, middle, long = (
             max(short, gain * shares[0, way]),
@@ -156,11 +157,11 @@ def perceive(codes, places, visited, headings, radius, sight, kept, room, planes
     codes     uint8[num, rows, cols]; places int64[num], row * cols + col of each rover
     visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
     kept      of each board, from call to call: known, unknown, blocked, gains (see `notice`)
-    room      to work in: seen, edges, is_open, distance, other, queue, spots, found, rules; and the tables nearness, shares
+    room      to work in: seen, edges, is_open, distance, ways, queue, spots, found, rules; and the tables nearness, shares
     """
     rows, cols = codes.shape[1], codes.shape[2]
     known, unknown, blocked, all_gains = kept
-    seen, edges, is_open, distance, other, queue, spots, found, rules, nearness, shares = room
+    seen, edges, is_open, distance, ways, queue, spots, found, rules, nearness, shares = room
     slack = rows * cols - enough(rows * cols)
     for i in range(codes.shape[0]):
         board, place, gains = codes[i], places[i], all_gains[i]
@@ -173,6 +174,7 @@ def perceive(codes, places, visited, headings, radius, sight, kept, room, planes
             if visited[i, cell] == 0 and gains[cell] > 0:
                 spots[count] = cell
                 count += 1
+        first_moves(distance, queue, reached, rows, cols, ways)
         see(board, place // cols, place % cols, gains, visited[i], distance, nearness, planes[i])
         goals(spots, count, distance, gains, found)
         moves[i], rules[:] = 0.0, -1
@@ -184,12 +186,10 @@ def perceive(codes, places, visited, headings, radius, sight, kept, room, planes
             numbers[0] = 1.0
             numbers[1] = 0.0 if visited[i, near] else gains[near] * 0.1
             numbers[2] = visited[i, near]
-            queue[0] = near
-            spread(is_open, rows, cols, other, queue, 1)
-            discounted(spots, count, other, gains, shares, numbers)
+            discounted(spots, count, distance, ways, action, gains, shares, numbers)
             for rule in range(3):
                 goal = found[rule]
-                if goal >= 0 and other[goal] == distance[goal] - 1 and (rules[rule] < 0 or action == headings[i]):
+                if goal >= 0 and ways[goal] >> action & 1 and (rules[rule] < 0 or action == headings[i]):
                     rules[rule] = action
             numbers[10] = action == headings[i]
             numbers[11] = (action ^ headings[i]) == 2
@@ -226,7 +226,7 @@ class Perception:
             np.zeros((rows, 2), np.int64),
             np.zeros(cells, np.uint8),
             np.zeros(cells, np.int32),
-            np.zeros(cells, np.int32),
+            np.zeros(cells, np.uint8),
             np.zeros(cells + 1, np.int32),
             np.zeros(cells, np.int32),
             np.zeros(3, np.int64),
