@@ -18,6 +18,7 @@ COMMANDS = {
     "export": "Write what was played as CSV or JSON Lines.",
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
+    "refine": "Let a trained policy learn from moves it did not make.",
     "sweep": "Train on many levels and seeds with Ray.",
     "bench": "Measure how fast the environment is here.",
     "study": "Plan, freeze and close a study of how well people play.",

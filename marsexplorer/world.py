@@ -121,6 +121,16 @@ class Worlds:
         """Return with the stack as it was at a snapshot of one of the same configuration and number."""
         self._state[:], self._codes[:], self.outcomes[:] = (snapshot[name] for name in ("state", "codes", "outcomes"))
 
+    def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
+        """Return copies of some worlds, to be put into a stack of the same configuration."""
+        records, codes = self._state.reshape(self.num, -1), self.codes
+        return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
+
+    def put(self, which: NDArray[np.intp], taken: dict[str, NDArray[Any]]) -> None:
+        """Put worlds that were taken in the places of some."""
+        self._state.reshape(self.num, -1)[which] = taken["records"]
+        self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
+
     @property
     def last_codes(self) -> NDArray[np.uint8]:
         """uint8[num, rows, cols]: the final grid of each world that ended in the last `step_on`."""

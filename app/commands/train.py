@@ -127,7 +127,7 @@ def _run(
     card = {
         "summary": f"{what}: {steps:,} moves on {where}.",
         "command": words,
-        "commit": _commit(),
+        "commit": commit(),
         "hardware": f"{platform.machine()}, one thread" if device == "cpu" else device,
         "limits": LIMITS[recipe.name],
         "size": [configs[0].rows, configs[0].cols],
@@ -143,16 +143,15 @@ def _run(
             book.keep()
             click.echo(f"stopped after {run.moves:,} of {steps:,} moves; go on with: {words} --resume", err=True)
             raise
-    click.echo(f"{book.policy}: {_tried(book, configs)}")
+    click.echo(f"{book.policy}: {tried(book.policy, book.keep_policy, configs[0])}")
 
 
-def _tried(book: Any, configs: list[EnvConfig]) -> str:
-    """Return how the finished policy does on held-out terrains, in words; its card gets the numbers."""
+def tried(file: Path, keep: Callable[[dict[str, Any]], None], config: EnvConfig) -> str:
+    """Return how the finished policy does on held-out terrains, in words; `keep` puts the numbers into its card."""
     from marsexplorer.evaluation import evaluate
     from marsexplorer.training.boards import EVALUATION_SEEDS
 
-    config = configs[0]
-    table = evaluate([str(book.policy), "frontier-cost", "frontier-utility"], config, HELD_OUT, EVALUATION_SEEDS.start)
+    table = evaluate([str(file), "frontier-cost", "frontier-utility"], config, HELD_OUT, EVALUATION_SEEDS.start)
     own, *rules = table.rows
     best = min(row.steps_mean for row in rules)
     where = f"{config.level} {config.rows}x{config.cols}"
@@ -165,7 +164,7 @@ def _tried(book: Any, configs: list[EnvConfig]) -> str:
         "score": round(own.score_mean, 4),
         "best_rule_steps": round(best, 2),
     }
-    book.keep_policy({"results": {where: numbers}})
+    keep({"results": {where: numbers}})
     said = f"{own.steps_mean:.1f} steps to 99 % on {HELD_OUT} terrains of {where} ({own.completion:.0%} explored)"
     return f"{said}, the best rule {best:.1f}"
 
@@ -199,7 +198,7 @@ def _check_device(device: str) -> None:
         raise click.UsageError("--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out")
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """Return the commit of the checkout this runs from, None outside one."""
     try:
         done = subprocess.run(
