@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     type=click.IntRange(min=1),
     default=30,
     show_default=True,
-    help="More find more; the first is longer, half of the run.",
+    help="More find more; the first is the longest.",
 )
 @click.option(
     "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and rounds give the same weights."
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that play.  [default: one per core]")
 def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int | None) -> None:
-    """Improve a policy that `marsexplorer train` made, POLICY being its name or file.
+    """Improve a policy that `train --recipe best` made, POLICY being its name or file.
 
     Its episodes on 21x21 are branched: at some moments another move is made and the episode played to its end, and the
     network learns which moves would have been the better ones. On larger grids it is held where it was. The folder --out
     gets the policy with its card and a log, whole after every round, so Ctrl-C loses the round under way alone. Takes
-    about 2 GiB of memory.
+    some 3 GiB of memory, and 1 GiB more for each process.
 
     \b
     Examples:
@@ -68,7 +68,9 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
         raise click.UsageError(f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out")
     words = f"marsexplorer refine {policy} --rounds {rounds} --seed {seed} --out {folder.name}"
     processes = workers or cores()
-    run = Refining(net, seed, Plan(opening=max(1, round(0.6 * rounds)), first=max(1, round(0.45 * rounds))))
+    softer = 1.0 if "pairs" in card.get("training", {}) else Plan.softer  # refined before: no longer certain of every move
+    plan = Plan(opening=max(1, round(0.6 * rounds)), first=max(1, round(0.45 * rounds)), softer=softer)
+    run = Refining(net, seed, plan)
     book = _Book(
         file, run, card, {"command": words, "commit": commit(), "hardware": f"{platform.machine()}, {processes} cores"}
     )
