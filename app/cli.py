@@ -71,7 +71,7 @@ def cli() -> None:
       marsexplorer serve                                    play at http://127.0.0.1:8000
       marsexplorer export --format csv --out results        what was played, as tables
       marsexplorer evaluate --policy frontier-cost          a policy's score, with its interval
-      marsexplorer train --out mine.safetensors             a policy of your own
+      marsexplorer train --minutes 15 --out runs/mine       a policy of your own
     Each command explains itself: marsexplorer serve --help
     """
 
