@@ -105,11 +105,11 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return copies of everything that changes with a step."""
-        return self._worlds.snapshot()
+        return self._worlds.take(np.arange(self.num_envs))
 
     def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
         """Return the observations of the environments as they were at a snapshot of one made alike."""
-        self._worlds.restore(snapshot)
+        self._worlds.put(np.arange(self.num_envs), snapshot)
         return self._observe(self._worlds.codes)
 
     def terrain(self, index: int) -> NDArray[np.bool_]:

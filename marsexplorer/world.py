@@ -113,16 +113,8 @@ class Worlds:
             raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
         return self.rewards
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return copies of everything that changes with a step."""
-        return {"state": self._state.copy(), "codes": self._codes.copy(), "outcomes": self.outcomes.copy()}
-
-    def restore(self, snapshot: dict[str, NDArray[Any]]) -> None:
-        """Return with the stack as it was at a snapshot of one of the same configuration and number."""
-        self._state[:], self._codes[:], self.outcomes[:] = (snapshot[name] for name in ("state", "codes", "outcomes"))
-
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """Return copies of some worlds, to be put into a stack of the same configuration."""
+        """Return copies of some worlds: all that changes with a step, to be put into a stack of the same configuration."""
         records, codes = self._state.reshape(self.num, -1), self.codes
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 

@@ -89,19 +89,16 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
     click.echo(f"{file}: {tried(file, book.keep, EnvConfig())}")
 
 
-def _play(run: Refining, rounds: int, processes: int, book: _Book, tell: Callable[[float, str], None]) -> None:
+def _play(run: Refining, rounds: int, processes: int, book: _Book, tell: Callable[[float, str | None], None]) -> None:
     from marsexplorer.evaluation.play import one_thread
 
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn, one_thread) as pool:
-        note = ""
         while run.done < rounds:
-            done = run.done
-            report = run.round(pool, lambda gone, done=done, note=note: tell(done + gone, note))  # type: ignore[misc]
+            report = run.round(pool, lambda gone: tell(run.done + gone, None))
             book.heard(report)
             steps = ", ".join(f"{mean:.1f} at {size}" for size, mean in report.steps.items())
-            note = f"round {report.round}, {report.pairs:,} pairs: {steps} moves an episode"
-            tell(run.done, note)
+            tell(run.done, f"round {report.round}, {report.pairs:,} pairs: {steps} moves an episode")
 
 
 class _Book:
@@ -132,21 +129,21 @@ class _Book:
 
 
 @contextmanager
-def _bar(rounds: int) -> Iterator[Callable[[float, str], None]]:
-    """Yield a `tell(rounds done, note)` that moves a bar on stderr, or prints each new note where stderr is no terminal."""
+def _bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
+    """Yield a `tell(rounds done, note)` that moves a bar on stderr, or prints each note where stderr is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     columns = (TextColumn("refining"), BarColumn(), TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        task, said = progress.add_task("", total=rounds, note=""), ""
+        task = progress.add_task("", total=rounds, note="the first round is a long one")
 
-        def tell(done: float, note: str) -> None:
-            nonlocal said
-            progress.update(task, completed=done, note=note or "the first round is a long one")
-            if not console.is_terminal and note != said:
-                click.echo(note, err=True)
-                said = note
+        def tell(done: float, note: str | None) -> None:
+            progress.update(task, completed=done)
+            if note:
+                progress.update(task, note=note)
+                if not console.is_terminal:
+                    click.echo(note, err=True)
 
         yield tell

@@ -28,6 +28,10 @@ SLOTS = 256
 """Branches played together."""
 LONGEST = 0.57
 """Episodes are followed for so many moves a cell of the grid."""
+BUSY = 0.8
+"""A stack in which a smaller share of the worlds still plays is made smaller."""
+SHARE = 0.25
+"""Share of an episode's moments whose looks are kept."""
 ANY = 0.1
 """Weight of a move that the network is sure about, beside 1 of one about which it is in two minds."""
 
@@ -60,8 +64,8 @@ class Looks:
 
 
 @dataclass(frozen=True)
-class Look:
-    """A moment of episodes that are played together: whose they are (int64, no. of the episode) and what was decided."""
+class Moment:
+    """A moment of episodes that are played together: the number of each one's episode, and what was decided."""
 
     players: Players
     which: NDArray[np.intp]
@@ -73,8 +77,8 @@ def branch(config: EnvConfig, net: Judge, first_seed: int, episodes: int, each: 
     rng = np.random.default_rng(first_seed)
     steps, rate = np.zeros(episodes, np.int64), each / (USUAL * config.n)
     found: list[tuple[Saved, Saved]] = []
-    for look in play(config, net, first_seed, steps):
-        players, its = look.players, look.decided
+    for moment in play(config, net, first_seed, steps):
+        players, its = moment.players, moment.decided
         weights = doubts(its, players.memory["headings"])
         total = weights.sum(1)
         ready = players.running & ~its.guarded & (total > 0)
@@ -84,27 +88,27 @@ def branch(config: EnvConfig, net: Judge, first_seed: int, episodes: int, each: 
         drawn = rng.random(len(at))[:, None] * total[at, None]
         others = (np.cumsum(weights[at], axis=1) <= drawn).sum(1)
         pair = {"planes": its.planes[at], "moves": its.moves[at], "own": its.actions[at], "other": others}
-        found.append((players.take(at), {"episode": look.which[at], **pair}))
+        found.append((players.take(at), {"episode": moment.which[at], **pair}))
     worlds, pairs = joined([saved for saved, _ in found]), joined([pair for _, pair in found])
     cost = play_on(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
     return Pairs(**pairs, cost=np.clip(cost, -MOST, MOST).astype(np.float32), steps=steps)
 
 
 def walk(config: EnvConfig, net: Judge, first_seed: int, episodes: int) -> Looks:
-    """Return what the network is shown in a quarter of the moments of its episodes on the terrains first_seed and on."""
+    """Return what the network is shown in SHARE of the moments of its episodes on the terrains first_seed and on."""
     rng = np.random.default_rng(first_seed)
     steps, planes, moves = np.zeros(episodes, np.int64), [], []
-    for look in play(config, net, first_seed, steps):
-        some = look.players.running & (rng.random(look.players.num) < 0.25)
-        planes.append(look.decided.planes[some])
-        moves.append(look.decided.moves[some])
+    for moment in play(config, net, first_seed, steps):
+        some = moment.players.running & (rng.random(moment.players.num) < SHARE)
+        planes.append(moment.decided.planes[some])
+        moves.append(moment.decided.moves[some])
     return Looks(np.concatenate(planes), np.concatenate(moves), steps)
 
 
-def play(config: EnvConfig, net: Judge, first_seed: int, steps: NDArray[np.int64]) -> Iterator[Look]:
+def play(config: EnvConfig, net: Judge, first_seed: int, steps: NDArray[np.int64]) -> Iterator[Moment]:
     """Play the terrains first_seed, first_seed + 1, ... to their ends, yielding every moment; write the moves made to `steps`.
 
-    Episodes are followed for LONGEST moves a cell at most. What a look holds changes with the next.
+    Episodes are followed for LONGEST moves a cell at most. What a moment holds changes with the next.
     """
     seeds = np.arange(first_seed, first_seed + len(steps))
     refuse_evaluation_seeds(seeds)
@@ -114,13 +118,13 @@ def play(config: EnvConfig, net: Judge, first_seed: int, steps: NDArray[np.int64
     steps[:] = longest
     for count in range(1, longest + 1):
         running = players.running
-        if running.sum() < 0.8 * players.num:
+        if running.sum() < BUSY * players.num:
             keep = np.flatnonzero(running)
             if not len(keep):
                 return
             players, which = players.only(keep), which[keep]
         decided = players.decide(net)
-        yield Look(players, which, decided)
+        yield Moment(players, which, decided)
         running = players.running
         players.step(decided.actions)
         steps[which[running & ~players.running]] = count
@@ -155,7 +159,7 @@ def play_on(
         done = (which >= 0) & (~players.running | (over >= PATIENCE))
         cost[which[done]] = over[done]
         which[done] = -1
-        if following == num and (which >= 0).sum() < 0.8 * players.num:
+        if following == num and (which >= 0).sum() < BUSY * players.num:
             keep = np.flatnonzero(which >= 0)
             if not len(keep):
                 return cost

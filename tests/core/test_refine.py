@@ -14,7 +14,7 @@ from marsexplorer.policies.card import read_card, shipped
 from marsexplorer.policies.network import Net, NetworkPolicy, load_net
 from marsexplorer.policies.perception import Perception
 from marsexplorer.training.boards import EVALUATION_SEEDS
-from marsexplorer.training.branches import MOST, PATIENCE, branch, play, play_on, walk
+from marsexplorer.training.branches import LONGEST, MOST, PATIENCE, branch, play, play_on, walk
 from marsexplorer.training.refine import MIRROR, Plan, Refining
 
 SMALL = Plan(
@@ -46,7 +46,7 @@ def literal(net, seed, at=None, other=None):
     """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
     policy, episode = NetworkPolicy("net", net, CONFIG.sensor_radius), Episode.begin(CONFIG, seed=seed)
     policy.reset(0)
-    while not episode.ended and episode.steps < int(0.57 * CONFIG.n):
+    while not episode.ended and episode.steps < int(LONGEST * CONFIG.n):
         action = policy.act(episode.codes)
         episode.step(other if episode.steps == at else action)
     return episode.steps
@@ -55,7 +55,7 @@ def literal(net, seed, at=None, other=None):
 @pytest.mark.parametrize("make", [rookie, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"])
 def test_episodes_are_those_of_the_policy_with_its_guard(make):
     net, steps = make(), np.zeros(12, np.int64)
-    guarded = sum(int(look.decided.guarded.sum()) for look in play(CONFIG, net, SEED, steps))
+    guarded = sum(int(moment.decided.guarded.sum()) for moment in play(CONFIG, net, SEED, steps))
     assert steps.tolist() == [literal(net, SEED + k) for k in range(12)]
     if make is rookie:
         assert guarded > 0
@@ -63,12 +63,12 @@ def test_episodes_are_those_of_the_policy_with_its_guard(make):
 
 def test_the_cost_of_another_move_is_what_a_literal_replay_finds(net):
     steps, moments = np.zeros(6, np.int64), []
-    for count, look in enumerate(play(CONFIG, net, SEED, steps)):
+    for count, moment in enumerate(play(CONFIG, net, SEED, steps)):
         if count in (0, 9, 20, 33):
-            valid = look.decided.moves[:, :, 0] > 0
-            valid[np.arange(len(valid)), look.decided.actions] = False
-            others = np.where(valid.any(1), valid.argmax(1), look.decided.actions)
-            moments.append((count, look.which.copy(), others, look.players.take(np.arange(look.players.num))))
+            valid = moment.decided.moves[:, :, 0] > 0
+            valid[np.arange(len(valid)), moment.decided.actions] = False
+            others = np.where(valid.any(1), valid.argmax(1), moment.decided.actions)
+            moments.append((count, moment.which.copy(), others, moment.players.take(np.arange(moment.players.num))))
     signs = set()
     for count, which, others, worlds in moments:
         for episode, other, cost in zip(which, others, play_on(CONFIG, net, worlds, others, steps[which]), strict=True):
