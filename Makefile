@@ -34,7 +34,7 @@ format: $(STAMP) ## reformat and mend what ruff can mend
 	$(BIN)/ruff check --fix .
 
 browser: ## Chromium (browser tests) and nginx (proxy test) from Debian's packages, where they can be had
-	@sh tests/e2e/install_browser.sh
+	@sh tests/browser/install_browser.sh
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; name it: make PYTHON=/path/to/python3.11" >&2; exit 1; }

@@ -22,25 +22,25 @@ from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
-from app import api_page, routes, sockets
-from app.admin.door import Door
-from app.admin.routes import Console
-from app.admin.routes import router as admin_routes
-from app.agents import Policies
-from app.doors import enter
-from app.leaderboard.routes import Leaderboard
-from app.leaderboard.routes import router as leaderboard_routes
-from app.lobby import Lobby, Sources, UnknownSession
-from app.middleware import Guard
-from app.players import Players, has_own_origin
-from app.sentences import NO_BODY, sentence
+from app.play.agent import Policies
+from app.play.lobby import Lobby, Sources, UnknownSession
+from app.play.validation import NO_BODY, sentence
 from app.settings import ROOT, Settings
-from app.store import Store, StoreError
+from app.storage.store import Store, StoreError
 from app.study.debrief import Debriefs
-from app.study.flow import Flow
 from app.study.folder import Folder
-from app.study.routes import router as study_routes
-from app.viewer import Viewer
+from app.study.progress import Flow
+from app.viewer3d.viewer import Viewer
+from app.web import api, api_docs, sockets
+from app.web.access import enter
+from app.web.admin import Console
+from app.web.admin import router as admin_routes
+from app.web.admin_login import Door
+from app.web.cookies import Players, has_own_origin
+from app.web.leaderboard import Leaderboard
+from app.web.leaderboard import router as leaderboard_routes
+from app.web.middleware import Guard
+from app.web.study import router as study_routes
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import describe
@@ -95,12 +95,12 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
     app.state.is_admin = app.state.door.admits if app.state.door else lambda connection: False
     app.add_middleware(Guard)
     _add_errors(app)
-    app.include_router(routes.router)
+    app.include_router(api.router)
     app.include_router(study_routes)
     app.include_router(sockets.router)
-    app.include_router(leaderboard_routes(STATIC / "leaderboard.html"))
+    app.include_router(leaderboard_routes(STATIC / "leaderboard" / "index.html"))
     if app.state.door:
-        app.include_router(admin_routes(STATIC / "admin.html"))
+        app.include_router(admin_routes(STATIC / "admin" / "index.html"))
     _add_viewer(app)
     _add_page(app)
     return app
@@ -159,15 +159,15 @@ def _add_viewer(app: FastAPI) -> None:
 def _add_page(app: FastAPI) -> None:
     @app.get("/", include_in_schema=False)
     async def index() -> Response:
-        return FileResponse(STATIC / "index.html")
+        return FileResponse(STATIC / "play" / "index.html")
 
     @app.get("/study/{name}", include_in_schema=False)
     async def study(name: str) -> Response:
-        return FileResponse(STATIC / "study.html")  # which says so when there is no such study
+        return FileResponse(STATIC / "study" / "index.html")  # which says so when there is no such study
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
-        return HTMLResponse(api_page.render(app.openapi()))
+        return HTMLResponse(api_docs.render(app.openapi()))
 
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

@@ -73,7 +73,7 @@ def files_under(folder):
 
 def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     held = set(zipfile.ZipFile(wheel).namelist())
-    assert "index.html" in files_under(ROOT / "static")
+    assert "play/index.html" in files_under(ROOT / "static")
     assert {f"app/static/{name}" for name in files_under(ROOT / "static")} <= held
     assert {f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")} <= held
     assert not [name for name in held if name.endswith((".db", ".pyc")) or name.startswith(("tests/", "docs/"))]
@@ -85,8 +85,8 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
     for path in subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split():
         assert path.startswith(str(home.parent)), path
     with serving(home, tmp_path) as url, httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
-        assert client.get("/").content == (ROOT / "static" / "index.html").read_bytes()
-        assert client.get("/static/style.css").content == (ROOT / "static" / "style.css").read_bytes()
+        assert client.get("/").content == (ROOT / "static" / "play" / "index.html").read_bytes()
+        assert client.get("/static/common/style.css").content == (ROOT / "static" / "common" / "style.css").read_bytes()
         offered = {policy["name"] for policy in client.get("/api/policies").json()}
         assert {"random", "frontier-cost", *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors"))} <= offered
         begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "frontier-cost"})

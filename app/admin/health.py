@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.migrations import StoreError
-from app.reader import Reader
+from app.storage.database import StoreError
+from app.storage.reader import Reader
 
 LOW_BYTES = 1_000_000_000
 """Less room on the disk than this is said to be low."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from app.human_level import human_level
 from app.leaderboard.figures import Job
 from app.leaderboard.studies import Studies, ranked_seeds
-from app.reader import Reader
+from app.statistics.human_level import human_level
+from app.storage.reader import Reader
 from app.study.data import StudyData
 from marsexplorer.config import LEVELS, EnvConfig
 
@@ -24,7 +24,7 @@ class Board:
     """A configuration and the terrains on which policies stand beside people.
 
     id        in the page's address
-    human     the figure of `app.human_level`, or of a study with its pictures; None while nobody has played
+    human     the figure of `app.statistics.human_level`, or of a study with its pictures; None while nobody has played
     seeds     of the policies' terrains
     study     its name; None for a board of the playground
     policies  names (or paths); None means everything on offer

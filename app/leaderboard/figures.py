@@ -22,7 +22,7 @@ from typing import Any
 
 from marsexplorer import policies
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.policies.card import shipped
+from marsexplorer.policies.files.card import shipped
 
 LARGEST_LINE = 1 << 24
 """Bytes of a worker's line: a heat map of the largest grid fits."""
@@ -53,7 +53,7 @@ class Job:
 def policy_hash(source: str) -> str:
     """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
     found = hashlib.sha256()
-    files = sorted(Path(policies.__file__).parent.glob("*.py"))
+    files = sorted(Path(policies.__file__).parent.rglob("*.py"))
     own = shipped().get(source, Path(source))
     for path in (*files, own):
         if path.is_file():

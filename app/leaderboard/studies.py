@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from app.leaderboard.tally import Played, trials
-from app.reader import Reader
 from app.report import live_figure
-from app.report.pictures import of_groups
-from app.report.sets import members, people_of
+from app.statistics.exclusion_sets import members, people_of
+from app.statistics.group_summaries import of_groups
+from app.statistics.summaries import Played, trials
+from app.storage.reader import Reader
 from app.study.data import StudyData, load
 from app.study.seeds import seed
 

@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Any
 
-from app.leaderboard.tally import Played, figure
+from app.statistics.summaries import Played, figure
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

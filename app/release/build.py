@@ -15,7 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from app.migrations import BUSY_MS, StoreError, transaction
 from app.release import signing
 from app.release.connection import reading, rows
 from app.release.croissant import write_croissant
@@ -27,6 +26,7 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_afresh
 from app.release.tables import Writers, played
 from app.release.verify import verify_moment
+from app.storage.database import BUSY_MS, StoreError, transaction
 from app.study.protocol import Protocol, StudyError, checked
 
 Advance = Callable[[int, int], None]

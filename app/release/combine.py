@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from app.migrations import StoreError, open_database, take_lock, transaction
 from app.release.connection import reading
 from app.release.dataset import verify_dataset
 from app.release.errors import ReleaseError
 from app.release.header import DATABASE
 from app.release.join import Joined, join, learn_forgotten
+from app.storage.database import StoreError, open_database, take_lock, transaction
 
 Advance = Callable[[int, int], None]
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.migrations import StoreError, hold, open_read_only
+from app.storage.database import StoreError, hold, open_read_only
 
 
 @contextmanager

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from app.migrations import StoreError
 from app.release.header import DATABASE
 from app.release.manifest import check_files, read_manifest
-from app.release.resimulate import Finding
 from app.release.verify import Advance, Verified, verify_database
+from app.storage.database import StoreError
+from app.storage.resimulation import Finding
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 from app.release import signing
 from app.release.errors import ReleaseError
 from app.release.header import FORMAT, Header
-from app.release.resimulate import Finding
+from app.storage.resimulation import Finding
 
 MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
 UNLISTED = {MANIFEST, SIGNATURE}

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app import digests
-from app.migrations import open_database, transaction
 from app.release.connection import rows, stream
 from app.release.errors import ReleaseError
+from app.storage import digests
+from app.storage.database import open_database, transaction
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")

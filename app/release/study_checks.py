@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.release.resimulate import Finding
+from app.storage.resimulation import Finding
 from app.study import seeds
 from app.study.protocol import Protocol, StudyError, canonical_json, checked
 

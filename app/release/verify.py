@@ -16,10 +16,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from app import digests
 from app.release.connection import reading, rows
-from app.release.resimulate import Finding, differences
 from app.release.study_checks import check_studies
+from app.storage import digests
+from app.storage.resimulation import Finding, differences
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.play import cores, one_thread

@@ -14,12 +14,9 @@ import numpy as np
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
-from app.report.intervals import RULE, RULE_VERSION, Estimate, Floats, estimate
-from app.report.learning import at_trials, learning
 from app.report.model import NOBODY, SYNTHETIC, Figure, Group, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
-from app.report.sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words, scripts_of
-from app.report.statistics import (
+from app.statistics.comparisons import (
     Comparison,
     compare,
     holm,
@@ -29,8 +26,11 @@ from app.report.statistics import (
     player_means,
     variance,
 )
+from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words, scripts_of
+from app.statistics.intervals import RULE, RULE_VERSION, Estimate, Floats, estimate
+from app.statistics.learning import at_trials, learning
 from app.study.data import StudyData
-from app.study.labels import RULES_VERSION
+from app.study.plausibility import RULES_VERSION
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 PRIMARY = "protocol"
@@ -47,7 +47,7 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
     runs      policies on the ranked terrains (`app.report.policies.play`); none: no comparisons
-    pictures  by group's name, what `app.report.pictures.of_groups` gives; none: no curves and visit maps
+    pictures  by group's name, what `app.statistics.group_summaries.of_groups` gives; none: no curves and visit maps
     """
     people = people_of(data)
     cohorts = scripts_of(data) if synthetic else [people]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from app.report import measured
-from app.report.intervals import TAIL, Estimate
 from app.report.markup import percent
-from app.report.sets import Cohort
+from app.statistics import coverage_table
+from app.statistics.exclusion_sets import Cohort
+from app.statistics.intervals import TAIL, Estimate
 from app.study.data import StudyData, Trial
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
@@ -56,7 +56,7 @@ def _about_failures(group: Group) -> str:
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
     seen = f"{bad or 'none'} of {len(inside)} players had episodes that ended short of 99 %"
-    cells = measured.nearest(len(inside))
+    cells = coverage_table.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
     return (
@@ -68,8 +68,8 @@ def _about_failures(group: Group) -> str:
     )
 
 
-def _described(cell: measured.Cell) -> str:
-    rate = {population.name: population.collisions for population in measured.POPULATIONS}[cell.population]
+def _described(cell: coverage_table.Cell) -> str:
+    rate = {population.name: population.collisions for population in coverage_table.POPULATIONS}[cell.population]
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 
 

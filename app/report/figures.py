@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from app.report.model import Group, PolicyRow, Report
-from app.report.statistics import Comparison
+from app.statistics.comparisons import Comparison
 
 PEOPLE = "#1b2733"
 COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from html import escape
 
-from app.report.statistics import Pair
+from app.statistics.comparisons import Pair
 
 NONE = "–"
 

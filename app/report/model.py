@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.report.checklist import Item
-from app.report.intervals import Estimate
-from app.report.learning import AtTrial, Learning
-from app.report.statistics import Comparison, Pair, Variance
+from app.statistics.comparisons import Comparison, Pair, Variance
+from app.statistics.intervals import Estimate
+from app.statistics.learning import AtTrial, Learning
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from app.report.checklist import CITATION
 from app.report.markup import number, paragraph, table
-from app.report.measured import POPULATIONS, Cell, nearest
 from app.report.model import SYNTHETIC, Report
 from app.report.sections import sections
+from app.statistics.coverage_table import POPULATIONS, Cell, nearest
 
 STYLE = Path(__file__).with_name("report.css")
 

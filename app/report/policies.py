@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.leaderboard.tally import Played, curve, visits
-from app.report.intervals import Floats
+from app.statistics.intervals import Floats
+from app.statistics.summaries import Played, curve, visits
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.play import Result, chunks_of, played

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from app.reader import Reader
+from app.storage.reader import Reader
 from app.study.data import StudyData, load
 from app.study.folder import Folder, Study
 from app.study.protocol import StudyError

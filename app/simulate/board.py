@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from app.simulate.mind import Minds
-from app.simulate.page import Lost, Page, Refusal
+from app.simulate.client import Lost, Page, Refusal
+from app.simulate.decisions import Minds
 from app.simulate.persona import Nature
 from marsexplorer.config import ACTIONS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from app.simulate.board import Board, Fault
-from app.simulate.page import Lost
+from app.simulate.client import Lost
 
 MOST_EVENTS = 200
 """In a batch."""

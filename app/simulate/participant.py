@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.simulate.board import Board, Rule
-from app.simulate.cheats import Cheats
-from app.simulate.hands import BATCH, Clock, Hands
+from app.simulate.cheating import Cheats
+from app.simulate.client import Lost, Page, Refusal
+from app.simulate.keyboard import BATCH, Clock, Hands
 from app.simulate.outbox import Outbox
-from app.simulate.page import Lost, Page, Refusal
+from app.simulate.outcome_log import Line, Tally
 from app.simulate.persona import PHASES, Nature, Persona
-from app.simulate.tally import Line, Tally
 
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
 """Waits between attempts to find the server again, as the page's."""

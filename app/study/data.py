@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from app.reader import Reader, config_of
-from app.study.labels import labels, pause_share
+from app.storage.reader import Reader, config_of
+from app.study.plausibility import labels, pause_share
 from app.study.protocol import Protocol, StudyError, checked
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
@@ -55,7 +55,7 @@ class Trial:
     steps_to_99  moves; `max_steps` for any ending but `explored`
     total        the return; discovered in cells
     pause_share  paused or out of sight, 0..1 of the time between first and last move
-    labels       of `app.study.labels`
+    labels       of `app.study.plausibility`
     """
 
     participant: str

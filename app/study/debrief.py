@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.protocol import encode_frame
-from app.store import Store
+from app.play.messages import encode_frame
+from app.storage.store import Store
 from app.study.folder import Study
 from app.study.records import Participant, Trial
 from marsexplorer.episode import Episode, Record, replay

@@ -223,7 +223,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _write(path: Path, value: object, private: bool = False) -> None:
     """Return with the value in the file, whole and on disk; a private one is readable by its owner alone."""
-    from app.export import whole_file
+    from app.storage.export import whole_file
 
     text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
     try:

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, field_validator, model_validator
 
-from app.sentences import sentence
-from app.sizes import MAX_API_SIDE
+from app.play.sizes import MAX_API_SIDE
+from app.play.validation import sentence
 from app.study.texts import consent_text, questions
 from marsexplorer.config import CORE_VERSION, EnvConfig
 

@@ -1,7 +1,7 @@
 """What the database keeps of studies: participants, their stages, trials and input events.
 
-Works on the store's connection and in its transactions: `app.store` stays the one writer. Whatever changes a participant
-keeps the digest of the rows beside them (`app.digests`).
+Works on the store's connection and in its transactions: `app.storage.store` stays the one writer. Whatever changes a
+participant keeps the digest of the rows beside them (`app.storage.digests`).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from app import digests
-from app.protocol import Events
-from app.store import Store
+from app.play.messages import Events
+from app.storage import digests
+from app.storage.store import Store
 from app.study.folder import Study
 from app.study.protocol import StudyError, canonical
 

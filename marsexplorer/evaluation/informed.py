@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.evaluation.tours import FAR16, anneal, sights, survey, walk
 from marsexplorer.lidar import sight_table
-from marsexplorer.policies.common import mix
-from marsexplorer.policies.gain import board_shape, fill_boards
+from marsexplorer.policies.base import mix
+from marsexplorer.policies.kernels.visibility import board_shape, fill_boards
 
 MAX_CELLS = 128 * 128
 """Distances between all pairs of cells are held: half a gigabyte for so many."""

@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 
 from marsexplorer.compiled import inlined, kernel, popcount
-from marsexplorer.policies.gain import look
-from marsexplorer.policies.grid import neighbour
+from marsexplorer.policies.kernels.grid import neighbour
+from marsexplorer.policies.kernels.visibility import look
 from marsexplorer.policies.planner import below, uniform
 
 LEANS = 6

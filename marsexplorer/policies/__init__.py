@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from marsexplorer.config import MAX_RADIUS
-from marsexplorer.policies.card import SUFFIX, read_card, shipped
-from marsexplorer.policies.common import Policy, PolicyFileError, PolicyNotFound
+from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFound
+from marsexplorer.policies.files.card import SUFFIX, read_card, shipped
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.random_policy import RandomPolicy
@@ -44,7 +44,7 @@ def describe(name: str) -> str:
     if path.suffix == ".zip":
         return f"A policy of Stable-Baselines3, from {path.name}."
     if path.suffix == ".onnx":
-        from marsexplorer.policies.onnx_file import describe_onnx
+        from marsexplorer.policies.files.onnx import describe_onnx
 
         return describe_onnx(path)
     return str(read_card(path).get("summary", "A trained network."))
@@ -62,14 +62,16 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
         return BUILT_IN[name][0](sensor_radius)
     path = file_of(name)
     if path.suffix == ".zip":
-        from marsexplorer.policies.sb3_file import load_sb3
+        from marsexplorer.policies.files.sb3 import load_sb3
 
         return load_sb3(path)
     if path.suffix == ".onnx":
-        from marsexplorer.policies.onnx_file import load_onnx
+        from marsexplorer.policies.files.onnx import load_onnx
 
         return load_onnx(path, sensor_radius)
-    from marsexplorer.policies.network import load_network  # torch takes seconds to import: only when a network is asked for
+    from marsexplorer.policies.network.model import (
+        load_network,  # torch takes seconds to import: only when a network is asked for
+    )
 
     return load_network(path, sensor_radius)
 

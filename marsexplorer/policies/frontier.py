@@ -18,9 +18,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import kernel
-from marsexplorer.policies.common import Memory, valid_moves
-from marsexplorer.policies.gain import Outlook, fill_boards, look
-from marsexplorer.policies.grid import Ground, is_frontier, open_cells, spread, step_down
+from marsexplorer.policies.base import Memory, valid_moves
+from marsexplorer.policies.kernels.grid import Ground, is_frontier, open_cells, spread, step_down
+from marsexplorer.policies.kernels.visibility import Outlook, fill_boards, look
 
 
 @kernel

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from marsexplorer.policies.common import Memory
+from marsexplorer.policies.base import Memory
 from marsexplorer.policies.frontier import FrontierCost
 
 MOVES = 8

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel
-from marsexplorer.policies.common import Memory, mix, valid_moves
-from marsexplorer.policies.gain import Outlook, fill_boards, learn, look
-from marsexplorer.policies.grid import FAR, Ground, enough, neighbour, open_cells
+from marsexplorer.policies.base import Memory, mix, valid_moves
 from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.kernels.grid import FAR, Ground, enough, neighbour, open_cells
+from marsexplorer.policies.kernels.visibility import Outlook, fill_boards, learn, look
 
 TOURS = 16
 FULL_TOURS_CELLS = 42 * 42

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from marsexplorer.policies.common import decode, draw, rover_position, valid_moves
+from marsexplorer.policies.base import decode, draw, rover_position, valid_moves
 
 
 class RandomPolicy:

@@ -20,8 +20,8 @@ import torch
 from torch import Tensor, nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.training.boards import Boards, Inputs, Stacks, Step, in_moves
-from marsexplorer.training.recipe import Recipe, stacks
+from marsexplorer.training.config import Recipe, stacks
+from marsexplorer.training.envs import Boards, Inputs, Stacks, Step, in_moves
 
 STEER = 1.05
 """Factor by which the weight of the entropy is steered after an update."""

@@ -25,9 +25,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.network import Net
-from marsexplorer.policies.perception import RINGS
-from marsexplorer.training.branches import Looks, Pairs, branch, walk
+from marsexplorer.policies.network.features import RINGS
+from marsexplorer.policies.network.model import Net
+from marsexplorer.training.branching import Looks, Pairs, branch, walk
 from marsexplorer.training.ppo import NEVER_LOG
 
 

@@ -15,10 +15,10 @@ from typing import Any
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.evaluation.cluster import LOCAL, session
-from marsexplorer.training.boards import EVALUATION_SEEDS
-from marsexplorer.training.logbook import Logbook
+from marsexplorer.training.config import RECIPES
+from marsexplorer.training.envs import EVALUATION_SEEDS
 from marsexplorer.training.ppo import Report, Run, train
-from marsexplorer.training.recipe import RECIPES
+from marsexplorer.training.run_folder import Logbook
 
 TOLD = 20
 """Reports of a trial to Ray Tune besides the last."""

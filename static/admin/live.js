@@ -1,17 +1,17 @@
 // @ts-check
 // Boards that are being played: one socket each, the frames as the operator sees them, scores and all.
-import { paintBoard } from "../board.js";
-import { follow } from "../socket.js";
-import { outcomeShort, percent, score } from "../words.js";
+import { paintBoard } from "../common/board.js";
+import { follow } from "../common/socket.js";
+import { outcomeShort, percent, score } from "../common/words.js";
 import { stageName } from "./words.js";
 
 /** @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} Seat */
-/** @typedef {{frame: import("../protocol.js").Frame | null, trail: import("../protocol.js").Cell[]}} Board */
+/** @typedef {{frame: import("../common/messages.js").Frame | null, trail: import("../common/messages.js").Cell[]}} Board */
 /** @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: Board, link: ReturnType<typeof follow>, seat: Seat}} Watched */
 
 export const MOST = 12;
 
-/** The board after a message: the path is whole again at each history. @param {Board} board @param {import("../protocol.js").FromServer} message @returns {Board} */
+/** The board after a message: the path is whole again at each history. @param {Board} board @param {import("../common/messages.js").FromServer} message @returns {Board} */
 export function heard(board, message) {
   if (message.kind === "history" && message.episode === board.frame?.episode) return { ...board, trail: message.positions };
   if (message.kind !== "frame") return board;

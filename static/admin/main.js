@@ -1,6 +1,6 @@
 // @ts-check
 // Wires the operator's console: log in, ask every two seconds, paint; the door's 401 leads back to the login.
-import { createCall } from "../api.js";
+import { createCall } from "../common/api.js";
 import { createLive, MOST } from "./live.js";
 import * as tables from "./tables.js";
 import { attention, exportText, many, summary } from "./words.js";

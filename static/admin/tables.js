@@ -1,6 +1,6 @@
 // @ts-check
 // Stages, figure, participants, health: elements made from what the server says.
-import { score } from "../words.js";
+import { score } from "../common/words.js";
 import { ago, endings, flags, many, place, size, stageName } from "./words.js";
 
 /** @typedef {import("./words.js").Study} Study @typedef {import("./words.js").Interval} Interval */

@@ -1,6 +1,6 @@
 // @ts-check
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
-import { createCall } from "../api.js";
+import { createCall } from "../common/api.js";
 import { paintLegend, paintLines } from "./lines.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
 import { paintRanks } from "./ranks.js";

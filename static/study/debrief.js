@@ -1,18 +1,18 @@
 // @ts-check
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain beside a policy.
-import { paintBoard } from "../board.js";
-import { put } from "../panels.js";
-import { describeBoard, many, outcomeShort, percent, score } from "../words.js";
+import { paintBoard } from "../common/board.js";
+import { put } from "../common/panels.js";
+import { describeBoard, many, outcomeShort, percent, score } from "../common/words.js";
 import { boardAt, lastStep } from "./replay.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 
-/** @typedef {import("./state.js").State} State @typedef {import("./calls.js").Debrief} Debrief */
+/** @typedef {import("./state.js").State} State @typedef {import("./api.js").Debrief} Debrief */
 
 const TICK_MS = 160;
 
 /**
- * @param {Document} page @param {{look: () => import("./table.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
+ * @param {Document} page @param {{look: () => import("./play_screen.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
  *   dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
  */
 export function createDebrief(page, { look, terrain, dispatch, replay: current }) {
@@ -63,7 +63,7 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     }
     return table;
   }
-  /** @param {"own" | "policy"} side @param {import("../protocol.js").Frame[]} frames @param {string} name @param {number} step */
+  /** @param {"own" | "policy"} side @param {import("../common/messages.js").Frame[]} frames @param {string} name @param {number} step */
   function paintSide(side, frames, name, step) {
     const board = boardAt(frames, name, step);
     if (!board) return;

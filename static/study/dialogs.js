@@ -1,9 +1,9 @@
 // @ts-check
 // The page's sheets and questions back: what opens them, what closes them, and the map in words.
-import { describeBoard } from "../words.js";
+import { describeBoard } from "../common/words.js";
 import { mapInWords } from "./words.js";
 
-/** @param {Document} page @param {{frame: () => import("../protocol.js").Frame | undefined, onClose: () => void}} how */
+/** @param {Document} page @param {{frame: () => import("../common/messages.js").Frame | undefined, onClose: () => void}} how */
 export function startDialogs(page, { frame, onClose }) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
   for (const dialog of page.querySelectorAll("dialog")) {

@@ -1,7 +1,7 @@
 // @ts-check
 // Moves on their way to the server and back, and how long the way took.
-import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "../pipeline.js";
-import { act } from "../protocol.js";
+import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "../common/pending_moves.js";
+import { act } from "../common/messages.js";
 
 /**
  *   send     true when the message left
@@ -13,12 +13,12 @@ export function createDriver({ send, now_ms }) {
   /** @type {number | null} */
   let round_trip_ms = null;
   return {
-    /** Sends a move if the line has room. @param {import("../protocol.js").Frame} frame @param {import("../protocol.js").Action} action @param {import("../protocol.js").Timing} timing */
+    /** Sends a move if the line has room. @param {import("../common/messages.js").Frame} frame @param {import("../common/messages.js").Action} action @param {import("../common/messages.js").Timing} timing */
     press(frame, action, timing) {
       const step = nextStep(line, frame);
       if (step !== null && send(act(frame.episode, step, action, timing))) line = sent(line, { episode: frame.episode, step, sent: now_ms() });
     },
-    /** Moves that a message answers leave the line. @param {import("../protocol.js").FromServer} message */
+    /** Moves that a message answers leave the line. @param {import("../common/messages.js").FromServer} message */
     heard(message) {
       if (message.kind === "refused" || message.kind === "error") line = dropped(line);
       if (message.kind !== "frame") return;

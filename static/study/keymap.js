@@ -1,8 +1,8 @@
 // @ts-check
 // Which key drives where: two keys a direction, each remappable, never one key for two directions. No document here.
-import { ACTIONS } from "../protocol.js";
+import { ACTIONS } from "../common/messages.js";
 
-/** @typedef {import("../protocol.js").Action} Action */
+/** @typedef {import("../common/messages.js").Action} Action */
 /** @typedef {Record<Action, string[]>} KeyMap  codes of event.code, two a direction */
 /** @type {Readonly<KeyMap>} */
 export const DEFAULT_KEYS = Object.freeze({ north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"],

@@ -1,12 +1,12 @@
 // @ts-check
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
-import { createApi, createCall } from "../api.js";
-import { startControls } from "../controls.js";
-import { createLinks } from "../links.js";
-import { paintNotices } from "../panels.js";
-import { startPulse } from "../pulse.js";
-import { announcement } from "../words.js";
-import { createStudy, outsideIds, studyName } from "./calls.js";
+import { createApi, createCall } from "../common/api.js";
+import { startControls } from "../common/controls.js";
+import { createLinks } from "../common/connections.js";
+import { paintNotices } from "../common/panels.js";
+import { startPulse } from "../common/heartbeat.js";
+import { announcement } from "../common/words.js";
+import { createStudy, outsideIds, studyName } from "./api.js";
 import { createDebrief } from "./debrief.js";
 import { startDialogs } from "./dialogs.js";
 import { createDriver } from "./driver.js";
@@ -15,13 +15,13 @@ import { actionOf, keyName } from "./keymap.js";
 import { createPages } from "./pages.js";
 import { PALETTES } from "./palettes.js";
 import { createQuiz } from "./quiz.js";
-import { createSaver } from "./saver.js";
-import { startSenses } from "./senses.js";
+import { createSaver } from "./choices.js";
+import { startSenses } from "./input_events.js";
 import { createSettings } from "./settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
-import { createTable } from "./table.js";
+import { createTable } from "./play_screen.js";
 import { createTelemetry } from "./telemetry.js";
-import { createWay } from "./way.js";
+import { createWay } from "./progress.js";
 
 /** @typedef {import("./state.js").Event} Event */
 const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
@@ -114,7 +114,7 @@ function dispatch(event) {
   repaint();
 }
 
-/** An episode is on the board: moves of the last one are void, and a pause that a reload cut goes on. @param {import("../protocol.js").Frame} first */
+/** An episode is on the board: moves of the last one are void, and a pause that a reload cut goes on. @param {import("../common/messages.js").Frame} first */
 function begun({ episode }) {
   driver.drop();
   idle.touch();

@@ -1,11 +1,11 @@
 // @ts-check
 // The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
-import { put } from "../panels.js";
+import { put } from "../common/panels.js";
 import { keyName } from "./keymap.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/** @typedef {import("./state.js").State} State @typedef {import("./calls.js").Where} Where */
+/** @typedef {import("./state.js").State} State @typedef {import("./api.js").Where} Where */
 
 /** @param {Document} page @param {string[]} lines @returns {HTMLElement[]} */
 const paragraphs = (page, lines) => lines.map((text) => Object.assign(page.createElement("p"), { textContent: text }));

@@ -1,10 +1,10 @@
 // @ts-check
 // Three ways to colour the page and its boards; the page's own colours stand in study.css under the same names.
-import { SOIL } from "../board.js";
-import { INKS } from "../chart.js";
+import { SOIL } from "../common/board.js";
+import { INKS } from "../common/chart.js";
 
-/** @typedef {import("./calls.js").PaletteName} PaletteName */
-/** @typedef {{title: string, hint: string, soil: import("../board.js").Soil, inks: import("../chart.js").Inks}} Palette */
+/** @typedef {import("./api.js").PaletteName} PaletteName */
+/** @typedef {{title: string, hint: string, soil: import("../common/board.js").Soil, inks: import("../common/chart.js").Inks}} Palette */
 /** @type {Record<PaletteName, Palette>} */
 export const PALETTES = {
   mars: { title: "Mars", hint: "Soil and night", soil: SOIL, inks: INKS },

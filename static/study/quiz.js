@@ -1,7 +1,7 @@
 // @ts-check
 // The understanding questions: chosen answers stay, a wrong one is explained, and one may try again.
 
-/** @typedef {import("./calls.js").Where} Where */
+/** @typedef {import("./api.js").Where} Where */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 
 /** @param {Document} page @param {(answers: number[]) => void} onAnswers */

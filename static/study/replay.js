@@ -1,7 +1,7 @@
 // @ts-check
 // The debrief's replay: the participant's run and a policy's on one terrain, in step. Pure: a tick answers the next replay.
 
-/** @typedef {import("../protocol.js").Frame} Frame @typedef {import("../state.js").Board} Board */
+/** @typedef {import("../common/messages.js").Frame} Frame @typedef {import("../common/game_state.js").Board} Board */
 /** @typedef {{own: Frame[], policy: {name: string, frames: Frame[]}}} Runs  what GET debrief/{index} answers */
 /** @typedef {{index: number, runs: Runs, step: number, isPlaying: boolean}} Replay */
 

@@ -1,11 +1,11 @@
 // @ts-check
 // Keys, colours and arrow buttons: kept in this browser, told to the server, chosen on a sheet.
-import { put } from "../panels.js";
-import { ACTIONS } from "../protocol.js";
+import { put } from "../common/panels.js";
+import { ACTIONS } from "../common/messages.js";
 import { assign, DEFAULT_KEYS, keyName, readKeys, spokenKey } from "./keymap.js";
 import { PALETTES, readPalette } from "./palettes.js";
 
-/** @typedef {import("./calls.js").Settings} Settings @typedef {Settings & {pad: boolean}} Choices */
+/** @typedef {import("./api.js").Settings} Settings @typedef {Settings & {pad: boolean}} Choices */
 const KEPT = "mars.study.settings";
 
 /** Choices from what was kept, whole whatever was kept. @param {any} kept @param {{wantsContrast: boolean, isTouch: boolean}} system @returns {Choices} */
@@ -33,7 +33,7 @@ export function createSettings(page, { storage, layout, onChange }) {
   const isAsked = (/** @type {string} */ query) => view.matchMedia(query).matches;
   let choices = readChoices(parsed(storage.getItem(KEPT)), { wantsContrast: isAsked("(prefers-contrast: more)"),
     isTouch: isAsked("(pointer: coarse), (max-width: 700px)") });
-  /** @type {{action: import("../protocol.js").Action, slot: number} | null} a slot that waits for its key */
+  /** @type {{action: import("../common/messages.js").Action, slot: number} | null} a slot that waits for its key */
   let awaited = null;
 
   /** @param {Partial<Choices>} changed */
@@ -49,7 +49,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     by("show-pad").checked = choices.pad;
     for (const input of page.querySelectorAll("#palettes input")) /** @type {any} */ (input).checked = /** @type {any} */ (input).value === choices.palette;
     for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (page.querySelectorAll("#keymap button"))) {
-      const action = /** @type {import("../protocol.js").Action} */ (button.dataset.drive);
+      const action = /** @type {import("../common/messages.js").Action} */ (button.dataset.drive);
       const slot = Number(button.dataset.slot);
       const isAwaited = awaited?.action === action && awaited.slot === slot;
       put(button, isAwaited ? "press a key" : keyName(choices.keys[action][slot], layout()));
@@ -114,7 +114,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     /** @returns {Choices} */
     get: () => choices,
     paint,
-    /** What the server keeps wins over what this browser kept. @param {import("./calls.js").Where["settings"]} told */
+    /** What the server keeps wins over what this browser kept. @param {import("./api.js").Where["settings"]} told */
     adopt(told) {
       if (!told.keys || !told.palette) return;
       choices = { ...choices, keys: readKeys(told.keys), palette: readPalette(told.palette, false), modality: told.modality ?? choices.modality };

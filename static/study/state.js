@@ -1,9 +1,9 @@
 // @ts-check
 // All the study's page knows, in one object. `apply` answers the next state; `screenOf` says which screen it stands for.
-import * as game from "../state.js";
+import * as game from "../common/game_state.js";
 import * as replays from "./replay.js";
 
-/** @typedef {import("./calls.js").Where} Where @typedef {import("./replay.js").Replay} Replay */
+/** @typedef {import("./api.js").Where} Where @typedef {import("./replay.js").Replay} Replay */
 /** @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen */
 /**
  *   table    the board, the line and the notices: the playground's own state, its rival's seat empty
@@ -11,11 +11,11 @@ import * as replays from "./replay.js";
  *   passed   the finished episode whose end card was passed by
  *   isPaused the board waits for a key
  *   replay   the debrief's, null until one is loaded
- * @typedef {{table: import("../state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
+ * @typedef {{table: import("../common/game_state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
  *   replay: Replay | null}} State
  */
 /**
- * @typedef {import("../state.js").Event | {kind: "where", where: Where} | {kind: "problem", text: string} | {kind: "passed", episode: string}
+ * @typedef {import("../common/game_state.js").Event | {kind: "where", where: Where} | {kind: "problem", text: string} | {kind: "passed", episode: string}
  *   | {kind: "paused", isPaused: boolean} | {kind: "replay-loaded", index: number, runs: import("./replay.js").Runs}
  *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number}} Event
  */

@@ -1,8 +1,8 @@
 // @ts-check
 // What the fingers did and where the eyes were, until the server says that it is kept: in batches of one episode, 200 events at most.
-import { events } from "../protocol.js";
+import { events } from "../common/messages.js";
 
-/** @typedef {import("../protocol.js").InputEvent} InputEvent @typedef {ReturnType<typeof events>} Batch */
+/** @typedef {import("../common/messages.js").InputEvent} InputEvent @typedef {ReturnType<typeof events>} Batch */
 export const MOST_EVENTS = 200;
 /** Events kept while there is no connection; the oldest go first. */
 export const MOST_KEPT = 5000;
@@ -59,7 +59,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       isDue = waiting.length > 0;
       if (batches.length > 0) tell(batches[0]);
     },
-    /** What was sent first is kept, or never will be; without a reason it is sent again. @param {import("../protocol.js").Kept} answer */
+    /** What was sent first is kept, or never will be; without a reason it is sent again. @param {import("../common/messages.js").Kept} answer */
     answered({ count, reason }) {
       const batch = underWay.shift();
       if (!batch || (reason === null && count < batch.events.length)) return;

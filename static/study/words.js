@@ -1,8 +1,8 @@
 // @ts-check
 // The study's sentences; no document here, so node can test every one.
-import { many, outcomeLine, outcomeTitle, percent, score } from "../words.js";
+import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
 
-/** @typedef {import("./calls.js").Where} Where @typedef {import("../protocol.js").Frame} Frame */
+/** @typedef {import("./api.js").Where} Where @typedef {import("../common/messages.js").Frame} Frame */
 
 /** Where one stands, for the bar. @param {Where} where @param {boolean} isPlaying while an episode runs its number counts as begun */
 export function progress(where, isPlaying) {
@@ -77,7 +77,7 @@ export function coach(frame, keys) {
   return ["Nearly there", "The terrain is done at 99 %. The last black cells are often behind rocks and in corners."];
 }
 
-/** The debrief in one sentence. @param {import("./calls.js").Debrief} debrief */
+/** The debrief in one sentence. @param {import("./api.js").Debrief} debrief */
 export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";

@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 import pytest
-from tools3d import CAMERA
 from websockets.asyncio.client import connect
 
-from app.transport import PROTOCOL
+from app.viewer3d.viser_transport import PROTOCOL
 from marsexplorer import policies
+from tests.support.viewer3d import CAMERA
 
 pytestmark = pytest.mark.bench
 
@@ -23,7 +23,7 @@ PLAYERS, MOVES_PER_SECOND, SECONDS, VIEWS = 50, 5, 20, 10
 SERVER = """
 import atexit, json, sys, time
 from app.server import run
-from app.session import Session
+from app.play.session import Session
 from app.settings import Settings
 
 spent, act = [], Session.act

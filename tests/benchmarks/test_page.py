@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from e2e_tools import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
 from marsexplorer import policies
+from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 

@@ -1,0 +1,61 @@
+"""What the operator sees of boards that are being played: every frame with its scores, whatever the player is shown."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator
+from typing import Any
+
+from app.play.lobby import Lobby
+from app.play.messages import encode_frame, encode_history
+from app.play.session import Session
+from app.study.records import Records, label
+
+MOST = 60
+"""Boards in a list."""
+
+
+def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
+    """Return the boards that somebody sits at now, a person or a script, participants' first; no player's id."""
+    found = []
+    live = [session for session in lobby.sessions() if session.is_human and session.channel.followers]
+    for session in sorted(live, key=lambda session: session.seat is None)[:MOST]:
+        participant = records.seated_at(session.id)
+        trial = next((each for each in records.trials(participant.id)[::-1]), None) if participant else None
+        found.append(
+            {
+                "session": session.id,
+                "study": participant and participant.study,
+                "label": participant and label(participant.id),
+                "kind": participant.kind if participant else session.current.driver,
+                "phase": trial and trial.phase,
+                "trial": trial and trial.trial,
+                "ended": session.episode.ended,
+                "level": session.current.config.level,
+            }
+        )
+    return sorted(found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"])))
+
+
+async def messages(session: Session) -> AsyncGenerator[str, None]:
+    """Yield a board's frames, the newest only, and its history wherever frames were missed, until nobody asks any more.
+
+    The operator listens and does not follow: a board that its player has left is not kept alive by being watched.
+    """
+    frame, episode, steps = "", "", 0
+    woken = asyncio.Event()
+    woken.set()
+    leave = session.channel.listen(woken.set)
+    try:
+        while await woken.wait():
+            woken.clear()
+            newest = encode_frame(session.current.id, session.episode)
+            if newest == frame:
+                continue
+            frame = newest
+            yield frame
+            if session.current.id != episode or session.episode.steps > steps + 1:
+                yield encode_history(session.current.id, session.episode)
+            episode, steps = session.current.id, session.episode.steps
+    finally:
+        leave()

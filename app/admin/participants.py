@@ -1,0 +1,119 @@
+"""A study as it runs, for the operator: who stands where, who has gone quiet, what each has played. No identities.
+
+These queries are cheap and always fresh; the figure and the labels, which read every move, are kept for some seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, get_args
+
+from app.report import live_figure
+from app.storage.reader import Reader, config_of
+from app.study.data import load
+from app.study.protocol import StudyError
+from app.study.records import Stage, label
+from marsexplorer.score import steps_to_target
+
+STAGES: tuple[str, ...] = get_args(Stage)
+QUIET_MS = 30 * 60_000
+"""Without a sign for so long on the way, a participant counts as gone quiet."""
+FRESH_S = 15.0
+
+_TRIALS = """SELECT t.participant_id, t.phase, e.outcome, e.steps, e.score, e.config, e.driver,
+    coalesce(e.ended_ms, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id), e.started_ms) AS last_ms
+    FROM study_episodes t JOIN participants p ON p.id = t.participant_id JOIN episodes e ON e.id = t.episode_id
+    WHERE p.study = ?"""
+_EVENTS = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
+    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
+_LEFT = """SELECT v.participant_id, v.detail FROM stage_events v JOIN participants p ON p.id = v.participant_id
+    WHERE p.study = ? AND v.kind = 'withdrawn'"""
+_PEOPLE = "SELECT id, kind, script, stage, joined_ms, session_id FROM participants WHERE study = ? ORDER BY joined_ms, id"
+
+
+def participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]]:
+    """Return the participants of a study in the order of joining, each with its way so far."""
+    trials = defaultdict(list)
+    for row in reader.query(_TRIALS, [study]):
+        trials[row["participant_id"]].append(row)
+    events = {row["participant_id"]: row for row in reader.query(_EVENTS, [study])}
+    left = {row["participant_id"]: json.loads(row["detail"]).get("from") for row in reader.query(_LEFT, [study])}
+    found = []
+    for row in reader.query(_PEOPLE, [study]):
+        own, seen = trials[row["id"]], events.get(row["id"], {"last_ms": 0, "deviations": 0})
+        last_ms = max([row["joined_ms"], seen["last_ms"], *(trial["last_ms"] for trial in own)])
+        is_under_way = row["stage"] not in ("debrief", "complete", "withdrawn")
+        found.append(
+            {
+                **row,
+                "label": label(row["id"]),
+                "last_ms": last_ms,
+                "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
+                "left_at": left.get(row["id"]),
+                "deviations": seen["deviations"],
+                **_played(own),
+            }
+        )
+    return found
+
+
+def _played(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return how far a participant is, and the means over finished ranked episodes (None before the first)."""
+    ended = [trial for trial in trials if trial["outcome"] is not None]
+    ranked = [trial for trial in ended if trial["phase"] == "ranked"]
+    steps = [steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked]
+    return {
+        "warm_up": sum(trial["phase"] == "warm_up" for trial in ended),
+        "ranked": len(ranked),
+        "mean_score": sum(trial["score"] for trial in ranked) / len(ranked) if ranked else None,
+        "mean_steps": sum(steps) / len(steps) if steps else None,
+        "outcomes": dict(Counter(trial["outcome"] for trial in ranked)),
+    }
+
+
+def stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return per stage how many people and how many scripts stand there."""
+    count = Counter((each["stage"], each["kind"]) for each in people)
+    return [{"stage": stage, "human": count[stage, "human"], "script": count[stage, "script"]} for stage in STAGES]
+
+
+class Figures:
+    """A study's figure and labels as they come; one thread at a time reads them, others get the last ones."""
+
+    def __init__(self, database: Path) -> None:
+        self._database = database
+        self._lock = threading.Lock()
+        self._made: dict[str, tuple[float, dict[str, Any]]] = {}
+
+    def of(self, study: str) -> dict[str, Any]:
+        """Return {"figure", "labels"}: at most some seconds old, the time it takes to make them ten times over at least."""
+        with self._lock:
+            until, made = self._made.get(study, (0.0, {}))
+            if time.monotonic() >= until:
+                began = time.monotonic()
+                made = self._make(study)
+                took = time.monotonic() - began
+                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), made)
+            return made
+
+    def _make(self, study: str) -> dict[str, Any]:
+        with closing(Reader.open(self._database)) as reader:
+            try:
+                with reader.snapshot():
+                    data = load(reader, study)
+            except StudyError:  # nobody has joined
+                return {"figure": None, "labels": []}
+        people = {person.id for person in data.people if person.kind == "human"}
+        found = [(name, trial.participant) for trial in data.trials if trial.participant in people for name in trial.labels]
+        counts = Counter(name for name, _ in found)
+        by_label = [
+            {"label": name, "episodes": number, "participants": sorted({label(who) for each, who in found if each == name})}
+            for name, number in counts.most_common()
+        ]
+        return {"figure": live_figure(data), "labels": by_label}

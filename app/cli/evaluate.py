@@ -1,0 +1,173 @@
+"""The command `marsexplorer evaluate`: policies on the same terrains, as tables, files and plots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, Size, check_more, config_of, interruptible, print_table, progress, reason
+
+if TYPE_CHECKING:
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.evaluation import Row, Table
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be played: everything that `marsexplorer.evaluation.evaluate` is told."""
+
+    names: tuple[str, ...]
+    configs: tuple[EnvConfig, ...]
+    episodes: int
+    seed: int
+    traces: bool
+    ray: str | None
+
+
+@click.command(short_help="Score policies on the same terrains.")
+@click.option("--policy", "policies", multiple=True, required=True, help="A policy's name or file; repeatable.")
+@click.option(
+    "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
+)
+@click.option(
+    "--size", "sizes", type=Size(), multiple=True, default=["21"], help="21 for a square, 42x84 for rows x columns; repeatable."
+)
+@click.option("--episodes", type=click.IntRange(min=2), default=100, show_default=True, help="Terrains of each level and size.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first terrain's seed.")
+@click.option("--informed", is_flag=True, help="Add the planner that is shown the true map: the yardstick, never a policy.")
+@click.option("--json", "json_path", type=PATH, help="Also write everything, every episode included, to this file.")
+@click.option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
+@click.option("--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent.")
+@click.option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
+@click.argument("more", nargs=-1, metavar="")
+def evaluate(
+    policies: tuple[str, ...],
+    more: tuple[str, ...],
+    levels: tuple[str, ...],
+    sizes: tuple[int | tuple[int, int], ...],
+    episodes: int,
+    seed: int,
+    informed: bool,
+    json_path: Path | None,
+    csv_path: Path | None,
+    plots: Path | None,
+    ray: str | None,
+) -> None:
+    """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
+
+    The two frontier rules always play along: `to rule` is the mean steps over those of the better one, `to informed`
+    over those of a planner that is shown the true map (with --informed). All cores play; the table is the same for any
+    number of them. The score hardly tells good policies apart (ten steps are worth 0.004). docs/evaluation.md defines
+    every figure.
+
+    \b
+    Examples:
+      marsexplorer evaluate --policy random --policy ppo
+      marsexplorer evaluate --policy mine.safetensors --level all --informed --json result.json --csv result.csv
+      marsexplorer evaluate --policy ppo --size 21 --size 42x84 --episodes 50 --plots pictures
+      marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
+    """
+    from marsexplorer.evaluation import INFORMED, RULES
+
+    check_more(more, policies)
+    names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
+    configs = tuple(config_of(level, size) for level in _levels(levels) for size in sizes)
+    request = Request(tuple(names), configs, episodes, seed, plots is not None, ray)
+    with _places(json_path, csv_path, plots) as files:
+        table = _evaluated(request)
+        for file, text in zip(files, (table.to_json() + "\n", table.to_csv()), strict=True):
+            if file is not None:
+                file.write(text.encode())
+        if plots is not None:
+            _draw(table, plots)
+    _show(table, informed)
+
+
+def _levels(given: Sequence[str]) -> list[str]:
+    from marsexplorer.config import LEVELS
+
+    return list(dict.fromkeys(name for level in given for name in (LEVELS if level == "all" else (level,))))
+
+
+@contextmanager
+def _places(json_path: Path | None, csv_path: Path | None, plots: Path | None) -> Iterator[list[IO[bytes] | None]]:
+    """Yield the two files, None for one not asked for; they take their names when the block has ended well.
+
+    They are opened before playing, so that nothing is played in vain.
+    """
+    from app.storage.export import whole_file
+
+    files: list[IO[bytes] | None] = []
+    with ExitStack() as stack:
+        for option, path in (("--json", json_path), ("--csv", csv_path)):
+            try:
+                files.append(stack.enter_context(whole_file(path)) if path else None)
+            except OSError as error:
+                raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another {option}") from error
+        try:
+            if plots is not None:
+                plots.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise click.ClickException(f"cannot write to {plots}: {reason(error)}; choose another --plots") from error
+        yield files
+
+
+def _evaluated(request: Request) -> Table:
+    from marsexplorer.evaluation import evaluate as measure
+    from marsexplorer.evaluation.cluster import ClusterError
+    from marsexplorer.policies import PolicyFileError, PolicyNotFound
+
+    with progress("playing") as advance:
+        try:
+            return interruptible(
+                lambda: measure(
+                    request.names,
+                    request.configs,
+                    request.episodes,
+                    request.seed,
+                    advance,
+                    traces=request.traces,
+                    ray=request.ray,
+                )
+            )
+        except ClusterError as error:
+            raise click.ClickException(str(error)) from error
+        except (PolicyNotFound, PolicyFileError, ValueError) as error:
+            raise click.UsageError(str(error)) from error
+        except OSError as error:
+            raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
+
+
+def _draw(table: Table, folder: Path) -> None:
+    from marsexplorer.evaluation.plots import save_plots
+
+    try:
+        for path in save_plots(table, folder):
+            click.echo(path)
+    except OSError as error:
+        raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --plots") from error
+
+
+def _show(table: Table, informed: bool) -> None:
+    """Print a row a policy, levels and sizes one below the other."""
+    first, last = table.seeds[0], table.seeds[-1]
+    title = f"{len(table.seeds)} terrains each, seeds {first} to {last}, the same for all; ± half of the 95 % interval"
+    columns = ["policy", "level", "size", "completion", "steps to 99 %", "to rule"]
+    columns += [*(["to informed"] if informed else []), "AUC", "mean score", "collisions"]
+    print_table(title, columns, [_cells(table, row, informed) for row in table.rows])
+    if informed:
+        click.echo("informed is shown the true map: no policy, and its steps are an upper bound of the fewest possible")
+
+
+def _cells(table: Table, row: Row, informed: bool) -> list[str]:
+    cells = [row.policy, row.level, f"{row.rows}x{row.cols}", f"{row.completion:.1%}"]
+    cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
+    for against in ("rule", "informed") if informed else ("rule",):
+        found = table.compared(row, against)
+        cells.append(f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1")
+    return [*cells, f"{row.auc_mean:.4f}", f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}", str(row.collisions)]

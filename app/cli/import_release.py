@@ -1,0 +1,41 @@
+"""The command `marsexplorer import`: a released bundle into a database."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from app.cli.console import PATH, progress, reason, settings_of
+
+
+@click.command("import", short_help="Bring a released bundle into a database.")
+@click.argument("folder", type=PATH)
+@click.option("--database", type=PATH, help="The database to bring it into; made when absent.")
+def import_release(folder: Path, database: Path | None) -> None:
+    """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
+
+    What is there already and equal is let be; the same episodes under other names are refused. People whom the database
+    has forgotten stay out. No server may have the database meanwhile.
+
+    \b
+    Examples:
+      marsexplorer import dunes-1 --database dunes.db
+      marsexplorer report --study dunes --database dunes.db
+    """
+    from app.release.combine import import_release as bring
+    from app.release.errors import ReleaseError
+    from app.storage.database import StoreError
+
+    path = database or settings_of().database
+    try:
+        with progress("verifying (the rules are compiled first)") as advance:
+            joined = bring(folder, path, advance)
+    except (ReleaseError, StoreError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot bring {folder} into {path}: {reason(error)}") from error
+    there = f", {joined.equal['episodes']:,} were there already" if joined.equal["episodes"] else ""
+    left = f"; {joined.forgotten} people stayed out, who were forgotten here" if joined.forgotten else ""
+    people, episodes = joined.added["participants"], joined.added["episodes"]
+    click.echo(f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}")

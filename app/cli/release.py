@@ -1,0 +1,65 @@
+"""The command `marsexplorer release`: a study as a citable bundle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from app.cli.console import PATH, progress, reason, settings_of
+
+
+@click.command(short_help="Write a study as a citable, signed bundle.")
+@click.option("--study", required=True, help="The study's name.")
+@click.option("--out", type=PATH, required=True, help="A new folder for the bundle; it appears whole or not at all.")
+@click.option("--database", type=PATH, help="The database the study was played in.")
+@click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies]")
+@click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
+@click.option("--url", help="Where the bundle will be found, a DOI's address say.")
+@click.option("--interim", is_flag=True, help="Build it although the study is open: for the operator alone.")
+def release(
+    study: str,
+    out: Path,
+    database: Path | None,
+    studies: Path | None,
+    authors: tuple[str, ...],
+    url: str | None,
+    interim: bool,
+) -> None:
+    """Write every finished episode of a closed study as SQLite, Parquet, JSON Lines, CSV and Minari, described and signed.
+
+    The study is verified first; one episode that fails, and nothing is written. People appear under pseudonyms drawn
+    anew for each release; identities, cookies and completion codes are never in it. The signing key lies beside the
+    database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a bundle and how a
+    stranger checks it. It needs `pip install "marsexplorer-playground[export]"`.
+
+    \b
+    Examples:
+      marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
+      marsexplorer verify --dataset dunes-1
+    """
+    from app.release.errors import ReleaseError, check_libraries
+
+    try:
+        check_libraries()
+    except ReleaseError as error:
+        raise click.ClickException(str(error)) from error
+    from app.release.build import Wanted, build
+    from app.release.secrets import known_secrets
+    from app.storage.database import StoreError
+
+    settings = settings_of()
+    known = known_secrets(studies or settings.studies)
+    wanted = Wanted(database or settings.database, study, out, authors, url, interim, known)
+    try:
+        with progress("verifying and writing") as advance:
+            built = build(wanted, advance)
+    except (ReleaseError, StoreError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
+    rows = built.header.rows
+    click.echo(f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves")
+    click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
+    if built.header.interim:
+        click.echo("the study is open: do not publish this, it gives the terrains away")

@@ -1,0 +1,127 @@
+"""The command `marsexplorer report`: a study's figures, as a page, as JSON and on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, interruptible, print_table, progress, reason, settings_of
+
+if TYPE_CHECKING:
+    from app.report.model import Group, Report
+    from app.report.policies import PolicyRun
+    from app.study.data import StudyData
+
+
+@click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
+@click.option("--study", "name", required=True, metavar="NAME", help="The study.")
+@click.option("--database", type=PATH, help="The database it was played in; a running server may go on writing.")
+@click.option("--html", type=PATH, help="Write the report to this file: one page, nothing outside it.")
+@click.option("--json", "json_path", type=PATH, help="Write every number to this file.")
+@click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]")
+@click.option("--synthetic", is_flag=True, help="Report over the scripts instead of the people, marked SYNTHETIC throughout.")
+@click.option("--no-policies", is_flag=True, help="Do not play the policies: no comparisons, done in a second.")
+def report(
+    name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
+    no_policies: bool,
+) -> None:  # fmt: skip
+    """Print a study's figures: the human level with its interval, and policies on the same terrains.
+
+    The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
+    skewed players; docs/report.md says how that was measured. Scripts never enter a human figure.
+
+    \b
+    Examples:
+      marsexplorer report --study pilot
+      marsexplorer report --study pilot --html pilot.html --json pilot.json
+      marsexplorer report --study rehearsal --synthetic --html rehearsal.html
+    """
+    from app.report.page import render
+    from app.storage.database import StoreError
+    from app.storage.export import whole_file
+    from app.study.protocol import StudyError
+
+    settings = settings_of()
+    try:
+        found = _made(name, database or settings.database, studies or settings.studies, synthetic, not no_policies)
+    except StudyError as error:
+        raise click.UsageError(str(error)) from error
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    for path, text in ((html, render), (json_path, lambda report: report.to_json() + "\n")):
+        if path is not None:
+            try:
+                with whole_file(path) as file:
+                    file.write(text(found).encode())
+            except OSError as error:
+                raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another file") from error
+    _show(found)
+
+
+def _made(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
+    from app.report.build import build
+    from app.report.seeds import load_with_folder
+    from app.statistics.group_summaries import of_groups
+    from app.storage.reader import Reader
+
+    reader = Reader.open(database)
+    try:
+        with reader.snapshot():
+            data, seeds = load_with_folder(reader, studies, name)
+            with progress("replaying episodes") as advance:
+                pictures = of_groups(reader, data, synthetic, advance)
+    finally:
+        reader.close()
+    kind = "script" if synthetic else "human"
+    is_played = any(trial.kind == kind and trial.ended_ms is not None and trial.phase == "ranked" for trial in data.trials)
+    runs = _policies(data, seeds) if with_policies and is_played else ()
+    return build(data, runs, synthetic, pictures)
+
+
+def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
+    from app.report.policies import play
+    from marsexplorer.policies import PolicyFileError, PolicyNotFound
+
+    protocol = data.protocol
+    names = list(dict.fromkeys((*protocol.policies, "random")))
+    with progress("policies on the same terrains") as advance:
+        try:
+            return interruptible(lambda: play(names, protocol.env_config, seeds, protocol.ranked, advance))
+        except (PolicyNotFound, PolicyFileError) as error:
+            raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
+
+
+def _show(found: Report) -> None:
+    click.echo(f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})")
+    click.echo(found.sentence)
+    for group in found.groups:
+        _show_group(found, group)
+    for line in found.deviations:
+        click.echo(f"- {line}")
+
+
+def _show_group(found: Report, group: Group) -> None:
+    from app.report.markup import interval, number, p_value
+
+    mark = "SYNTHETIC, script " if found.synthetic else ""
+    rows = []
+    for figure in group.figures:
+        score, steps = figure.score, figure.steps
+        if score and steps:
+            values = number(score.mean, 4), interval(score.interval, 4), number(steps.mean, 1), interval(steps.interval, 1)
+            rows.append((figure.name, str(figure.players), str(figure.episodes), *values))
+    if rows:
+        columns = ("set", "players", "episodes", "score", "95 % interval", "steps to 99 %", "95 % interval")
+        print_table(f"{mark}{group.name}: means over players", columns, rows)
+    compared = [
+        (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.these, 4), p_value(each.p_adjusted),
+         f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
+        for each in group.comparisons if each.metric == "score"
+    ]  # fmt: skip
+    if compared:
+        heads = ("policy", "score", "minus people", "95 %, these terrains", "p (Holm)", "ratio (95 %, new terrains too)")
+        print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)
+    for line in (*group.deviations, *group.cautions):
+        click.echo(f"- {line}")

@@ -1,0 +1,50 @@
+"""The command `marsexplorer serve`: page, API and 3-D view on one port."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from app.cli.console import PATH, check_more, settings_of
+
+
+@click.command(short_help="Play and watch in a browser; record every move.")
+@click.option("--host", help="Address to listen on; 0.0.0.0 lets other machines in.  [default: 127.0.0.1]")
+@click.option("--port", type=click.IntRange(0, 65535), help="Port to listen on; 0 takes a free one.  [default: 8000]")
+@click.option("--database", type=PATH, help="SQLite file to record in; made when absent.  [default: see below]")
+@click.option("--studies", type=PATH, help="Folder of studies to offer.  [default: studies, beside the default database]")
+@click.option("--policy", "policies", type=PATH, multiple=True, help="A trained policy's file to offer; repeatable.")
+@click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
+@click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
+@click.argument("more", type=PATH, nargs=-1, metavar="")
+def serve(more: tuple[Path, ...], policies: tuple[Path, ...], **given: Any) -> None:
+    """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
+
+    Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
+    goes on with the unfinished episodes. Without --database it is data/playground.db in a checkout,
+    ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE, MARS_STUDIES and MARS_DURABLE stand in for
+    absent flags. A frozen study is offered at /study/NAME as soon as it is frozen.
+
+    The operator's page /admin is open with --admin, or when MARS_ADMIN_PASSWORD holds its password; else there is none.
+
+    \b
+    Examples:
+      marsexplorer serve
+      marsexplorer serve --admin
+      marsexplorer serve --port 9000 --database lab.db
+      marsexplorer serve --host 0.0.0.0 --policy mine.safetensors
+    """
+    check_more(more, policies)
+    flags = {name: value for name, value in given.items() if value is not None}
+    if policies or more:
+        flags["policies"] = (*policies, *more)
+    settings = settings_of(**flags)
+    from app.server import ServerError, run
+    from app.storage.store import StoreError
+
+    try:
+        run(settings)
+    except (ServerError, StoreError) as error:
+        raise click.ClickException(str(error)) from error

@@ -1,0 +1,117 @@
+"""`marsexplorer simulate`: synthetic players play a whole study, over the sockets that browsers use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, print_table, progress
+
+if TYPE_CHECKING:
+    from app.simulate.outcome_log import Tally
+
+KINDS = ("noisy-frontier", "random", "idler", "dropper", "reloader", "cheater", "mixed")
+POPULATIONS = ("skilled", "mixed", "clumsy")
+
+
+@click.command()
+@click.option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
+@click.option("--players", type=click.IntRange(1, 1000), help="How many play at once.  [default: as many as the study plans]")
+@click.option(
+    "--kind", "kinds", type=click.Choice(KINDS), multiple=True, default=("noisy-frontier",), show_default=True,
+    help="What they are like; given several times, players are dealt round and round.",
+)  # fmt: skip
+@click.option(
+    "--population", type=click.Choice(POPULATIONS), default="mixed", show_default=True,
+    help="What skill is drawn from: slips, luck and collisions.",
+)  # fmt: skip
+@click.option("--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is.")
+@click.option("--speed", type=click.FloatRange(0.1, 1e6), default=20.0, show_default=True, help="Times faster than people.")
+@click.option("--seed", type=click.IntRange(0, 2**53 - 1), default=0, show_default=True, help="Fixes skills, luck and slips.")
+@click.option(
+    "--patience", type=click.FloatRange(0), default=60.0, show_default=True, help="Seconds a stopped server is waited for."
+)
+@click.option("--state", type=PATH, help="File that keeps the players' cookies: the same command goes on after Ctrl-C.")
+def simulate(
+    study: str, players: int, kinds: tuple[str, ...], population: str, url: str, speed: float, seed: int, patience: float,
+    state: Path | None,
+) -> None:  # fmt: skip
+    """Let synthetic players take part in a study of a running server, from the link to the completion code.
+
+    \b
+    They read the consent, play the tutorial, answer the questions, warm up, play the ranked episodes with breaks and
+    look at the debrief, over the same HTTP calls and sockets as a browser. They are labelled `script` for ever and enter
+    no human figure. When the server stops they wait for it and go on where they stood.
+
+    \b
+    Kinds:
+      noisy-frontier  explores as people do, with slips; skill and luck of its own
+      random          makes valid moves at random
+      idler           leaves the keyboard for minutes now and then
+      dropper         goes for ever after some ranked episodes
+      reloader        reloads, opens a second tab and loses the connection all the time
+      cheater         a machine's beat, no key-up, collisions, and everything a server has to refuse
+      mixed           some of each
+
+    \b
+    Examples:
+      marsexplorer simulate --study pilot                             as many players as planned, 20 times faster than people
+      marsexplorer simulate --study pilot --kind mixed --speed 100         a rehearsal with everything that can go wrong
+      marsexplorer simulate --study pilot --state pilot.json               Ctrl-C, and the same command goes on
+      marsexplorer simulate --study load --players 100 --speed 1           load: moves per second and round trips at the end
+
+    Exit code 1 when the server allowed something it must refuse, showed a ranked score, or lost a move.
+    """
+    import asyncio
+
+    from app.simulate.outcome_log import Tally
+    from app.simulate.participant import Over
+    from app.simulate.persona import deal
+    from app.simulate.run import NotReady, Plan, check, simulate
+
+    tally, url = Tally(), url.rstrip("/")
+    try:
+        count = players or int(asyncio.run(check(url, study))["players"])
+        plan = Plan(url, study, deal(kinds, count), population, seed, speed, patience, state)
+        with progress(f"{count} players") as advance:
+            asyncio.run(simulate(plan, tally, advance))
+    except NotReady as error:
+        raise click.UsageError(str(error)) from error
+    except Over as error:
+        _print(tally)
+        raise click.ClickException(str(error)) from error
+    except KeyboardInterrupt:
+        way = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
+        click.echo(f"marsexplorer: stopped after {tally.episodes} episodes; {way}", err=True)
+        raise click.Abort from None
+    _print(tally)
+    if tally.faults:
+        more = f" (and {len(tally.faults) - 1} more)" if len(tally.faults) > 1 else ""
+        raise click.ClickException(f"the server did what it must not: {tally.faults[0]}{more}")
+
+
+def _print(tally: Tally) -> None:
+    """Print a line a player, then what the server took."""
+    rows = []
+    for line in tally.lines:
+        own = line.debrief or {}
+        counts = [str(line.episodes[phase]) for phase in ("warm_up", "ranked")]
+        means = [_shown(own.get("mean_score"), 4), _shown(own.get("mean_steps"), 1)]
+        rows.append([f"{line.number} {line.kind}", line.stage, *counts, *means, line.code or ""])
+    if rows:
+        print_table("Synthetic players", ["player", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"], rows)
+    seconds = tally.seconds()
+    latency = ", ".join(f"{name} {ms:.1f}" for name, ms in tally.latency_ms().items()) or "no move"
+    click.echo(f"{tally.moves} moves in {seconds:.1f} s: {tally.moves / seconds:.0f} moves/s; act to frame in ms: {latency}")
+    click.echo(f"{tally.episodes} episodes ended; {tally.reloads} reloads; {tally.lost} lost connections")
+    if tally.attempts:
+        times, refused = (sum(pair[i] for pair in tally.attempts.values()) for i in range(2))
+        click.echo(f"cheating: {refused} of {times} attempts of {len(tally.attempts)} kinds refused")
+    for fault in tally.faults:
+        click.echo(f"fault: {fault}")
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,246 @@
+"""The command `marsexplorer study`: plan a study, freeze it, close it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from app.cli.console import PATH, Size, config_of, print_table, progress, settings_of
+
+STUDIES = click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]")
+DATABASE = click.option("--database", type=PATH, help="The database the study was played in, if it is not the default one.")
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
+    from app.study.folder import StudyError
+
+    try:
+        yield
+    except StudyError as error:
+        failed = isinstance(error.__cause__, OSError)
+        raise (click.ClickException if failed else click.UsageError)(str(error)) from error
+
+
+def _folder(studies: Path | None) -> Any:
+    from app.study.folder import Folder
+
+    return Folder(studies or settings_of().studies)
+
+
+@click.group(short_help="Plan, freeze and close a study of how well people play.")
+def study() -> None:
+    """Plan a study, freeze its protocol, and close it when everybody has played.
+
+    A frozen protocol cannot change any more: its hash and a commitment to the secret that fixes every terrain are
+    published before the first participant joins; closing reveals the secret, so that anybody can check both.
+    Studies lie in data/studies in a checkout, ./studies elsewhere; --studies or MARS_STUDIES name another folder.
+
+    \b
+    Examples:
+      marsexplorer study new pilot --players 10
+      marsexplorer study freeze pilot
+      marsexplorer serve                      the link is http://127.0.0.1:8000/study/pilot
+      marsexplorer study close pilot
+    """
+
+
+@study.command(short_help="Begin a study: write its protocol as a draft.")
+@click.argument("name")
+@click.option("--title", help="What participants read at the top.")
+@click.option("--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2.")
+@click.option("--size", type=Size(), default="21", show_default=True, help="21 for a square, 42x84 for rows x columns.")
+@click.option("--warm-up", type=int, default=15, show_default=True, help="Episodes that do not count, before the others.")
+@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
+@click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
+@click.option("--break-every", type=int, default=10, show_default=True, help="Ranked episodes after which a break is offered.")
+@click.option(
+    "--outside-id", "outside_ids", multiple=True,
+    help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
+)  # fmt: skip
+@click.option("--return-url", help="Where participants go at the end; {code} becomes their completion code.")
+@click.option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
+@click.option("--policy", "policies", multiple=True, help="To compare with people; repeatable.  [default: the shipped ones]")
+@STUDIES
+def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None, **given: Any) -> None:
+    """Write a study's protocol.json, a draft to read and edit before it is frozen.
+
+    The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and the margin of the
+    equivalence test are in the file, and docs/study.md explains each.
+
+    \b
+    Examples:
+      marsexplorer study new pilot
+      marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
+      marsexplorer study new online --return-url "https://app.prolific.com/submissions/complete?cc={code}"
+    """
+    from app.study.protocol import default_protocol
+
+    config = config_of(level, size)
+    rest = {field: value for field, value in given.items() if value is not None and value != ()}
+    with _told():
+        _folder(studies).path(name)
+        path = _folder(studies).create(default_protocol(name, config, **rest))
+    click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
+
+
+@study.command(short_help="Fix the protocol and draw the secret.")
+@click.argument("name")
+@STUDIES
+def freeze(name: str, studies: Path | None) -> None:
+    """Fix a study's protocol for good, draw its secret, and print what to publish.
+
+    Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
+    protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
+    knows every terrain.
+    """
+    with _told(), progress("drawing the terrains (the rules are compiled first)") as advance:
+        found = _folder(studies).freeze(name, advance)
+    click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
+    click.echo(f"A running server offers it at once, at /study/{name}")
+
+
+@study.command(short_help="End the study and reveal its secret.")
+@click.argument("name")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@DATABASE
+@STUDIES
+def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> None:
+    """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
+
+    There is no way back: whoever knows the secret knows every terrain. A running server sees it at once.
+    """
+    folder = _folder(studies)
+    with _told():
+        folder.study(name)
+        if folder.status(name) == "open" and not yes:
+            _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
+        found = folder.close(name)
+    _tell_database(found, database or settings_of().database)
+    click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+
+
+def _confirm(question: str) -> None:
+    """Return when the answer is yes; where nobody can answer, say how to do without."""
+    try:
+        click.confirm(question, abort=True)
+    except click.Abort:
+        if sys.stdin.isatty():
+            raise
+        raise click.ClickException("nothing was closed: the answer was not yes; --yes closes without asking") from None
+
+
+def _tell_database(found: Any, database: Path) -> None:
+    """Note the end in the database; one that a server has open is told by that server."""
+    if not database.exists():
+        return
+    from app.storage.store import Store, StoreError
+    from app.study.records import Records
+
+    try:
+        store = Store(database)
+    except StoreError:
+        return
+    try:
+        Records(store).note_closed(found)
+    finally:
+        store.close()
+
+
+@study.command(short_help="Show a study's protocol and state.")
+@click.argument("name")
+@STUDIES
+def show(name: str, studies: Path | None) -> None:
+    """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study."""
+    import json
+
+    folder = _folder(studies)
+    with _told():
+        status, protocol = folder.status(name), folder.draft(name)
+        found = None if status == "draft" else folder.study(name)
+    click.echo(f"{name}: {status}, {folder.path(name)}")
+    if found is not None:
+        click.echo(f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
+        if not found.is_open:
+            click.echo(f"secret         {found.secret.hex()}")
+    click.echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
+
+
+@study.command("list", short_help="List all studies.")
+@STUDIES
+def list_(studies: Path | None) -> None:
+    """Print every study in the folder with its state."""
+    folder = _folder(studies)
+    rows = []
+    for name in folder.names():
+        with _told():
+            protocol = folder.draft(name)
+        plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
+        rows.append((name, folder.status(name), plan, protocol.title))
+    if not rows:
+        click.echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
+        return
+    print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
+
+
+@study.command(short_help="How many players give the interval wanted.")
+@click.option("--half-width", type=float, required=True, help="Wanted half-width of the 95 % interval, in the metric's unit.")
+@click.option("--player-sd", type=float, help="Standard deviation between players' true means, in the metric's unit.")
+@click.option("--episode-sd", type=float, help="Standard deviation of an episode around its player's mean.")
+@click.option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
+@click.option("--metric", type=click.Choice(["score", "steps"]), default="score", show_default=True, help="With --study.")
+@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes each player plays.")
+@click.option("--assurance", type=float, default=0.8, show_default=True, help="Share of studies that reach the width.")
+@DATABASE
+def power(
+    half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
+    assurance: float, database: Path | None,
+) -> None:  # fmt: skip
+    """Say how many players a study needs for an interval of a wanted width.
+
+    More episodes cannot make up for few players: the spread between players stays. Give both standard deviations, or
+    a pilot study to take them from.
+
+    \b
+    Examples:
+      marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
+      marsexplorer study power --study pilot --metric steps --half-width 3
+    """
+    from app.statistics.power import power as plan_of
+
+    if name is not None and (player_sd is not None or episode_sd is not None):
+        raise click.UsageError("give --study or the two SDs, not both")
+    if name is None and (player_sd is None or episode_sd is None):
+        raise click.UsageError("expected --player-sd and --episode-sd, or --study NAME to take them from")
+    try:
+        spread = (player_sd or 0.0, episode_sd or 0.0) if name is None else _spread_of(name, metric, database)
+        plan = plan_of(*spread, half_width, ranked, assurance)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    click.echo(f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}")
+    click.echo(f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}")
+    rows = [(str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table]
+    print_table("Half-width of the 95 % interval", ("players", "on average", f"in {assurance:.0%} of studies"), rows)
+
+
+def _players(count: int | None) -> str:
+    return "more players than can be planned for here" if count is None else f"{count} players"
+
+
+def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
+    """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
+    from app.statistics.power import spread_of
+    from app.storage.store import StoreError
+    from app.study.data import load
+
+    with _told():
+        try:
+            return spread_of(load(database or settings_of().database, name), metric)
+        except StoreError as error:
+            raise click.ClickException(str(error)) from error

@@ -1,0 +1,134 @@
+"""The command `marsexplorer sweep`: one training for every level, size and seed, on a Ray cluster."""
+
+from __future__ import annotations
+
+import csv
+import io
+import platform
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, Size, config_of, interruptible, print_table, progress, reason
+
+if TYPE_CHECKING:
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.training.sweep import Finished, Trial
+
+FIGURES = ("steps", "completion", "score", "rule_ratio")
+
+
+@click.command(short_help="Train on many levels and seeds with Ray.")
+@click.option(
+    "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
+)
+@click.option(
+    "--size", "sizes", type=Size(), multiple=True, default=["21"], help="21 for a square, 42x84 for rows x columns; repeatable."
+)
+@click.option("--seed", "seeds", type=click.IntRange(0, 1000), multiple=True, default=[0], help="Training seed; repeatable.")
+@click.option("--recipe", type=click.Choice(["best", "paper"]), default="best", show_default=True, help="As in train.")
+@click.option("--steps", type=click.IntRange(min=1), default=4_000_000, show_default=True, help="Moves of each training.")
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=2),
+    default=200,
+    show_default=True,
+    help="Held-out terrains to measure each policy on.",
+)
+@click.option("--ray", default="local", show_default=True, metavar="ADDRESS", help="Ray cluster: HOST:PORT, auto, or local.")
+@click.option("--out", type=PATH, required=True, help="Folder that all machines see: policies, logs and sweep.csv.")
+def sweep(
+    levels: tuple[str, ...],
+    sizes: tuple[int | tuple[int, int], ...],
+    seeds: tuple[int, ...],
+    recipe: str,
+    steps: int,
+    episodes: int,
+    ray: str,
+    out: Path,
+) -> None:
+    """Train one policy for every level, size and seed, one core each, and measure all on terrains kept apart.
+
+    The trainings are trials of Ray Tune, on this machine or on a cluster that runs already. Each leaves a folder as
+    `marsexplorer train` does; sweep.csv holds a line for each. A policy of several levels at once is what
+    `marsexplorer train --level all` makes. Needs the extra `ray`.
+
+    \b
+    Examples:
+      marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
+      marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
+    """
+    from marsexplorer.training.config import FAMILIES
+
+    names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
+    configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
+    trials = [_trial(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
+    if (out / "sweep.csv").exists():
+        raise click.UsageError(f"{out} holds a sweep already; give another --out")
+    from app.storage.export import whole_file
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with whole_file(out / "sweep.csv") as file:
+            finished = _run(trials, out, ray)
+            file.write(_csv(finished).encode())
+    except OSError as error:
+        raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
+    _show(finished)
+    failed = [each for each in finished if each.error]
+    if failed:
+        raise click.ClickException(f"{len(failed)} of {len(trials)} trainings failed, the first with: {failed[0].error}")
+
+
+def _trial(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> Trial:
+    from marsexplorer.training.config import LIMITS
+    from marsexplorer.training.sweep import Trial
+
+    side = f"{config.rows}x{config.cols}"
+    card = {
+        "summary": f"PPO ({recipe}): {steps:,} moves on {config.level} {side}, seed {seed}.",
+        "command": f"marsexplorer train --recipe {recipe} --level {config.level} --size {side} --steps {steps} --seed {seed}",
+        "hardware": f"{platform.machine()}, one thread",
+        "limits": LIMITS[recipe],
+        "size": [config.rows, config.cols],
+    }
+    return Trial(f"{recipe}-{config.level}-{side}-s{seed}", recipe, config.to_dict(), steps, seed, episodes, card)
+
+
+def _run(trials: list[Trial], out: Path, address: str) -> list[Finished]:
+    from marsexplorer.evaluation.cluster import ClusterError
+    from marsexplorer.training.sweep import sweep as run
+
+    with progress("training") as advance:
+        advance(0, len(trials))
+        try:
+            return interruptible(lambda: run(trials, out, address, advance))
+        except ClusterError as error:
+            raise click.ClickException(str(error)) from error
+
+
+def _csv(finished: list[Finished]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])
+    for each in finished:
+        trial = each.trial
+        where = (trial.config["level"], trial.config["rows"], trial.config["cols"])
+        writer.writerow([trial.name, trial.recipe, *where, trial.seed, trial.steps, *_figures(each), each.error])
+    return text.getvalue()
+
+
+def _figures(finished: Finished) -> list[float]:
+    return [getattr(finished, field.name) for field in fields(finished) if field.name in FIGURES]
+
+
+def _show(finished: list[Finished]) -> None:
+    rows = []
+    for each in finished:
+        steps, completion, score, ratio = _figures(each)
+        where = (each.trial.config["level"], f"{each.trial.config['rows']}x{each.trial.config['cols']}", str(each.trial.seed))
+        rows.append((each.trial.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}"))
+    columns = ("policy", "level", "size", "seed", "completion", "steps to 99 %", "to rule", "mean score")
+    print_table(f"{finished[0].trial.episodes} held-out terrains each", columns, rows)

@@ -1,0 +1,44 @@
+"""What people's counted episodes look like: coverage against steps, visits, trials; by replay of what is stored."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from app.leaderboard.worker import of_episode
+from app.statistics.summaries import Played, curve, trials, visits
+from app.storage.reader import Reader, record_of
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import replay
+
+MOST = 3000
+"""Episodes behind the pictures of a board: the newest so many."""
+
+
+class People:
+    """Pictures per configuration, kept until somebody has played on."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, tuple[str, dict[str, Any]]] = {}
+
+    def pictures(self, reader: Reader, config: EnvConfig, human: dict[str, Any]) -> dict[str, Any]:
+        """Return {"curve", "visits", "trials"} of the people behind a figure of `human_level`; seconds, so in a thread."""
+        state = json.dumps(human)
+        if self._made.get(config.hash, ("",))[0] != state:
+            self._made[config.hash] = (state, _pictures(reader, config))
+        return self._made[config.hash][1]
+
+
+def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
+    rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
+    people: dict[str, list[Played]] = {}
+    for row in rows[-MOST:]:
+        try:
+            episode = replay(record_of(row, reader.steps(row["id"])))
+        except ValueError:  # of another core version: its totals count, its way cannot be drawn
+            continue
+        people.setdefault(row["owner_id"], []).append(of_episode(episode))
+    groups = list(people.values())
+    if not groups:
+        return {"curve": None, "visits": None, "trials": []}
+    return {"curve": curve(config, groups), "visits": visits(config, groups), "trials": trials(groups)}

@@ -1,0 +1,71 @@
+"""The coverage of the report's intervals as it was measured, for the report to quote. `app.statistics.coverage` measures it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+TABLE = Path(__file__).with_name("coverage.json")
+"""What the report quotes: written by `python -m app.statistics.coverage --studies 2000 --seed 0 --save`."""
+
+
+@dataclass(frozen=True)
+class Population:
+    """Where scores come from.
+
+    shape       of player, terrain and episode effects, where nobody collides
+    collisions  the mean probability that an episode ends in one; a player's own is beta distributed, with the ICC asked for
+    """
+
+    name: str
+    summary: str
+    shape: str = "normal"
+    collisions: float = 0.0
+
+
+POPULATIONS = (
+    Population("symmetric", "normal players and episodes"),
+    Population("skewed", "exponential tails (skewness 2)", "exponential"),
+    Population("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),
+    Population("collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05),
+    Population("rare collisions", "2 % of episodes collide; with ICC, very few players do it often", collisions=0.02),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Coverage in percent of simulated studies, for one population, ICC and number of players.
+
+    below, above   the printed interval lies wholly above, or wholly below, the truth
+    width          of the printed interval over that of the t interval, the median
+    pooled         what a t interval over all episodes would cover, as if they were independent
+    """
+
+    population: str
+    icc: float
+    players: int
+    studies: int
+    printed: float
+    below: float
+    above: float
+    width: float
+    t: float
+    bootstrap: float
+    guaranteed: float
+    new_terrains: float
+    pooled: float
+
+
+@cache
+def saved() -> list[Cell]:
+    """Return the table that the report quotes."""
+    return [Cell(**cell) for cell in json.loads(TABLE.read_text(encoding="utf-8"))["cells"]]
+
+
+def nearest(players: int) -> list[Cell]:
+    """Return the saved cells of the measured number of players nearest to this one, the smaller of two."""
+    cells = saved()
+    count = min({cell.players for cell in cells}, key=lambda measured: (abs(measured - players), measured))
+    return [cell for cell in cells if cell.players == count]

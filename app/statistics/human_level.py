@@ -1,0 +1,88 @@
+"""The figure people are compared with: per configuration, the mean of the players' means and its 95 % t interval.
+
+The unit of analysis is the player: pooling episodes would make the interval far too narrow, as one player's episodes
+resemble each other. Only counted episodes enter (`app.storage.reader.COUNTED`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from scipy import stats
+
+from app.storage.reader import Reader
+from marsexplorer.config import EnvConfig
+from marsexplorer.score import steps_to_target
+
+NOBODY = "Nobody has played for the human score yet: there is no human level to compare with."
+CONFIDENCE = 0.95
+
+
+def human_level(store: Reader) -> dict[str, Any]:
+    """Return `{"figures": [one per configuration], "sentence": the same in words}`; no figures while nobody has played."""
+    by_config: dict[str, list[dict[str, Any]]] = {}
+    for row in store.totals("human"):
+        by_config.setdefault(row["config"], []).append(row)
+    figures = [_figure(config, played) for config, played in by_config.items()]
+    figures.sort(key=lambda figure: -figure["episodes"])
+    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY}
+
+
+def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
+    """Return mean, low and high of the 95 % t interval for the mean; low and high None with fewer than two values."""
+    count = len(values)
+    mean = math.fsum(values) / count
+    if count < 2:
+        return {"mean": mean, "low": None, "high": None}
+    spread = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
+    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * spread / math.sqrt(count)
+    return {"mean": mean, "low": mean - half, "high": mean + half}
+
+
+def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
+    config = EnvConfig(**json.loads(config_json))
+    scores: dict[str, list[float]] = {}
+    steps: dict[str, list[float]] = {}
+    for row in played:
+        scores.setdefault(row["owner_id"], []).append(row["score"])
+        steps.setdefault(row["owner_id"], []).append(steps_to_target(config, row["outcome"], row["steps"]))
+    explored = {player: [row["outcome"] == "explored" for row in played if row["owner_id"] == player] for player in scores}
+    return {
+        "level": config.level,
+        "rows": config.rows,
+        "cols": config.cols,
+        "config_hash": config.hash,
+        "config": config.to_dict(),
+        "players": len(scores),
+        "episodes": len(played),
+        "score": mean_interval([_mean(own) for own in scores.values()]),
+        "steps": mean_interval([_mean(own) for own in steps.values()]),
+        "completed": _mean([_mean(own) for own in explored.values()]),
+    }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def _sentence(figure: dict[str, Any]) -> str:
+    """Return a figure in plain words."""
+    who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
+    where = f"Level {figure['level']}, {figure['rows']} x {figure['cols']}"
+    score = f"mean score {figure['score']['mean']:.3f}{_interval(figure['score'], '.3f')}"
+    steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure['steps'], '.1f')}"
+    text = f"{where} ({who}): {score}, {steps}, {figure['completed']:.0%} completed."
+    return text if figure["players"] > 1 else f"{text} One player gives no interval."
+
+
+def _interval(value: dict[str, float | None], form: str) -> str:
+    if value["low"] is None or value["high"] is None:
+        return ""
+    return f" (95 % interval {value['low']:{form}} to {value['high']:{form}})"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

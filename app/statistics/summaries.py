@@ -1,0 +1,110 @@
+"""Figures and pictures of many episodes: interval, coverage against steps, visits, trials. The same for people and policies.
+
+A `Group` is what weighs once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
+intervals over groups, as in `app.statistics.human_level`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from app.statistics.human_level import CONFIDENCE, mean_interval
+from marsexplorer.config import EnvConfig
+
+POINTS = 120
+"""Points of a drawn curve, at most."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Played:
+    """One finished episode, as far as figures need it.
+
+    score        normalized
+    steps        to 99 %, `max_steps` where it was not reached
+    discoveries  discovered cells after 0, 1, ... moves
+    path         (row, col) after 0, 1, ... moves
+    """
+
+    outcome: str
+    score: float
+    steps: int
+    discoveries: Sequence[int]
+    path: Sequence[tuple[int, int]]
+
+
+Group = Sequence[Played]
+
+
+def figure(config: EnvConfig, groups: Sequence[Group]) -> dict[str, Any]:
+    """Return everything that is shown of some groups (at least one, none of them empty)."""
+    return {
+        "groups": len(groups),
+        "episodes": sum(map(len, groups)),
+        "score": mean_interval([float(np.mean([each.score for each in group])) for group in groups]),
+        "steps": mean_interval([float(np.mean([each.steps for each in group])) for group in groups]),
+        "completed": float(np.mean([np.mean([each.outcome == "explored" for each in group]) for group in groups])),
+        "curve": curve(config, groups),
+        "visits": visits(config, groups),
+    }
+
+
+def curve(config: EnvConfig, groups: Sequence[Group]) -> dict[str, list[Any]]:
+    """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
+    longest = max(len(each.discoveries) for group in groups for each in group) - 1
+    steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
+    means = np.array([np.mean([_held(each.discoveries, steps) for each in group], axis=0) for group in groups]) / config.n
+    low, high = _band(means)
+    return {
+        "steps": [int(step) for step in steps],
+        "mean": _short(means.mean(axis=0)),
+        "low": [] if low is None else _short(low),
+        "high": [] if high is None else _short(high),
+    }
+
+
+def visits(config: EnvConfig, groups: Sequence[Group]) -> list[list[float]]:
+    """Return how often the rover stands on each cell in a mean episode, [rows][cols]; the start counts."""
+    total = np.zeros((config.rows, config.cols))
+    for group in groups:
+        for each in group:
+            cells = np.array(each.path)
+            inside = ((cells >= 0) & (cells < total.shape)).all(axis=1)  # a last move may lead off the grid
+            np.add.at(total, tuple(cells[inside].T), 1 / len(group))
+    return [_short(row, 3) for row in total / len(groups)]
+
+
+def trials(groups: Sequence[Group], most: int = 60) -> list[dict[str, Any]]:
+    """Return per trial (each person's first, second, ... episode) how many made it, and their mean score and steps."""
+    found = []
+    for number in range(min(most, max(map(len, groups)))):
+        there = [group[number] for group in groups if len(group) > number]
+        score, steps = mean_interval([each.score for each in there]), mean_interval([float(each.steps) for each in there])
+        found.append({"trial": number + 1, "players": len(there), "score": score, "steps": steps})
+    return found
+
+
+def _held(discoveries: Sequence[int], steps: NDArray[np.int64]) -> Floats:
+    """Return the discovered cells at `steps`, the last ones after the end."""
+    known = np.array(discoveries, np.float64)
+    return known[np.minimum(steps, len(known) - 1)]
+
+
+def _band(means: Floats) -> tuple[Floats | None, Floats | None]:
+    """Return low and high of the t interval of the mean over the first axis; None for fewer than two groups."""
+    count = len(means)
+    if count < 2:
+        return None, None
+    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * means.std(axis=0, ddof=1) / np.sqrt(count)
+    return means.mean(axis=0) - half, means.mean(axis=0) + half
+
+
+def _short(values: Floats, digits: int = 4) -> list[float]:
+    return [round(float(value), digits) for value in values]

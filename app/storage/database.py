@@ -1,0 +1,197 @@
+"""The database file: recognised or refused before a byte is written, opened, and brought to the newest schema.
+
+Ours carries APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the file
+turns to WAL, so that it stands in the file itself even when the server is killed a moment later.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from sqlite_utils import Database
+
+from app.storage.migrations import MIGRATIONS, Migration
+
+APPLICATION_ID = 0x4D415253
+"""`MARS` in ASCII, at byte 68 of the file."""
+
+BUSY_MS = 5_000
+_in_use: Counter[tuple[int, int]] = Counter()
+"""The files this process has open, by device and inode: see `recognise`."""
+
+
+class StoreError(Exception):
+    """The database cannot be used as asked; the message says what was expected, what came, and the way out."""
+
+
+@contextmanager
+def transaction(conn: sqlite3.Connection) -> Iterator[None]:
+    """Return a block that is committed as a whole or, on any exception, not at all."""
+    conn.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        conn.execute("COMMIT")
+    except BaseException:
+        if conn.in_transaction:
+            conn.execute("ROLLBACK")
+        raise
+
+
+def migrate(conn: sqlite3.Connection, path: Path, migrations: Sequence[Migration] = MIGRATIONS) -> None:
+    """Return with the newest schema in place; each step and its number are one transaction."""
+    _check_version(conn, path, len(migrations))
+    for number in range(_version(conn) + 1, len(migrations) + 1):
+        with transaction(conn):
+            if _version(conn) < number:
+                migrations[number - 1](conn)
+                conn.execute(f"PRAGMA user_version = {number}")
+
+
+def _version(conn: sqlite3.Connection) -> int:
+    return int(conn.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _check_version(conn: sqlite3.Connection, path: Path, known: int) -> None:
+    if (found := _version(conn)) > known:
+        raise StoreError(
+            f"{path} has schema {found}, this version knows up to {known}: "
+            "update MarsExplorer Playground or give another --database"
+        )
+
+
+def recognise(path: Path) -> None:
+    """Return when the file is absent, empty or ours; StoreError otherwise.
+
+    Reads the header itself: SQLite might write beside it. A file in use here was recognised before and is let be, because
+    closing any handle on it would drop SQLite's locks, and another program could take the log away.
+    """
+    try:
+        if path.is_dir():
+            raise StoreError(f"the database must be a file, {path} is a folder: give a file's path with --database")
+        if not path.exists() or _in_use[_identity(path)] > 0:
+            return
+        with path.open("rb") as file:
+            header = file.read(100)
+    except OSError as error:
+        raise StoreError(f"cannot read the database {path}: {error.strerror}") from error
+    if header and not header.startswith(b"SQLite format 3\0"):
+        raise StoreError(f"{path} is not a database: nothing was written; give another --database")
+    if header and int.from_bytes(header[68:72], "big") != APPLICATION_ID:
+        raise StoreError(
+            f"{path} is a database of another program: nothing was written; "
+            "give another --database (a new path makes a new one)"
+        )
+    page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
+    if path.stat().st_size < (65536 if page == 1 else page):  # SQLite takes less than a page for an empty file
+        raise StoreError(f"the database {path} is damaged (cut short): restore it from a backup or give another --database")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    stat = path.stat()
+    return stat.st_dev, stat.st_ino
+
+
+def hold(path: Path) -> Callable[[], None]:
+    """Return what to call when a connection to the file is closed; until then the file counts as in use here."""
+    held = [_identity(path)]
+    _in_use.update(held)
+
+    def release() -> None:
+        _in_use.subtract(held)
+        held.clear()
+
+    return release
+
+
+def check_writable(path: Path) -> None:
+    """Return when the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
+    recognise(path)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise StoreError(f"the database {path} is read-only: make it writable or give another --database")
+
+
+def take_lock(path: Path) -> IO[bytes]:
+    """Return the open lock file beside the database; StoreError while another server holds it.
+
+    A lock of the system's: it is gone when the process is, however it ends. It lies beside the database because closing
+    a second handle on the database itself would drop SQLite's own locks.
+    """
+    lock_path = path.with_name(path.name + "-lock")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = lock_path.open("ab")
+    except OSError as error:
+        raise StoreError(f"cannot write the database {path}: {error.strerror}; give another --database") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        lock.close()
+        raise StoreError(f"{path} is in use by another server: stop it or give another --database") from error
+    return lock
+
+
+def open_database(path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS) -> Database:
+    """Return the database for writing, recognised, migrated and in WAL mode; made when absent."""
+    check_writable(path)
+    try:
+        conn = sqlite3.connect(path, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False)
+    except sqlite3.Error as error:
+        raise StoreError(f"cannot open the database {path}: {error}") from error
+    try:
+        if path.stat().st_size == 0:
+            conn.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        _check_version(conn, path, len(migrations))
+        conn.execute("PRAGMA journal_mode = WAL")
+        conn.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
+        conn.execute("PRAGMA foreign_keys = ON")
+        migrate(conn, path, migrations)
+        with transaction(conn):
+            conn.execute("SELECT count(*) FROM meta")
+        return Database(conn)
+    except BaseException as error:
+        conn.close()
+        if isinstance(error, sqlite3.Error):
+            raise StoreError(_explain(path, error)) from error
+        raise
+
+
+def open_read_only(path: Path) -> Database:
+    """Return the database for reading, beside a running server or not; StoreError when it is not one of ours."""
+    if not path.exists():
+        raise StoreError(f"no database at {path}: play first, or give the path with --database")
+    recognise(path)
+    still = "" if path.with_name(path.name + "-wal").exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
+    uri = path.resolve().as_uri() + "?mode=ro" + still
+    try:
+        conn = sqlite3.connect(uri, uri=True, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False)
+    except sqlite3.Error as error:
+        raise StoreError(_explain(path, error)) from error
+    try:
+        _check_version(conn, path, len(MIGRATIONS))
+        if (found := _version(conn)) < len(MIGRATIONS):
+            raise StoreError(f"{path} has schema {found}, needed is {len(MIGRATIONS)}: `marsexplorer serve` on it brings it up")
+        return Database(conn)
+    except BaseException as error:
+        conn.close()
+        if isinstance(error, sqlite3.Error):
+            raise StoreError(_explain(path, error)) from error
+        raise
+
+
+def _explain(path: Path, error: sqlite3.Error) -> str:
+    """Return one sentence for a failure of SQLite's on opening."""
+    text = str(error)
+    if "readonly" in text:
+        return f"the database {path} is read-only: make it writable or give another --database"
+    if "malformed" in text or "not a database" in text or "no such table" in text:
+        return f"the database {path} is damaged ({text}): restore it from a backup or give another --database"
+    if "locked" in text:
+        return f"{path} is in use by another program: stop it or give another --database"
+    return f"cannot open the database {path}: {text}"

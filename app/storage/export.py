@@ -1,0 +1,172 @@
+"""Finished episodes as CSV or JSON Lines, one row an episode or one row a step, each episode replayed on its way out.
+
+Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
+marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import hmac
+import io
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from app.storage.reader import Reader, Who, config_of
+from app.storage.resimulation import simulate
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Episode
+from marsexplorer.score import steps_to_target
+
+Table = Literal["episodes", "steps"]
+Format = Literal["csv", "jsonl"]
+
+EPISODE_COLUMNS = (
+    "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
+    "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
+    "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
+    "return", "score", "steps_to_target", "actions", "trajectory_hash", "verified",
+)  # fmt: skip
+STEP_COLUMNS = (
+    "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
+    "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver", "verified",
+)  # fmt: skip
+COLUMNS: dict[Table, tuple[str, ...]] = {"episodes": EPISODE_COLUMNS, "steps": STEP_COLUMNS}
+
+
+def new_key() -> bytes:
+    """Return the key of one export's pseudonyms; give the same one to both tables so that they agree."""
+    return secrets.token_bytes(32)
+
+
+def rows(
+    source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None, public: bool = False
+) -> Iterator[bytes]:
+    """Return the table in pieces, the header first, one piece an episode.
+
+    source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
+    who      "all", or "human" for the episodes that count for the human score
+    public   True leaves out the episodes of studies that are not closed
+    """
+    columns = _checked(table, fmt, who)
+    reader = Reader.open(source.path if isinstance(source, Reader) else source, public)
+    return _stream(reader, table, fmt, who, columns, key or new_key())
+
+
+def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Callable[[int, int], None]) -> str:
+    """Return a sentence on what was written: `episodes.FMT` and `steps.FMT` in the folder, both whole or neither.
+
+    advance  called with (episodes written, of how many), both tables counted
+    """
+    reader = Reader.open(database)
+    total = 2 * reader.count(who)
+    reader.close()
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{table}.{fmt}" for table in COLUMNS]
+    key, done, lines, unverified = new_key(), 0, [0, 0], 0
+    with whole_file(paths[0]) as episodes, whole_file(paths[1]) as steps:
+        for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
+            for piece in rows(database, table, fmt, who, key):
+                file.write(piece)
+                done += 1
+                lines[number] += piece.count(b"\n")
+                unverified += number == 0 and piece.endswith((b",false\n", b'"verified": false}\n'))
+                advance(min(done, total), total)
+    count, moves = (n - (fmt == "csv") for n in lines)
+    warning = f"; {unverified} of them did not replay as recorded: see the column verified" if unverified else ""
+    return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """Return a file that takes its name when the block has ended well, and leaves nothing otherwise."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            yield file
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:
+    for name, value, known in (
+        ("table", table, tuple(COLUMNS)),
+        ("format", fmt, ("csv", "jsonl")),
+        ("who", who, ("all", "human")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
+    return COLUMNS["episodes" if table == "episodes" else "steps"]
+
+
+def _stream(reader: Reader, table: Table, fmt: Format, who: Who, columns: tuple[str, ...], key: bytes) -> Iterator[bytes]:
+    try:
+        if fmt == "csv":
+            yield (",".join(columns) + "\n").encode()
+        with reader.snapshot():
+            for row in reader.finished(who):
+                found = _rows_of(row, reader.steps(row["id"]), table, key)
+                if found:
+                    yield _encoded(found, fmt)
+    finally:
+        reader.close()
+
+
+def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: Table, key: bytes) -> list[tuple[Any, ...]]:
+    episode, findings = simulate(row, steps)
+    verified = not findings
+    common = (row["id"], _pseudonym(row["owner_id"], key))
+    if table == "episodes":
+        return [(*common, *_episode_values(row, steps), verified)]
+    return [(*common, *_step_values(row, step, episode), verified) for step in steps]
+
+
+def _pseudonym(player_id: str | None, key: bytes) -> str | None:
+    return None if player_id is None else "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]
+
+
+def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Any, ...]:
+    config = config_of(row)
+    flags = (bool(row[name]) for name in ("assisted", "seed_chosen", "terrain_met_before", "counts"))
+    shape = (config.level, config.rows, config.cols, config.sensor_radius, config.beta, config.max_steps)
+    cause = (row["config_hash"], row["seed"], row["start_row"], row["start_col"], row["terrain"].hex())
+    times = (row["policy_seed"], row["core_version"], row["started_ms"], row["ended_ms"])
+    totals = (row["outcome"], row["steps"], row["discovered"], row["discovered"] / config.n, row["total"], row["score"])
+    to_target = steps_to_target(config, row["outcome"], row["steps"])
+    actions = " ".join(ACTIONS[step["action"]] for step in steps)
+    return (row["driver"], *flags, *shape, *cause, *times, *totals, to_target, actions, row["trajectory_hash"])
+
+
+def _step_values(row: dict[str, Any], step: dict[str, Any], episode: Episode | None) -> tuple[Any, ...]:
+    here = step["step"] + 1
+    position: Sequence[int | None] = episode.path[here] if episode else (None, None)
+    coverage = episode.discoveries[here] / episode.config.n if episode else None
+    seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
+    times = (step["client_ms"], step["key_down_ms"], step["key_up_ms"], step["input"], step["driver"])
+    return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
+
+
+def _encoded(values: list[tuple[Any, ...]], fmt: Format) -> bytes:
+    out = io.StringIO()
+    if fmt == "csv":
+        words = {True: "true", False: "false"}
+        plain = ([words[v] if isinstance(v, bool) else v for v in line] for line in values)
+        csv.writer(out, lineterminator="\n").writerows(plain)
+        return out.getvalue().encode()
+    names = EPISODE_COLUMNS if len(values[0]) == len(EPISODE_COLUMNS) else STEP_COLUMNS
+    for line in values:
+        out.write(json.dumps(dict(zip(names, line, strict=True)), ensure_ascii=False) + "\n")
+    return out.getvalue().encode()

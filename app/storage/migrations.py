@@ -1,0 +1,170 @@
+"""The tables, migration by migration: what leads an empty file, or an older one, to the newest schema."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+
+from app.storage import digests
+
+Migration = Callable[[sqlite3.Connection], None]
+
+
+def _tables(conn: sqlite3.Connection) -> None:
+    for statement in (
+        "CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT",
+        "CREATE TABLE players (id TEXT PRIMARY KEY, created_ms INTEGER NOT NULL) STRICT",
+        """CREATE TABLE sessions (
+            id TEXT PRIMARY KEY,
+            player_id TEXT REFERENCES players(id),
+            owner_id TEXT REFERENCES players(id), -- the player at whose screen it runs: a rival's is its player's
+            driver_name TEXT NOT NULL,
+            rival_of TEXT REFERENCES sessions(id),
+            pace_mode TEXT NOT NULL CHECK (pace_mode IN ('follow', 'timed', 'paused')),
+            moves_per_second REAL NOT NULL,
+            created_ms INTEGER NOT NULL) STRICT""",
+        """CREATE TABLE episodes (
+            id TEXT PRIMARY KEY,
+            session_id TEXT NOT NULL REFERENCES sessions(id),
+            number INTEGER NOT NULL,
+            level TEXT NOT NULL,
+            config TEXT NOT NULL,
+            config_hash TEXT NOT NULL,
+            seed INTEGER,
+            seed_chosen INTEGER NOT NULL CHECK (seed_chosen IN (0, 1)),
+            terrain BLOB NOT NULL,
+            terrain_hash TEXT NOT NULL,
+            terrain_met_before INTEGER NOT NULL CHECK (terrain_met_before IN (0, 1)),
+            start_row INTEGER NOT NULL,
+            start_col INTEGER NOT NULL,
+            policy_seed INTEGER NOT NULL,
+            core_version TEXT NOT NULL,
+            driver TEXT NOT NULL CHECK (driver IN ('human', 'script') OR driver LIKE 'policy:%'),
+            assisted INTEGER NOT NULL CHECK (assisted IN (0, 1)),
+            started_ms INTEGER NOT NULL,
+            ended_ms INTEGER,
+            outcome TEXT,
+            steps INTEGER,
+            discovered INTEGER,
+            total REAL,
+            score REAL,
+            trajectory_hash TEXT,
+            UNIQUE (session_id, number),
+            CHECK ((ended_ms IS NULL) = (outcome IS NULL)),
+            CHECK ((ended_ms IS NULL) = (trajectory_hash IS NULL))) STRICT""",
+        """CREATE TABLE steps (
+            episode_id TEXT NOT NULL REFERENCES episodes(id),
+            step INTEGER NOT NULL,
+            action INTEGER NOT NULL CHECK (action BETWEEN 0 AND 3),
+            reward REAL NOT NULL,
+            discovered INTEGER NOT NULL,
+            server_ms INTEGER NOT NULL,
+            client_ms REAL,
+            key_down_ms REAL,
+            key_up_ms REAL,
+            input TEXT CHECK (input IN ('key', 'touch')),
+            driver TEXT NOT NULL,
+            PRIMARY KEY (episode_id, step)) STRICT, WITHOUT ROWID""",
+    ):
+        conn.execute(statement)
+
+
+def _indexes(conn: sqlite3.Connection) -> None:
+    conn.execute("CREATE INDEX episodes_by_terrain ON episodes (terrain_hash)")
+    conn.execute("CREATE INDEX episodes_by_end ON episodes (ended_ms)")
+    conn.execute("CREATE INDEX sessions_by_rival ON sessions (rival_of) WHERE rival_of IS NOT NULL")
+
+
+def _studies(conn: sqlite3.Connection) -> None:
+    for statement in (
+        # written on the first join; closed_ms and secret when the study is closed
+        """CREATE TABLE studies (
+            name TEXT PRIMARY KEY,
+            protocol TEXT NOT NULL,
+            protocol_hash TEXT NOT NULL,
+            commitment TEXT NOT NULL,
+            frozen_ms INTEGER NOT NULL,
+            closed_ms INTEGER,
+            secret TEXT) STRICT""",
+        """CREATE TABLE participants (
+            id TEXT PRIMARY KEY,
+            study TEXT NOT NULL REFERENCES studies(name),
+            player_id TEXT NOT NULL REFERENCES players(id),
+            session_id TEXT REFERENCES sessions(id),
+            kind TEXT NOT NULL CHECK (kind IN ('human', 'script')),
+            script TEXT, -- of kind script: what plays
+            stage TEXT NOT NULL CHECK (stage IN ('consent', 'instructions', 'tutorial', 'questions', 'warm_up', 'ranked',
+                'debrief', 'complete', 'withdrawn')),
+            consent_version TEXT,
+            consent_ms INTEGER,
+            joined_ms INTEGER NOT NULL,
+            completed_ms INTEGER,
+            completion_code TEXT,
+            settings TEXT NOT NULL DEFAULT '{}',
+            UNIQUE (study, player_id)) STRICT""",
+        # who somebody is elsewhere: never exported, never joined by a reader that exports
+        """CREATE TABLE identities (
+            participant_id TEXT NOT NULL REFERENCES participants(id),
+            name TEXT NOT NULL,
+            value TEXT NOT NULL,
+            PRIMARY KEY (participant_id, name)) STRICT""",
+        """CREATE TABLE stage_events (
+            participant_id TEXT NOT NULL REFERENCES participants(id),
+            number INTEGER NOT NULL,
+            at_ms INTEGER NOT NULL,
+            kind TEXT NOT NULL,
+            detail TEXT NOT NULL DEFAULT '{}',
+            PRIMARY KEY (participant_id, number)) STRICT""",
+        # trial counts in the order played, terrain is the index of its seed
+        """CREATE TABLE study_episodes (
+            episode_id TEXT PRIMARY KEY REFERENCES episodes(id),
+            participant_id TEXT NOT NULL REFERENCES participants(id),
+            phase TEXT NOT NULL CHECK (phase IN ('tutorial', 'warm_up', 'ranked')),
+            trial INTEGER NOT NULL,
+            terrain INTEGER NOT NULL,
+            UNIQUE (participant_id, phase, trial)) STRICT""",
+        """CREATE TABLE input_events (
+            episode_id TEXT NOT NULL REFERENCES episodes(id),
+            number INTEGER NOT NULL,
+            kind TEXT NOT NULL,
+            code TEXT,
+            repeat INTEGER,
+            trusted INTEGER,
+            client_ms REAL NOT NULL,
+            step INTEGER,
+            round_trip_ms REAL,
+            server_ms INTEGER NOT NULL,
+            PRIMARY KEY (episode_id, number)) STRICT, WITHOUT ROWID""",
+        "CREATE TABLE forgotten (trajectory_hash TEXT PRIMARY KEY, forgotten_ms INTEGER NOT NULL) STRICT",
+        "CREATE INDEX participants_by_session ON participants (session_id)",
+        "CREATE INDEX participants_by_player ON participants (player_id)",
+        "CREATE INDEX identities_by_value ON identities (name, value)",
+    ):
+        conn.execute(statement)
+
+
+def _releases(conn: sqlite3.Connection) -> None:
+    for statement in (
+        # SHA-256 over stored rows: see app/storage/digests.py
+        """CREATE TABLE digests (
+            kind TEXT NOT NULL CHECK (kind IN ('episode', 'events', 'participant')),
+            id TEXT NOT NULL,
+            digest TEXT NOT NULL,
+            PRIMARY KEY (kind, id)) STRICT, WITHOUT ROWID""",
+        # what was published; outdated_ms is set when a participant in it was forgotten
+        """CREATE TABLE releases (
+            study TEXT NOT NULL REFERENCES studies(name),
+            version INTEGER NOT NULL,
+            manifest_hash TEXT NOT NULL,
+            released_ms INTEGER NOT NULL,
+            outdated_ms INTEGER,
+            PRIMARY KEY (study, version, manifest_hash)) STRICT""",
+        # hashes of the ids and times of people who were forgotten: imports and merges leave them out
+        "CREATE TABLE forgotten_people (id_hash TEXT PRIMARY KEY, forgotten_ms INTEGER NOT NULL) STRICT",
+    ):
+        conn.execute(statement)
+    digests.renew(conn)
+
+
+MIGRATIONS: tuple[Migration, ...] = (_tables, _indexes, _studies, _releases)
+"""Migration k (from 1) leads from schema k - 1 to schema k; one that has been released never changes."""

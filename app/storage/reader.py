@@ -1,0 +1,159 @@
+"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted ones.
+
+Works on the server's own connection or on a read-only one beside it; writes nothing. No answer holds a player's or a
+session's id: whoever knows a session's id can drive it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+from sqlite_utils import Database
+
+from app.storage.database import StoreError, hold, open_read_only
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import Record
+from marsexplorer.score import steps_to_target
+
+Who = Literal["all", "human"]
+
+COUNTED = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
+    AND e.steps > 0 AND s.owner_id IS NOT NULL
+    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
+"""What counts for the human score. An episode without a move was driven by nobody: a script's cannot slip in. A study's
+episodes make a figure of their own."""
+
+_NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
+    JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
+
+# A rival that ended first would tell the terrain its player is still on.
+FINISHED = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
+    AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
+
+_SELECT = f"""SELECT e.*, s.owner_id, {COUNTED} AS counts FROM episodes e JOIN sessions s ON s.id = e.session_id
+    WHERE {FINISHED}"""
+_FILTER = {"all": "", "human": f" AND {COUNTED}"}
+
+
+class Reader:
+    """Queries over finished episodes; a public one sees nothing of a study before it is closed."""
+
+    def __init__(self, db: Database, path: Path, public: bool = False) -> None:
+        self._db = db
+        self.path = path
+        self._select = _SELECT + (_NOT_SECRET if public else "")
+        self._release = hold(path)
+
+    @classmethod
+    def open(cls, path: Path | str, public: bool = False) -> Reader:
+        """Return a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
+        return cls(open_read_only(Path(path)), Path(path), public)
+
+    def close(self) -> None:
+        """Return with the connection closed."""
+        self._db.close()
+        self._release()
+
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Return a block that sees the database as it stands at the first query, whatever a server writes meanwhile."""
+        self._db.conn.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._db.conn.execute("ROLLBACK")
+
+    def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
+        """Return the rows of a SELECT of the caller's own; `given` fills its question marks."""
+        return list(self._db.query(sql, list(given)))
+
+    def count(self, who: Who = "all") -> int:
+        """Return the number of finished episodes."""
+        return next(iter(self._db.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")))["n"]  # type: ignore[no-any-return]
+
+    def totals(self, who: Who = "all") -> list[dict[str, Any]]:
+        """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
+        sql = f"SELECT owner_id, config, outcome, steps, score FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
+        return list(self._db.query(sql))
+
+    def finished(self, who: Who = "all") -> Iterator[dict[str, Any]]:
+        """Return finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
+        return self._db.query(f"{self._select}{_FILTER[who]} ORDER BY e.started_ms, e.id")
+
+    def steps(self, episode_id: str) -> list[dict[str, Any]]:
+        """Return an episode's step rows in order."""
+        return list(self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id]))
+
+    def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
+        """Return finished episodes, newest first, with seed, totals and the actions in words."""
+        sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
+        return [_described(row, self.steps(row["id"])) for row in list(self._db.query(sql, [limit, offset]))]
+
+    def episode(self, episode_id: str) -> dict[str, Any] | None:
+        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
+        for row in list(self._db.query(f"{self._select} AND e.id = ?", [episode_id])):
+            steps = self.steps(episode_id)
+            moves = [_move(step) for step in steps]
+            return {**_described(row, steps), "moves": moves}
+        return None
+
+    def load_record(self, episode_id: str) -> Record:
+        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
+        for row in list(self._db.query("SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id])):
+            return record_of(row, self.steps(episode_id))
+        raise StoreError(f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them")
+
+
+def config_of(row: dict[str, Any]) -> EnvConfig:
+    """Return the configuration an episode row was played on."""
+    return EnvConfig(**json.loads(row["config"]))
+
+
+def record_of(row: dict[str, Any], steps: list[dict[str, Any]]) -> Record:
+    """Return the Record an episode row and its step rows make."""
+    return Record(
+        config=config_of(row),
+        seed=row["seed"],
+        terrain=row["terrain"],
+        start=(row["start_row"], row["start_col"]),
+        actions=bytes(step["action"] for step in steps),
+        outcome=row["outcome"],
+        total=row["total"],
+        steps=row["steps"],
+        discovered=row["discovered"],
+        trajectory_hash=row["trajectory_hash"],
+        core_version=row["core_version"],
+    )
+
+
+def _move(step: dict[str, Any]) -> dict[str, Any]:
+    names = ("step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver")
+    return {"action": ACTIONS[step["action"]], **{name: step[name] for name in names}}
+
+
+def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return an episode for the API."""
+    config = config_of(row)
+    flags = ("assisted", "seed_chosen", "terrain_met_before", "counts")
+    plain = ("config_hash", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "score")
+    return {
+        "episode": row["id"],
+        "level": config.level,
+        "rows": config.rows,
+        "cols": config.cols,
+        "config": config.to_dict(),
+        "seed": row["seed"],
+        "start": [row["start_row"], row["start_col"]],
+        "driver": row["driver"],
+        **{name: bool(row[name]) for name in flags},
+        **{name: row[name] for name in plain},
+        "coverage": row["discovered"] / config.n,
+        "return": row["total"],
+        "steps_to_target": steps_to_target(config, row["outcome"], row["steps"]),
+        "trajectory_hash": row["trajectory_hash"],
+        "actions": [ACTIONS[step["action"]] for step in steps],
+    }

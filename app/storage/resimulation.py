@@ -1,0 +1,130 @@
+"""One finished episode against what its cause gives: every difference by name."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from app.storage.reader import config_of, record_of
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.episode import Episode, replay
+from marsexplorer.terrain import generate
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is not as it should be.
+
+    where   "episode ID", "participant ID", "study NAME", "file PATH"
+    what    the field, or a few words
+    stored  what is kept
+    found   what it should be
+    """
+
+    where: str
+    what: str
+    stored: Any
+    found: Any
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what} is {_short(self.stored)}, found {_short(self.found)}"
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def differences(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> list[Finding]:
+    """Return what differs between a finished episode's rows and its simulation; nothing when all is well."""
+    return simulate(row, steps)[1]
+
+
+def simulate(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> tuple[Episode | None, list[Finding]]:
+    """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
+
+    row, steps  as `Reader.finished` and `Reader.steps` give them
+    """
+    found: list[Found] = []
+    episode = _simulated(row, list(steps), found)
+    return episode, [Finding(f"episode {row['id']}", *each) for each in found]
+
+
+Found = tuple[str, Any, Any]
+
+
+def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]) -> Episode | None:
+    try:
+        config = config_of(row)
+    except (ValueError, TypeError) as error:
+        found.append(("config", row["config"], f"no configuration: {error}"))
+        return None
+    found += _of_config(row, config)
+    if row["core_version"] != CORE_VERSION:
+        elsewhere = f"{CORE_VERSION} here: only the release that made it can simulate it"
+        found.append(("core_version", row["core_version"], elsewhere))
+        return None
+    numbers = [step["step"] for step in steps]
+    if numbers != list(range(len(steps))):
+        found.append(("steps", numbers, "0, 1, 2, ... without a gap"))
+    try:
+        record = record_of(row, steps)
+        found += _of_seed(row, config)
+        episode = replay(record)
+    except (ValueError, TypeError, RuntimeError) as error:
+        found.append(("cause", "something that cannot be played", str(error)))
+        return None
+    found += _of_totals(row, episode)
+    found += _of_steps(steps, episode)
+    if row["driver"] == "human" and any(step["driver"] != "human" for step in steps):
+        found.append(("driver", "human", "script: a move of its did not come from a hand"))
+    return episode
+
+
+def _of_config(row: dict[str, Any], config: EnvConfig) -> Iterator[Found]:
+    shape = f"{config.rows}x{config.cols}:".encode()
+    expected = {
+        "config_hash": config.hash,
+        "level": config.level,
+        "terrain_hash": hashlib.sha256(shape + row["terrain"]).hexdigest(),
+    }
+    for name, value in expected.items():
+        if row[name] != value:
+            yield name, row[name], value
+
+
+def _of_seed(row: dict[str, Any], config: EnvConfig) -> Iterator[Found]:
+    if row["seed"] is None:
+        return
+    terrain = drawn(config, row["seed"])
+    if row["terrain"] != terrain:
+        yield "terrain", row["terrain"].hex(), f"{terrain.hex()} from seed {row['seed']}"
+    if (row["start_row"], row["start_col"]) != (0, 0):
+        yield "start", (row["start_row"], row["start_col"]), (0, 0)
+
+
+@lru_cache(maxsize=1024)
+def drawn(config: EnvConfig, seed: int) -> bytes:
+    """Return the packed terrain of a seed."""
+    return np.packbits(generate(config, seed)).tobytes()
+
+
+def _of_totals(row: dict[str, Any], episode: Episode) -> Iterator[Found]:
+    made = episode.record()
+    expected = {name: getattr(made, name) for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")}
+    for name, value in {**expected, "score": episode.score}.items():
+        if row[name] != value:
+            yield name, row[name], value
+
+
+def _of_steps(steps: list[dict[str, Any]], episode: Episode) -> Iterator[Found]:
+    for number, (step, reward) in enumerate(zip(steps, episode.rewards, strict=True)):
+        if step["reward"] != reward:
+            yield f"reward of step {number}", step["reward"], reward
+        if step["discovered"] != episode.discoveries[number + 1]:
+            yield f"discovered of step {number}", step["discovered"], episode.discoveries[number + 1]

@@ -1,0 +1,274 @@
+"""The record of everything played: one row a step, committed when the call returns.
+
+Every write is one IMMEDIATE transaction on one connection, called on the event loop's thread; a step costs about 50
+microseconds. `app.storage.database` opens the file, `app.storage.reader` reads what is finished; the SQL that writes is here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from app.storage import digests
+from app.storage.database import StoreError, check_writable, open_database, take_lock, transaction
+from app.storage.reader import Reader, config_of
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.episode import Record
+from marsexplorer.score import score
+
+__all__ = ["Closing", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
+
+PaceMode = Literal["follow", "timed", "paused"]
+DAY_MS = 86_400_000
+
+
+@dataclass(frozen=True)
+class SessionRow:
+    """A board and who drives it: `driver_name` is "human" or a policy's name."""
+
+    id: str
+    player_id: str | None
+    driver_name: str
+    rival_of: str | None
+    pace_mode: PaceMode
+    moves_per_second: float
+    created_ms: int
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """What fixes an episode before its first move; `driver` is "human", "script" or "policy:NAME"."""
+
+    id: str
+    session_id: str
+    number: int
+    config: EnvConfig
+    seed: int | None
+    seed_chosen: bool
+    terrain: bytes
+    start: tuple[int, int]
+    policy_seed: int
+    driver: str
+    assisted: bool
+    started_ms: int
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """One move; `step` counts from 0, times are milliseconds."""
+
+    episode_id: str
+    step: int
+    action: int
+    reward: float
+    discovered: int
+    server_ms: int
+    client_ms: float | None
+    key_down_ms: float | None
+    key_up_ms: float | None
+    input: Literal["key", "touch"] | None
+    driver: str
+
+
+@dataclass(frozen=True)
+class Resumable:
+    """A session's latest episode as a restarted server finds it."""
+
+    session: SessionRow
+    episode: EpisodeRow
+    actions: bytes
+    ended: bool
+
+
+Closing = tuple[str, Record, int]
+"""(episode id, its record, when in ms)."""
+
+_ADD_SESSION = """INSERT INTO sessions VALUES
+    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7)"""
+# The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing.
+_ADD_STEP = """INSERT INTO steps SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
+    WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
+    AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL)"""
+_CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
+    trajectory_hash = ?8, core_version = ?9 WHERE id = ?1 AND ended_ms IS NULL
+    AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
+_MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
+    AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
+_LATEST = """SELECT e.*, (e.ended_ms IS NOT NULL) AS ended FROM sessions s
+    JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
+    WHERE (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
+
+
+class Store(Reader):
+    """The one writer of a database; `path` is its file."""
+
+    def __init__(self, path: Path | str, durable: bool = False) -> None:
+        path = Path(path)
+        check_writable(path)
+        self._lock = take_lock(path)
+        try:
+            super().__init__(open_database(path, durable), path)
+        except BaseException:
+            self._lock.close()
+            raise
+        self._conn: sqlite3.Connection = self._db.conn
+
+    def close(self) -> None:
+        """Return with everything on disk and the file free for another server."""
+        super().close()
+        self._lock.close()
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The one connection that writes: for SQL of a study's, inside `transaction`."""
+        return self._conn
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Return a block that is committed as a whole or not at all (StoreError); inside another it is a part of that."""
+        if self._conn.in_transaction:
+            yield
+            return
+        try:
+            with transaction(self._conn):
+                yield
+        except sqlite3.Error as error:
+            raise StoreError(f"the database {self.path} did not take the write, nothing changed: {error}") from error
+
+    def secret(self) -> str:
+        """Return the key that signs cookies: made once, kept in the database."""
+        with self.transaction():
+            self._conn.execute("INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)])
+        return str(self._conn.execute("SELECT value FROM meta WHERE name = 'secret'").fetchone()[0])
+
+    def add_player(self, player_id: str, at_ms: int) -> None:
+        """Return with the player known; a second time changes nothing."""
+        with self.transaction():
+            self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
+
+    def add_session(self, row: SessionRow) -> None:
+        """Return with the session kept; a rival's belongs to its player's player."""
+        with self.transaction():
+            self._conn.execute(
+                _ADD_SESSION,
+                (
+                    row.id,
+                    row.player_id,
+                    row.driver_name,
+                    row.rival_of,
+                    row.pace_mode,
+                    row.moves_per_second,
+                    row.created_ms,
+                ),
+            )
+
+    def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
+        """Return with the pace kept for the next start."""
+        with self.transaction():
+            self._conn.execute(
+                "UPDATE sessions SET pace_mode = ?, moves_per_second = ? WHERE id = ?",
+                (mode, moves_per_second, session_id),
+            )
+
+    def open_episode(self, row: EpisodeRow) -> None:
+        """Return with the episode open, and noted whether its player had met the terrain before."""
+        self.next_episode((), (row,))
+
+    def next_episode(self, closing: Sequence[Closing], rows: Sequence[EpisodeRow]) -> None:
+        """Return with the given episodes closed and the next ones open: all of it or nothing."""
+        with self.transaction():
+            for episode_id, record, at_ms in closing:
+                self._close(episode_id, record, at_ms)
+            met = [self._has_met(row) for row in rows]
+            for row, met_before in zip(rows, met, strict=True):
+                self._open(row, met_before)
+
+    def add_step(self, row: StepRow, closing: Record | None = None) -> None:
+        """Return when the step is committed, with its episode closed when `closing` is its record.
+
+        A step from elsewhere than a person's hand makes a human episode a script's for ever.
+        """
+        values = (
+            row.episode_id, row.step, row.action, row.reward, row.discovered, row.server_ms,
+            row.client_ms, row.key_down_ms, row.key_up_ms, row.input, row.driver,
+        )  # fmt: skip
+        with self.transaction():
+            if self._conn.execute(_ADD_STEP, values).rowcount != 1:
+                raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
+            if row.driver != "human":
+                self._conn.execute("UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,))
+            if closing is not None:
+                self._close(row.episode_id, closing, row.server_ms)
+
+    def close_episode(self, episode_id: str, record: Record, at_ms: int) -> None:
+        """Return with the episode closed under its record's outcome (abandoned)."""
+        self.next_episode(((episode_id, record, at_ms),), ())
+
+    def sessions_to_resume(self, now_ms: int | None = None) -> list[Resumable]:
+        """Return each session's latest episode when it is open, or when the session was alive within a day."""
+        return [self._resumable(row) for row in self._latest("", {}, now_ms)]
+
+    def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
+        """Return what `sessions_to_resume` holds for one id, a participant's at any age; None when it holds nothing."""
+        seated = self._conn.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
+        values = {"id": session_id, "participants": seated and seated[0]}
+        found = self._latest(" AND s.id = :id", values, now_ms)
+        return self._resumable(found[0]) if found else None
+
+    def _latest(self, extra: str, values: dict[str, Any], now_ms: int | None) -> list[dict[str, Any]]:
+        now = int(time.time() * 1000) if now_ms is None else now_ms
+        return list(self._db.query(_LATEST + extra, {"participants": None, **values, "since": now - DAY_MS}))
+
+    def _resumable(self, row: dict[str, Any]) -> Resumable:
+        session = dict(self._db.table("sessions").get(row["session_id"]))
+        del session["owner_id"]
+        kept = ("id", "session_id", "number", "seed", "terrain", "policy_seed", "driver", "started_ms")
+        episode = EpisodeRow(
+            config=config_of(row),
+            start=(row["start_row"], row["start_col"]),
+            seed_chosen=bool(row["seed_chosen"]),
+            assisted=bool(row["assisted"]),
+            **{name: row[name] for name in kept},
+        )
+        actions = bytes(step["action"] for step in self.steps(row["id"]))
+        return Resumable(SessionRow(**session), episode, actions, bool(row["ended"]))
+
+    def _has_met(self, row: EpisodeRow) -> bool:
+        return bool(self._conn.execute(_MET, (terrain_hash(row), row.session_id)).fetchone()[0])
+
+    def _open(self, row: EpisodeRow, met_before: bool) -> None:
+        config = json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":"))
+        self._db.table("episodes").insert(
+            {
+                **{name: getattr(row, name) for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")},
+                **{name: getattr(row, name) for name in ("driver", "started_ms", "seed_chosen", "assisted")},
+                "level": row.config.level,
+                "config": config,
+                "config_hash": row.config.hash,
+                "terrain_hash": terrain_hash(row),
+                "terrain_met_before": met_before,
+                "start_row": row.start[0],
+                "start_col": row.start[1],
+                "core_version": CORE_VERSION,
+            }
+        )
+
+    def _close(self, episode_id: str, record: Record, at_ms: int) -> None:
+        totals = (record.outcome, record.steps, record.discovered, record.total, score(record.config, record.total))
+        values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version)
+        if self._conn.execute(_CLOSE, values).rowcount != 1:
+            raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
+        digests.seal(self._conn, "episode", episode_id)
+
+
+def terrain_hash(row: EpisodeRow) -> str:
+    """Return SHA-256 (hex) of the shape and the packed bits: the same for two seeds that draw the same terrain."""
+    return hashlib.sha256(f"{row.config.rows}x{row.config.cols}:".encode() + row.terrain).hexdigest()

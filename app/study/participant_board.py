@@ -1,0 +1,65 @@
+"""A participant's seat at a board: what a study asks of every move on it (see `app.play.session.Seat`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from app.play.lobby import Sources
+from app.play.messages import Events
+from app.play.session import NotNow, Refused
+from app.study.folder import Folder, Study, StudyError
+from app.study.records import Participant, Records
+
+CLOSED = "the study {!r} is closed: nobody can take part or go on any more"
+
+
+class ParticipantSeat:
+    """The seat of one participant; the study is looked up at every move, so that closing it shows at once."""
+
+    def __init__(self, participant: Participant, folder: Folder, records: Records, sources: Sources) -> None:
+        self._participant, self._folder, self._records = participant, folder, records
+        self._clock, self._code = sources.clock_ms, sources.completion_code
+        self.driver = participant.kind
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether the episode is ranked and the participant has not come to the debrief."""
+        return self._records.hides_scores(episode_id)
+
+    def check(self) -> None:
+        """Return while the study is open; Refused otherwise."""
+        if not self._study().is_open:
+            raise Refused(CLOSED.format(self._participant.study))
+
+    def note_script(self, episode_id: str) -> None:
+        """Note the deviation: a script moved where a person was at the controls."""
+        detail = {"what": "a step that was not a person's", "episode": episode_id}
+        self._records.note(self._participant.id, self._clock(), "deviation", detail)
+
+    def note_end(self) -> None:
+        """Move the participant on when the episode that has ended was the last of its stage."""
+        settle(self._records, self._records.get(self._participant.id), self._study(), self._clock(), self._code)
+
+    def take(self, events: Events) -> None:
+        """Keep input events of one of the participant's episodes, each once; Refused for any other."""
+        self.check()
+        if not self._records.owns(self._participant.id, events.episode):
+            raise Refused(f"episode {events.episode!r} is none of this participant's: no input events were kept")
+        if not self._records.add_input(events, self._clock()):
+            raise Refused("this episode has more input events than are kept; the rest is dropped")
+
+    def _study(self) -> Study:
+        try:
+            return self._folder.study(self._participant.study)
+        except StudyError as error:
+            raise NotNow(f"the study {self._participant.study!r} cannot go on now; tell whoever invited you") from error
+
+
+def settle(records: Records, participant: Participant, study: Study, now: int, code: Callable[[], str]) -> None:
+    """Move a participant on whose last episode of the stage has ended: warm-up to ranked, ranked to debrief."""
+    ended = [trial.phase for trial in records.trials(participant.id) if trial.ended_ms is not None]
+    protocol = study.protocol
+    if participant.stage == "warm_up" and ended.count("warm_up") >= protocol.warm_up:
+        records.advance(participant.id, now, "ranked")
+    elif participant.stage == "ranked" and ended.count("ranked") >= protocol.ranked:
+        given = protocol.completion_code or code()
+        records.advance(participant.id, now, "debrief", completed_ms=now, completion_code=given)

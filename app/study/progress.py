@@ -1,0 +1,275 @@
+"""A participant's way through a study: consent, instructions, tutorial, questions, warm-up, ranked, debrief, completion code.
+
+Everything is in the database before it is answered, so a reload, another tab or a killed server goes on exactly there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+from weakref import WeakValueDictionary
+
+from app.play.lobby import Lobby
+from app.play.session import Session
+from app.storage.store import EpisodeRow
+from app.study.folder import Folder, Study
+from app.study.participant_board import CLOSED, ParticipantSeat
+from app.study.protocol import DraftStudy, StudyError, UnknownStudy
+from app.study.records import Participant, Phase, Records, Stage, Trial
+from app.study.seeds import TUTORIAL_SEED, order
+from marsexplorer.config import CORE_VERSION
+
+_log = logging.getLogger(__name__)
+_WARM_UP: Stage = "warm_up"
+_AFTER: dict[str, Stage] = {"instructions": "tutorial", "tutorial": "questions", "debrief": "complete"}
+
+
+class NotNow(Exception):  # noqa: N818 - says what it is
+    """What was asked for does not fit where the participant or the study stands; nothing has changed."""
+
+
+class NotJoined(LookupError):  # noqa: N818 - says what it is
+    """Nobody with this cookie takes part."""
+
+
+class Flow:
+    """The way of every participant of one server's studies."""
+
+    def __init__(self, lobby: Lobby, folder: Folder) -> None:
+        self.lobby, self.folder, self.records = lobby, folder, Records(lobby.store)
+        self._sources = lobby.sources
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        lobby.seat_of = self.seat_of
+        self.note_closed()
+
+    def note_closed(self) -> None:
+        """Return with every study that was closed noted as such in the database."""
+        for name in self.records.open_names():
+            try:
+                self.records.note_closed(self.folder.study(name))
+            except StudyError as error:
+                _log.warning("%s", error)
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study as the public may know of it; UnknownStudy, DraftStudy, or NotNow when it was tampered with."""
+        try:
+            study = self.folder.study(name)
+        except (UnknownStudy, DraftStudy):
+            raise
+        except StudyError as error:
+            _log.warning("%s", error)
+            raise NotNow(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
+        if not study.is_open:
+            self.records.note_closed(study)
+        return study
+
+    def open_study(self, name: str) -> Study:
+        """Return a study that people may take part in; NotNow when it is closed or made for other rules."""
+        study = self.study(name)
+        if not study.is_open or self.records.was_closed(name):
+            raise NotNow(CLOSED.format(name))
+        if study.protocol.core_version != CORE_VERSION:
+            _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
+            raise NotNow(f"the study {name!r} cannot be played on this server now; tell whoever invited you")
+        return study
+
+    def seat_of(self, session_id: str) -> ParticipantSeat | None:
+        """Return the seat at a session; None when it is no participant's board."""
+        participant = self.records.seated_at(session_id)
+        return None if participant is None else self._seat(participant)
+
+    def participant(self, name: str, player_id: str | None) -> Participant:
+        """Return who asks; NotJoined before joining."""
+        found = None if player_id is None else self.records.participant(name, player_id)
+        if found is None:
+            raise NotJoined(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
+        return found
+
+    def join(self, name: str, player_id: str, outside_ids: Mapping[str, str], script: str | None) -> tuple[Participant, bool]:
+        """Return the participant, and whether it is a new one; joining again resumes."""
+        study = self.open_study(name)
+        names = study.protocol.outside_ids
+        kept = {each: outside_ids[each] for each in names if each in outside_ids}
+        found = self.records.participant(name, player_id)
+        self._check_person(study, player_id, kept, found)
+        if found is not None:
+            if script is not None and found.script != script:
+                who = "a person" if found.script is None else f"the script {found.script!r}"
+                raise NotNow(f"this browser takes part as {who} already; a script needs a cookie of its own")
+            return found, False
+        try:
+            self.records.note_study(study)
+        except StudyError as error:
+            _log.warning("%s", error)
+            raise NotNow(f"the study {name!r} cannot be played on this server now; tell whoever invited you") from error
+        new = Participant(
+            id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
+            kind="human" if script is None else "script", script=script, stage="consent",
+            consent_version=None, consent_ms=None, joined_ms=self._now(), completed_ms=None, completion_code=None,
+            settings="{}",
+        )  # fmt: skip
+        self.records.join(new, kept)
+        return new, True
+
+    def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
+        """Note the answer to the consent text: on to the instructions, or withdrawn."""
+        study, participant = self._at(name, player_id, "consent")
+        if version != study.protocol.consent.version:
+            raise NotNow(f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page")
+        if not agree:
+            self.records.leave(participant, self._now())
+            return
+        now = self._now()
+        self.records.advance(participant.id, now, "instructions", consent_version=version, consent_ms=now)
+
+    def advance(self, name: str, player_id: str | None, stage: str) -> None:
+        """Go on from instructions, tutorial or debrief."""
+        if stage == "debrief":
+            participant = self.participant(name, player_id)
+        else:
+            _, participant = self._at(name, player_id)
+        if participant.stage != stage:
+            raise NotNow(f"you are at {_said(participant.stage)}, not at {_said(stage)}; nothing has changed")
+        if stage == "tutorial" and not any(trial.ended_ms for trial in self.records.trials(participant.id)):
+            raise NotNow("play the tutorial to its end first, or give it up")
+        self.records.advance(participant.id, self._now(), _AFTER[stage])
+
+    def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
+        """Return which answers were right; all of them: on to the warm-up."""
+        study, participant = self._at(name, player_id, "questions")
+        questions = study.protocol.questions
+        if len(answers) != len(questions):
+            raise ValueError(f"answers must hold one choice for each of the {len(questions)} questions, got {len(answers)}")
+        for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
+            if choice >= len(question.choices):
+                raise ValueError(f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}")
+        right = [choice == question.answer for choice, question in zip(answers, questions, strict=True)]
+        with self.lobby.store.transaction():
+            self.records.note(participant.id, self._now(), "answers", {"answers": list(answers), "right": right})
+            if all(right):
+                stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
+                self.records.advance(participant.id, self._now(), stage)
+        return right
+
+    async def begin_next(self, name: str, player_id: str | None) -> None:
+        """Begin the next episode of the stage; nothing changes while one runs."""
+        async with self._lock(self.participant(name, player_id).id):
+            study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
+            trials = self.records.trials(participant.id)
+            if any(trial.ended_ms is None for trial in trials):
+                return
+            phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
+            trial = sum(each.phase == phase for each in trials)
+            terrain, seed = _terrain(study, participant, phase, trial)
+            board = await self._board(participant)
+
+            @contextmanager
+            def within(row: EpisodeRow) -> Iterator[None]:
+                self._at(name, player_id, participant.stage)  # withdrawn in another tab, or closed, while the terrain grew
+                if participant.session_id is None:
+                    self.lobby.store.add_session(board.row)
+                    self.records.seat(participant.id, board.id)
+                self._note_break(study, participant, trials)
+                yield
+                self.records.add_trial(participant.id, row.id, phase, trial, terrain)
+
+            await self.lobby.begin(board, study.protocol.env_config, seed, within)
+
+    async def give_up(self, name: str, player_id: str | None, episode: str, step: int) -> None:
+        """Abandon the running episode; Refused when it is not the one on screen."""
+        _, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
+        session = await self.session(participant)
+        if session is None:
+            raise NotNow("no episode has begun: there is nothing to give up")
+        session.abandon(episode, step)
+
+    async def withdraw(self, name: str, player_id: str | None) -> None:
+        """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
+        participant = self.participant(name, player_id)
+        if participant.stage in ("complete", "withdrawn"):
+            raise NotNow(f"you are at {_said(participant.stage)}: there is nothing to withdraw from")
+
+        session = await self.session(participant)
+        if session is None or session.episode.ended or not self.study(name).is_open:
+            self.records.leave(participant, self._now())
+            return
+        note = partial(self.records.leave, participant, self._now())
+        session.abandon(session.current.id, session.episode.steps, note)
+
+    def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
+        """Keep what a participant chose: modality, palette, keys; what is not given stays."""
+        participant = self.participant(name, player_id)
+        self.records.set_settings(participant.id, self._now(), {**json.loads(participant.settings), **changed})
+
+    async def session(self, participant: Participant) -> Session | None:
+        """Return the participant's board; None before the first episode."""
+        return None if participant.session_id is None else await self.lobby.get(participant.session_id)
+
+    def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
+        """Return an open study and who asks; NotNow at other stages than those named."""
+        study, participant = self.open_study(name), self.participant(name, player_id)
+        if stages and participant.stage not in stages:
+            wanted = " or ".join(map(_said, stages))
+            raise NotNow(f"you are at {_said(participant.stage)}; this belongs to {wanted}, and nothing has changed")
+        return study, participant
+
+    def _check_person(self, study: Study, player_id: str, kept: Mapping[str, str], found: Participant | None) -> None:
+        """Return when the first outside id and the cookie name the same person; NotNow otherwise."""
+        if not study.protocol.outside_ids or (person := study.protocol.outside_ids[0]) not in kept:
+            return
+        other = self.records.with_identity(study.name, person, kept[person])
+        if other is not None and other != player_id:
+            raise NotNow(
+                f"someone has joined with this {person} in another browser: go on there, or write to whoever invited you"
+            )
+        if found is not None and other is None and self.records.identity(found.id, person) is not None:
+            raise NotNow(f"this browser takes part for another {person} already: use another browser or a private window")
+
+    async def _board(self, participant: Participant) -> Session:
+        found = await self.session(participant)
+        return found or self.lobby.new_board(participant.player_id, self._seat(participant))
+
+    def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
+        if break_due(study, participant, trials):
+            length = self._now() - (trials[-1].ended_ms or 0)
+            done = sum(trial.phase == "ranked" for trial in trials)
+            self.records.note(participant.id, self._now(), "break", {"after": done, "length_ms": length})
+
+    def _seat(self, participant: Participant) -> ParticipantSeat:
+        return ParticipantSeat(participant, self.folder, self.records, self._sources)
+
+    def _lock(self, participant_id: str) -> asyncio.Lock:
+        lock = self._locks.get(participant_id)
+        if lock is None:
+            lock = self._locks[participant_id] = asyncio.Lock()
+        return lock
+
+    def _now(self) -> int:
+        return self._sources.clock_ms()
+
+
+def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
+    """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
+    ranked = [trial for trial in trials if trial.phase == "ranked"]
+    has_ended = bool(ranked) and ranked[-1].ended_ms is not None
+    return participant.stage == "ranked" and has_ended and len(ranked) % study.protocol.break_every == 0
+
+
+def _terrain(study: Study, participant: Participant, phase: Phase, trial: int) -> tuple[int, int]:
+    """Return the terrain's index and seed of a participant's trial."""
+    if phase == "tutorial":
+        return 0, TUTORIAL_SEED
+    if phase == "warm_up":
+        return trial, study.seed("warm-up", trial)
+    terrain = order(study.secret, study.protocol_hash, participant.id, study.protocol.ranked)[trial]
+    return terrain, study.seed("ranked", terrain)
+
+
+def _said(stage: str) -> str:
+    words = {"questions": "the questions", "complete": "the end", "withdrawn": "the end (withdrawn)", "warm_up": "the warm-up"}
+    return words.get(stage, "the ranked rounds" if stage == "ranked" else f"the {stage}")

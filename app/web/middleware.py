@@ -1,0 +1,65 @@
+"""What surrounds every answer: headers that keep a browser to our own files, and a cap on what is sent to us."""
+
+from __future__ import annotations
+
+from fastapi import HTTPException
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.play.messages import MAX_BYTES
+
+PAGE_CSP = (
+    "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; frame-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'self'; object-src 'none'"
+)
+HEADERS = {
+    "content-security-policy": PAGE_CSP,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "same-origin",
+    "cache-control": "no-cache",
+}
+
+
+class Guard:
+    """Adds HEADERS where an answer has none of its own, and refuses bodies over MAX_BYTES with 413."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        length = Headers(scope=scope).get("content-length", "0")
+        if length.isdigit() and int(length) > MAX_BYTES:
+            await JSONResponse({"detail": _too_large(int(length))}, 413)(scope, receive, send_guarded)
+            return
+        await self._app(scope, _capped(receive), send_guarded)
+
+
+def _too_large(size: int) -> str:
+    return f"a body must be at most {MAX_BYTES} bytes, got {size} or more"
+
+
+def _capped(receive: Receive) -> Receive:
+    """Return `receive`, raising HTTPException 413 once a body without a length has grown too long."""
+    taken = 0
+
+    async def receive_capped() -> Message:
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        if taken > MAX_BYTES:
+            raise HTTPException(413, _too_large(taken))
+        return message
+
+    return receive_capped

@@ -1,0 +1,150 @@
+"""WS /ws/sessions/{id}: acts come in, frames go out, the newest always first.
+
+The receiver answers each message; the sender follows the session's channel and compares what it has sent last with how
+things stand, so a slow socket skips frames and never lags behind.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+
+from app.play.lobby import UnknownSession
+from app.play.messages import Act, BadMessage, Events, Kept, Pace, encode_error, encode_history, encode_refused, parse
+from app.play.session import HUMAN, SCRIPT, Move, NotNow, Refused, Session
+from app.storage.store import StoreError
+from app.web.access import enter, owns
+from app.web.cookies import has_own_origin
+
+UNKNOWN_SESSION = 4404
+FOREIGN_ORIGIN = 4403
+
+router = APIRouter()
+
+
+@router.websocket("/ws/sessions/{session_id}")
+async def play(websocket: WebSocket, session_id: str) -> None:
+    """Serve one socket until it leaves."""
+    if has_own_origin(websocket) is False:
+        await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
+        return
+    await websocket.accept()
+    with contextlib.suppress(WebSocketDisconnect):
+        try:
+            session = await enter(websocket, session_id)
+        except UnknownSession as error:
+            await websocket.send_text(encode_error(str(error)))
+            await websocket.close(UNKNOWN_SESSION, "unknown session")
+            return
+        await Socket(websocket, session, owns(websocket, session), has_own_origin(websocket) is True).serve()
+
+
+class Socket:
+    """One connection to a session; `is_owner`: it came with the session's own cookie, `is_page`: from a page of ours."""
+
+    def __init__(self, websocket: WebSocket, session: Session, is_owner: bool, is_page: bool) -> None:
+        self._websocket, self._session, self._is_owner, self._is_page = websocket, session, is_owner, is_page
+
+    async def serve(self) -> None:
+        """Return when the socket has left."""
+        sender = asyncio.create_task(self._send_newest())
+        try:
+            await self._receive()
+        finally:
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sender
+
+    async def _send_newest(self) -> None:
+        session, send = self._session, self._websocket.send_text
+        frame, episode, thought = "", "", ""
+        pace: Pace | None = None
+        fault: str | None = None
+        with session.channel.follow() as follower:
+            async for newest in follower:
+                if newest is not frame:
+                    frame = newest
+                    await send(frame)
+                if session.current.id != episode:
+                    episode = session.current.id
+                    await send(encode_history(episode, session.episode))
+                if session.thought != thought:
+                    thought = session.thought
+                    if thought:
+                        await send(thought)
+                if session.pace != pace and session.pace is not None:
+                    pace = session.pace
+                    await send(pace.model_dump_json())
+                if session.fault != fault:
+                    fault = session.fault
+                    if fault is not None:
+                        await send(encode_error(fault))
+
+    async def _receive(self) -> None:
+        while True:
+            message = await self._websocket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text is None:
+                size = len(message.get("bytes") or b"")
+                answer: str | None = encode_error(f"a message must be JSON in a text frame, got {size} binary bytes")
+            else:
+                answer = self._answer(text)
+            if answer is not None:
+                await self._websocket.send_text(answer)
+
+    def _answer(self, text: str) -> str | None:
+        """Return the answer to a message, None for an act that went through: its frame answers."""
+        session = self._session
+        try:
+            message = parse(text)
+            if isinstance(message, Events):
+                return self._take(message).model_dump_json()
+            if isinstance(message, Act):
+                self._check_owner()
+                session.act(as_move(message, self._driver(message)))
+                return None
+            return encode_history(session.current.id, session.episode)
+        except Refused as refusal:
+            return encode_refused(str(refusal), session.frame)
+        except (BadMessage, StoreError) as error:
+            return encode_error(str(error))
+
+    def _driver(self, act: Act) -> str:
+        seat = self._session.seat
+        is_human = self._is_owner and self._is_page and act.input is not None and (seat is None or seat.driver == HUMAN)
+        return HUMAN if is_human else SCRIPT
+
+    def _take(self, events: Events) -> Kept:
+        """Return how many of the events are kept: all, or none for a reason, or none for now."""
+        try:
+            if self._session.seat is None:
+                raise Refused("input events are kept for a study's episodes alone; this session belongs to none")
+            self._check_owner()
+            self._session.seat.take(events)
+        except (NotNow, StoreError):
+            return Kept(episode=events.episode, count=0)
+        except Refused as refusal:
+            return Kept(episode=events.episode, count=0, reason=str(refusal))
+        return Kept(episode=events.episode, count=len(events.events))
+
+    def _check_owner(self) -> None:
+        if self._session.seat is not None and not self._is_owner:
+            raise Refused("this board is a participant's of a study: nobody else can move its rover")
+
+
+def as_move(act: Act, driver: str) -> Move:
+    """Return the move a message asks for, whoever drives."""
+    return Move(
+        episode=act.episode,
+        step=act.step,
+        action=act.code,
+        driver=driver,
+        input=act.input,
+        key_down_ms=act.key_down_ms,
+        key_up_ms=act.key_up_ms,
+        client_ms=act.client_ms,
+    )

@@ -1,0 +1,292 @@
+"""The participant's way over HTTP: the study's page uses it, and a script that takes part as one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
+from pydantic import Field, field_validator
+
+from app.play.messages import Message
+from app.play.session import Refused
+from app.study.debrief import Debriefs
+from app.study.folder import Study
+from app.study.progress import Flow, NotJoined, NotNow, break_due
+from app.study.protocol import DraftStudy, StudyError, UnknownStudy
+from app.study.records import Participant, label
+from app.web.api import about
+
+router = APIRouter(prefix="/api/studies", tags=["studies"])
+Name = Annotated[str, Path(max_length=100, description="of the study")]
+Index = Annotated[int, Path(ge=0, le=10_000)]
+
+WITHDRAWN = (
+    "You have withdrawn. What you had played until then is kept without your name, as the consent text says; to have it "
+    "erased, write to whoever invited you and give them your label {label}."
+)
+
+
+class Join(Message):
+    """Who joins: ids of the link that brought them, and the script that plays if it is none of a person's hands."""
+
+    outside_ids: dict[str, Annotated[str, Field(max_length=200)]] = Field(default_factory=dict, max_length=50)
+    script: Annotated[str, Field(min_length=1, max_length=80)] | None = Field(
+        default=None, description='what plays, for example "noisy-frontier"; a script for ever', examples=[None]
+    )
+
+
+class ConsentAnswer(Message):
+    """The answer to the consent text of a version."""
+
+    version: str = Field(max_length=40)
+    agree: bool
+
+
+class Advance(Message):
+    """Which stage is left."""
+
+    from_: Literal["instructions", "tutorial", "debrief"] = Field(alias="from")
+
+
+class Answers(Message):
+    """The index of the choice for each question."""
+
+    answers: list[Annotated[int, Field(ge=0)]] = Field(max_length=20, examples=[[0, 1, 1]])
+
+
+class GiveUp(Message):
+    """The frame on which it is given up."""
+
+    episode: str = Field(max_length=64)
+    step: int = Field(ge=0)
+
+
+class Settings(Message):
+    """What a participant chose; what is left out stays as it was."""
+
+    modality: Literal["keyboard", "touch"] | None = None
+    palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
+    keys: dict[Literal["north", "east", "south", "west"], list[Annotated[str, Field(max_length=64)]]] | None = None
+
+    @field_validator("keys")
+    @classmethod
+    def _no_key_twice(cls, keys: dict[str, list[str]] | None) -> dict[str, list[str]] | None:
+        codes = [code for each in (keys or {}).values() for code in each]
+        if len(set(codes)) < len(codes):
+            raise ValueError("keys: one key cannot mean two directions")
+        if len(codes) > 40:
+            raise ValueError(f"keys: at most 40 in all, got {len(codes)}")
+        return keys
+
+
+@contextmanager
+def answering() -> Iterator[None]:
+    """Answer 404, 409 or 422 with a sentence where a study refuses."""
+    try:
+        yield
+    except UnknownStudy as error:
+        raise HTTPException(404, "there is no such study here: check the link") from error
+    except DraftStudy as error:
+        raise HTTPException(409, "this study has not begun yet: come back later") from error
+    except NotJoined as error:
+        raise HTTPException(404, str(error.args[0])) from error
+    except (NotNow, Refused) as error:
+        raise HTTPException(409, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+def _flow(request: Request) -> Flow:
+    flow: Flow = request.app.state.flow
+    return flow
+
+
+def _player(request: Request) -> str | None:
+    player_id: str | None = request.app.state.players.of(request)
+    return player_id
+
+
+FlowOf = Annotated[Flow, Depends(_flow)]
+Player = Annotated[str | None, Depends(_player)]
+
+
+async def where(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
+    """Return where a participant stands: all the page needs."""
+    flow, protocol = _flow(request), study.protocol
+    trials = flow.records.trials(participant.id)
+    ended = [trial.phase for trial in trials if trial.ended_ms is not None]
+    session = await flow.session(participant)
+    debriefs: Debriefs = request.app.state.debriefs
+    is_over = participant.stage in ("debrief", "complete")
+    return {
+        "study": study.name,
+        "title": protocol.title,
+        "participant": label(participant.id),
+        "stage": participant.stage,
+        "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
+        "questions": [{"question": each.question, "choices": list(each.choices)} for each in protocol.questions],
+        "right": None,
+        "why": None,
+        "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
+        "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
+        "tutorial": {"done": "tutorial" in ended},
+        "break_due": break_due(study, participant, trials),
+        "pause_after_s": protocol.pause_after_s,
+        "session": participant.session_id,
+        "about": None if session is None else about(flow.lobby, session),
+        "phase": trials[-1].phase if trials else None,
+        "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
+        "debrief": await debriefs.summary(study, participant, trials) if is_over else None,
+        "note": _note(study, participant),
+    }
+
+
+def _note(study: Study, participant: Participant) -> str | None:
+    if participant.stage == "withdrawn":
+        if participant.consent_ms is None:
+            return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
+        return WITHDRAWN.format(label=label(participant.id))
+    if not study.is_open and participant.stage not in ("debrief", "complete"):
+        return "This study has been closed: you cannot go on. Thank you for what you have played."
+    return None
+
+
+async def _now(request: Request, name: str) -> dict[str, Any]:
+    flow = _flow(request)
+    with answering():
+        return await where(request, flow.study(name), flow.participant(name, _player(request)))
+
+
+@router.get("", summary="The studies of this server")
+async def list_studies(flow: FlowOf) -> list[dict[str, str]]:
+    """Those whose protocol is frozen; `status` is "open" or "closed"."""
+    found = []
+    for name in flow.folder.names():
+        try:
+            study = flow.study(name)
+        except (StudyError, NotNow):
+            continue
+        found.append({"name": name, "title": study.protocol.title, "status": "open" if study.is_open else "closed"})
+    return found
+
+
+@router.get("/{name}", summary="What a study has published")
+async def get_study(flow: FlowOf, name: Name) -> dict[str, Any]:
+    """Hash and commitment bind protocol and terrains before anybody has played; `secret` is null until it is closed."""
+    with answering():
+        study = flow.study(name)
+    protocol, config = study.protocol, study.protocol.env_config
+    return {
+        "name": name,
+        "title": protocol.title,
+        "status": "open" if study.is_open else "closed",
+        "protocol_hash": study.protocol_hash,
+        "commitment": study.commitment,
+        "secret": None if study.is_open else study.secret.hex(),
+        "level": config.level,
+        "rows": config.rows,
+        "cols": config.cols,
+        "config": config.to_dict(),
+        "warm_up": protocol.warm_up,
+        "ranked": protocol.ranked,
+        "players": protocol.players,
+        "consent_version": protocol.consent.version,
+    }
+
+
+@router.post("/{name}/join", status_code=201, summary="Take part, or go on")
+async def join(request: Request, response: Response, flow: FlowOf, name: Name, wanted: Join | None = None) -> dict[str, Any]:
+    """201 for a new participant, 200 for one who comes back. A player cookie is set: it is the participant from then on."""
+    wanted = wanted or Join()
+    player_id = _player(request) or flow.lobby.sources.player_id()
+    with answering():
+        participant, is_new = flow.join(name, player_id, wanted.outside_ids, wanted.script)
+        answer = await where(request, flow.study(name), participant)
+    response.status_code = 201 if is_new else 200
+    request.app.state.players.remember(response, request, player_id)
+    return answer
+
+
+@router.get("/{name}/me", summary="Where I stand")
+async def me(request: Request, name: Name) -> dict[str, Any]:
+    """404 before joining. A page that was reloaded begins here."""
+    return await _now(request, name)
+
+
+@router.post("/{name}/consent", summary="Agree to take part, or not")
+async def consent(request: Request, flow: FlowOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
+    """`agree` false leaves the study."""
+    with answering():
+        flow.consent(name, player, given.version, given.agree)
+    return await _now(request, name)
+
+
+@router.post("/{name}/advance", summary="Go on to the next stage")
+async def advance(request: Request, flow: FlowOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
+    """From the instructions, from the tutorial once it was played, from the debrief to the end."""
+    with answering():
+        flow.advance(name, player, left.from_)
+    return await _now(request, name)
+
+
+@router.post("/{name}/answers", summary="Answer the questions")
+async def answers(request: Request, flow: FlowOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
+    """`right` says which were, `why` explains the others; with all of them right the warm-up is next.
+
+    Every attempt is recorded.
+    """
+    with answering():
+        right = flow.answer(name, player, given.answers)
+    asked = flow.study(name).protocol.questions
+    why = ["" if each else question.why for each, question in zip(right, asked, strict=True)]
+    return {**await _now(request, name), "right": right, "why": why}
+
+
+@router.post("/{name}/next", summary="Begin the next episode")
+async def begin_next(request: Request, flow: FlowOf, player: Player, name: Name) -> dict[str, Any]:
+    """Of the tutorial, the warm-up or the ranked rounds. While one runs nothing changes: no terrain can be drawn again."""
+    with answering():
+        await flow.begin_next(name, player)
+    return await _now(request, name)
+
+
+@router.post("/{name}/give-up", summary="Give the running episode up")
+async def give_up(request: Request, flow: FlowOf, player: Player, name: Name, given: GiveUp) -> dict[str, Any]:
+    """It counts at its return so far minus `r_invalid`, and its terrain does not come again."""
+    with answering():
+        await flow.give_up(name, player, given.episode, given.step)
+    return await _now(request, name)
+
+
+@router.post("/{name}/settings", summary="Choose keys, palette, touch")
+async def settings(request: Request, flow: FlowOf, player: Player, name: Name, chosen: Settings) -> dict[str, Any]:
+    """Kept with the participant: how somebody played is part of the data."""
+    with answering():
+        flow.set_settings(name, player, chosen.model_dump(exclude_none=True))
+    return await _now(request, name)
+
+
+@router.post("/{name}/withdraw", summary="Leave the study")
+async def withdraw(request: Request, flow: FlowOf, player: Player, name: Name) -> dict[str, Any]:
+    """The running episode is abandoned; `note` says what is kept and how to have it erased."""
+    with answering():
+        await flow.withdraw(name, player)
+    return await _now(request, name)
+
+
+@router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, beside a policy")
+async def debrief(request: Request, flow: FlowOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
+    """Your own episode and the policy's on the same terrain, frame by frame; after the last ranked round, never of one."""
+    with answering():
+        study, participant = flow.study(name), flow.participant(name, player)
+        if participant.stage not in ("debrief", "complete"):
+            raise NotNow("the debrief comes after the last ranked round")
+        trials = flow.records.trials(participant.id)
+        try:
+            replays: dict[str, Any] = await request.app.state.debriefs.replays(study, trials, index)
+        except LookupError as error:
+            raise HTTPException(404, str(error.args[0])) from error
+    return replays

@@ -1,0 +1,117 @@
+// @ts-check
+// The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
+import { paintThought } from "./thoughts.js";
+
+/** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
+export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
+/** @typedef {{shades: typeof SHADES, edge: string, rockEdge: string}} Soil  how cells look; SOIL unless a palette says otherwise */
+/** @type {Soil} */
+export const SOIL = { shades: SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" };
+
+/**
+ * The largest whole number of device pixels per cell that fits.
+ * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr
+ */
+export function cellSize(width_px, height_px, rows, cols, dpr) {
+  return Math.max(1, Math.floor(Math.min((width_px * dpr) / cols, (height_px * dpr) / rows)));
+}
+
+/**
+ * Maximal runs of equal characters: [start, length, character].
+ * @param {string} line @returns {[number, number, string][]}
+ */
+export function runs(line) {
+  /** @type {[number, number, string][]} */
+  const found = [];
+  for (let col = 0; col < line.length; col++) {
+    const last = found[found.length - 1];
+    if (last && last[2] === line[col]) last[1] += 1;
+    else found.push([col, 1, line[col]]);
+  }
+  return found;
+}
+
+/**
+ * Paints one board to fill its frame, crisp at any pixel ratio.
+ * @param {HTMLCanvasElement} canvas @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
+ * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
+ *   ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null}} look
+ *   ghost is another's path under this one; thought is drawn round the rover
+ */
+export function paintBoard(canvas, board, look) {
+  const { frame, trail } = board;
+  const size = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
+  const width = size * frame.cols;
+  const height = size * frame.rows;
+  if (canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
+    canvas.style.width = `${width / look.dpr}px`;
+    canvas.style.height = `${height / look.dpr}px`;
+  }
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
+  paintCells(context, frame, size, look.soil ?? SOIL);
+  if (look.ghost) paintTrail(context, look.ghost.trail, size, look.ghost.accent, true);
+  paintTrail(context, trail, size, look.accent);
+  if (look.thought) paintThought(context, look.thought, frame.position, size, look);
+  paintRover(context, frame, size, look.accent);
+}
+
+/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Frame} frame @param {number} size @param {Soil} soil */
+function paintCells(context, frame, size, { shades, edge, rockEdge }) {
+  const gap = size >= 7 ? 1 : 0;
+  context.fillStyle = shades["?"];
+  context.fillRect(0, 0, frame.cols * size, frame.rows * size);
+  frame.grid.forEach((line, row) => {
+    for (const [col, length, mark] of runs(line)) {
+      if (mark === "?") continue;
+      context.fillStyle = mark === "#" ? shades["#"] : shades["."];
+      context.fillRect(col * size, row * size, length * size, size);
+      if (gap === 0) continue;
+      context.fillStyle = mark === "#" ? rockEdge : edge;
+      for (let k = 1; k <= length; k++) context.fillRect((col + k) * size - gap, row * size, gap, size);
+      context.fillRect(col * size, (row + 1) * size - gap, length * size, gap);
+    }
+  });
+}
+
+/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Cell[]} trail @param {number} size @param {string} accent @param {boolean} [isGhost] */
+function paintTrail(context, trail, size, accent, isGhost = false) {
+  if (trail.length < 2) return;
+  context.beginPath();
+  trail.forEach(([row, col], step) => {
+    const x = (col + 0.5) * size;
+    const y = (row + 0.5) * size;
+    if (step === 0) context.moveTo(x, y);
+    else context.lineTo(x, y);
+  });
+  context.strokeStyle = accent;
+  context.globalAlpha = isGhost ? 0.9 : 0.8;
+  context.lineWidth = Math.max(1.5, size * 0.16);
+  context.lineJoin = context.lineCap = isGhost ? "butt" : "round";
+  if (isGhost) context.setLineDash([Math.max(3, size * 0.4), Math.max(2, size * 0.3)]);
+  context.stroke();
+  context.setLineDash([]);
+  context.globalAlpha = 1;
+}
+
+const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI };
+
+/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Frame} frame @param {number} size @param {string} accent */
+function paintRover(context, frame, size, accent) {
+  const [row, col] = frame.position;
+  context.save();
+  context.translate((col + 0.5) * size, (row + 0.5) * size);
+  context.fillStyle = accent;
+  context.fillRect(-size / 2, -size / 2, size, size);
+  if (size >= 7) {
+    context.rotate(TURN[frame.heading] ?? 0);
+    context.fillStyle = "#0e0b0d";
+    context.beginPath();
+    context.moveTo(size * 0.32, 0);
+    context.lineTo(-size * 0.22, size * 0.26);
+    context.lineTo(-size * 0.22, -size * 0.26);
+    context.fill();
+  }
+  context.restore();
+}

@@ -1,0 +1,119 @@
+// @ts-check
+// All the page knows, in one object. `apply` answers the next state and changes nothing it was given.
+
+/** @typedef {import("./messages.js").Frame} Frame */
+/** @typedef {import("./messages.js").About} About */
+/** @typedef {import("./messages.js").FromServer} FromServer */
+/** @typedef {"player" | "rival"} Seat */
+/** @typedef {"practice" | "ranked" | "watch"} Mode */
+/**
+ * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
+ * of a policy that says what it thinks, `values[k]` what it expected to earn at step k (holes where nobody heard).
+ * @typedef {{session: string, name: string, frame: Frame, trail: import("./messages.js").Cell[], discovered: number[],
+ *   hasGap: boolean, pace: import("./messages.js").Pace | null, isReplay: boolean, thought?: import("./messages.js").Thought | null,
+ *   values?: (number | null)[]}} Board
+ */
+/**
+ * @typedef {{mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null, rival: Board | null,
+ *   link: "connecting" | "open" | "lost", notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number}} State
+ */
+/**
+ * What can happen to the page itself; server messages arrive as `{kind: "received", seat, message}`.
+ * @typedef {{kind: "begun", about: About} | {kind: "received", seat: Seat, message: FromServer} | {kind: "link", link: State["link"]}
+ *   | {kind: "replay", about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
+ */
+
+/** @returns {State} */
+export function initialState() {
+  return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", notices: [],
+    nextNotice: 1 };
+}
+
+/** The way of playing that a session stands for. @param {About} about @returns {Mode} */
+export function modeOf(about) {
+  if (about.player !== "human") return "watch";
+  return about.rival ? "practice" : "ranked";
+}
+
+/** @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before @returns {Board} */
+function seated(session, name, frame, before) {
+  if (before && before.session === session) return { ...withFrame(before, frame), name };
+  return withFrame({ session, name, frame, trail: [], discovered: [], hasGap: false, pace: null, isReplay: false }, frame);
+}
+
+/**
+ * The board after `frame`: the newest wins, an older one of the same episode changes nothing.
+ * @param {Board} board @param {Frame} frame @returns {Board}
+ */
+export function withFrame(board, frame) {
+  const isNew = frame.episode !== board.frame.episode;
+  if (!isNew && frame.step < board.frame.step) return board;
+  if (isNew) board = { ...board, thought: null, values: [] };
+  const trail = isNew ? [] : board.trail;
+  const discovered = isNew ? [] : board.discovered;
+  if (frame.step < trail.length) return { ...board, frame, trail, discovered };
+  if (frame.step > trail.length) return { ...board, frame, trail, discovered, hasGap: true };
+  return { ...board, frame, trail: [...trail, frame.position], discovered: [...discovered, frame.discovered], hasGap: false };
+}
+
+/** @param {Board} board @param {import("./messages.js").History} history @returns {Board} */
+function withHistory(board, history) {
+  if (history.episode !== board.frame.episode || history.positions.length < board.trail.length) return board;
+  const { positions: trail, discovered } = history;
+  return { ...board, trail, discovered, hasGap: trail.length <= board.frame.step };
+}
+
+/** @param {Board} board @param {import("./messages.js").Thought} thought @returns {Board} */
+function withThought(board, thought) {
+  if (thought.episode !== board.frame.episode) return board;
+  const values = [...(board.values ?? [])];
+  values[thought.step] = thought.value;
+  return { ...board, thought, values };
+}
+
+/** @param {Board | null} board @param {FromServer} message @returns {Board | null} */
+function received(board, message) {
+  if (!board) return board;
+  switch (message.kind) {
+    case "frame": return withFrame(board, message);
+    case "refused": return withFrame(board, message.frame);
+    case "history": return withHistory(board, message);
+    case "thought": return withThought(board, message);
+    case "pace": return { ...board, pace: message };
+    default: return board;
+  }
+}
+
+/** @param {State} state @param {string} text @param {"error" | "note"} tone @returns {State} */
+function noticed(state, text, tone) {
+  const others = state.notices.filter((notice) => notice.text !== text);
+  return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
+}
+
+/** The state after `event`. @param {State} state @param {Event} event @returns {State} */
+export function apply(state, event) {
+  switch (event.kind) {
+    case "begun": {
+      const { about } = event;
+      const name = about.player === "human" ? "You" : about.player;
+      const player = seated(about.session, name, about.frame, state.player);
+      const kept = state.rival?.isReplay && player.frame.episode === state.player?.frame.episode ? state.rival : null;
+      const rival = about.rival
+        ? { ...seated(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
+      return { ...state, mode: modeOf(about), level: about.level, size: about.size, counts: about.counts, player, rival };
+    }
+    case "replay": {
+      const { about } = event;
+      return { ...state, rival: { ...seated(about.session, about.player, about.frame, null), isReplay: true } };
+    }
+    case "received": {
+      const next = { ...state, [event.seat]: received(state[event.seat], event.message) };
+      const isOver = event.seat === "player" && next.player?.frame.episode !== state.player?.frame.episode;
+      if (isOver && next.rival?.isReplay) next.rival = null;
+      return event.message.kind === "error" ? noticed(next, event.message.detail, "error") : next;
+    }
+    case "link": return { ...state, link: event.link };
+    case "notice": return noticed(state, event.text, event.tone ?? "error");
+    case "dismiss": return { ...state, notices: state.notices.filter((notice) => notice.id !== event.id) };
+  }
+}

@@ -1,0 +1,61 @@
+// @ts-check
+// Keys that drive wherever the focus is: the page and the 3-D view inside it. No document here, so node can test every rule.
+
+/** @typedef {import("./messages.js").Action} Action */
+/** @type {Readonly<Record<string, Action>>} */
+export const KEYS = Object.freeze({ ArrowUp: "north", ArrowRight: "east", ArrowDown: "south", ArrowLeft: "west", KeyW: "north",
+  KeyD: "east", KeyS: "south", KeyA: "west" });
+const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
+
+/**
+ * True where arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
+ * @param {{tagName?: string, type?: string, isContentEditable?: boolean, closest?: (selector: string) => unknown} | null} element
+ */
+export function ownsKeys(element) {
+  if (!element) return false;
+  if (element.isContentEditable) return true;
+  const tag = element.tagName ?? "";
+  if (/^(TEXTAREA|SELECT)$/.test(tag)) return true;
+  if (tag === "INPUT" && !BUTTON_LIKE.test(element.type ?? "text")) return true;
+  return Boolean(element.closest?.("[role=slider],[role=tab],dialog[open]"));
+}
+
+/** The element an event really started at. @param {globalThis.Event} event */
+function origin(event) {
+  return /** @type {any} */ (event.composedPath?.()[0] ?? event.target);
+}
+
+/**
+ * Hooks a window's keys before anyone else sees them.
+ *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own ms
+ *   onRelease  it came up again
+ *   onEnter    Enter outside fields; true when it was used
+ *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
+ * @param {Window & typeof globalThis} view @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} tell @param {number} timeOrigin of the page
+ */
+export function hookKeys(view, tell, timeOrigin) {
+  /** @param {KeyboardEvent} event */
+  const at_ms = (event) => event.timeStamp + (view.performance.timeOrigin - timeOrigin);
+  /** @param {KeyboardEvent} event */
+  function handle(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(origin(event))) return;
+    if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
+      if (tell.onEnter(event)) swallow(event);
+      return;
+    }
+    const action = tell.actionOf ? tell.actionOf(event.code) : KEYS[event.code];
+    if (!action) return;
+    swallow(event);
+    if (event.type === "keyup") tell.onRelease(at_ms(event));
+    else if (!event.repeat) tell.onPress(action, event, at_ms(event));
+  }
+  view.addEventListener("keydown", handle, true);
+  view.addEventListener("keyup", handle, true);
+}
+
+/** @param {KeyboardEvent} event */
+function swallow(event) {
+  event.preventDefault();
+  event.stopImmediatePropagation();
+}

@@ -1,0 +1,78 @@
+// @ts-check
+// One session's socket, which heals itself: it tells of every message and of its own health, and comes back with patience.
+import { parse } from "./messages.js";
+
+/** The wait before attempt k, in ms: 250, 500, ... at most 5,000. @param {number} attempt counted from 0 */
+export function backoff_ms(attempt) {
+  return Math.min(5000, 250 * 2 ** attempt);
+}
+
+/**
+ * Follows a session until `close`.
+ *   url          the socket's address
+ *   onMessage    each parsed message
+ *   onLink       "open" once joined, "lost" the moment it breaks
+ *   beforeRetry  asked before each new attempt; it answers false when the session is gone for good
+ * @param {{url: string, onMessage: (message: import("./messages.js").FromServer) => void, onLink: (link: "open" | "lost") => void,
+ *   beforeRetry: () => Promise<boolean>}} how
+ */
+export function follow({ url, onMessage, onLink, beforeRetry }) {
+  /** @type {WebSocket | null} */
+  let socket = null;
+  let attempt = 0;
+  let round = 0;
+  let isClosed = false;
+  let timer = 0;
+  let heardAt_ms = performance.now();
+
+  function connect() {
+    if (isClosed) return;
+    const mine = new WebSocket(url);
+    socket = mine;
+    mine.onmessage = (event) => {
+      heardAt_ms = performance.now();
+      attempt = 0;
+      const message = parse(event.data);
+      if (message && mine === socket) onMessage(message);
+    };
+    mine.onopen = () => mine === socket && onLink("open");
+    mine.onclose = () => mine === socket && retry();
+  }
+  function retry() {
+    if (isClosed) return;
+    socket = null;
+    onLink("lost");
+    clearTimeout(timer);
+    const mine = ++round;
+    timer = setTimeout(async () => {
+      const goesOn = await beforeRetry().catch(() => null);
+      if (isClosed || mine !== round || goesOn === false) return; // another round began meanwhile: one socket, not two
+      if (goesOn === null) retry();
+      else connect();
+    }, backoff_ms(attempt++));
+  }
+  connect();
+  return {
+    /** True when the message left. @param {object} message */
+    send(message) {
+      if (socket?.readyState !== WebSocket.OPEN) return false;
+      socket.send(JSON.stringify(message));
+      return true;
+    },
+    /** ms since the last message. */
+    silence_ms: () => performance.now() - heardAt_ms,
+    /** Drops the present socket and starts again at once: the network says that it is back, or went silent. */
+    restart() {
+      const old = socket;
+      socket = null;
+      old?.close();
+      attempt = 0;
+      retry();
+    },
+    close() {
+      isClosed = true;
+      clearTimeout(timer);
+      socket?.close();
+    },
+  };
+}

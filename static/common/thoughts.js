@@ -1,0 +1,65 @@
+// @ts-check
+// What a policy thinks, as shapes: wedges round its rover, as long as it is sure, and where its paths are drawn on the other board.
+
+/** @typedef {import("./messages.js").Thought} Thought @typedef {import("./game_state.js").Board} Board @typedef {import("./game_state.js").State} State */
+
+/** Shares below it draw nothing. */
+const LEAST = 0.02;
+/** @type {[number, number][]} unit vectors (x, y) of north, east, south, west */
+const OUTWARD = [[0, -1], [1, 0], [0, 1], [-1, 0]];
+
+/**
+ * The wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
+ * @param {readonly number[]} probabilities @param {number} unit_px length that stands for a cell
+ * @returns {{share: number, points: [number, number][]}[]}
+ */
+export function wedges(probabilities, unit_px) {
+  return OUTWARD.flatMap(([x, y], move) => {
+    const share = probabilities[move];
+    if (!(share >= LEAST)) return [];
+    const near = 0.62 * unit_px;
+    const far = near + (0.35 + 1.15 * share) * unit_px;
+    const half = (0.2 + 0.22 * share) * unit_px;
+    /** @type {[number, number][]} */
+    const points = [[x * far, y * far], [x * near - y * half, y * near + x * half], [x * near + y * half, y * near - x * half]];
+    return [{ share, points }];
+  });
+}
+
+/** The thought that belongs to a board's newest frame, while there is a move to make. @param {Board | null} board @returns {Thought | null} */
+export function thoughtOf(board) {
+  const thought = board?.thought;
+  return thought && !board.frame.outcome && thought.step === board.frame.step ? thought : null;
+}
+
+/**
+ * The path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
+ * @param {State} state @param {"player" | "rival"} seat @returns {import("./messages.js").Cell[] | null}
+ */
+export function ghostOf({ player, rival }, seat) {
+  if (!player?.frame.outcome || !rival) return null;
+  const other = seat === "player" ? rival : player;
+  const own = seat === "player" ? player : rival;
+  if (other.frame.rows !== own.frame.rows || other.frame.cols !== own.frame.cols) return null;
+  return other.trail;
+}
+
+/** @param {CanvasRenderingContext2D} context @param {Thought} thought @param {import("./messages.js").Cell} position @param {number} size cell, device pixels @param {{accent: string, dpr: number}} look */
+export function paintThought(context, thought, [row, col], size, { accent, dpr }) {
+  context.save();
+  context.translate((col + 0.5) * size, (row + 0.5) * size);
+  context.lineJoin = "round";
+  for (const { share, points } of wedges(thought.probabilities, Math.max(size, 9 * dpr))) {
+    context.beginPath();
+    points.forEach(([x, y], index) => (index === 0 ? context.moveTo(x, y) : context.lineTo(x, y)));
+    context.closePath();
+    context.strokeStyle = "#0e0b0d";
+    context.lineWidth = 2 * dpr;
+    context.stroke();
+    context.globalAlpha = 0.45 + 0.55 * share;
+    context.fillStyle = accent;
+    context.fill();
+    context.globalAlpha = 1;
+  }
+  context.restore();
+}

@@ -1,0 +1,64 @@
+// @ts-check
+// 3-D or matrix: which of the two fills a board, and what the canvases measure.
+
+/** Whether this browser can draw the 3-D view, and whether its processor has to do it. @param {Document} page */
+export function probeWebGL(page) {
+  try {
+    const canvas = page.createElement("canvas");
+    const context = /** @type {WebGLRenderingContext | null} */ (canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
+    if (!context) return { can3d: false, isSoftware: false };
+    const info = context.getExtension("WEBGL_debug_renderer_info");
+    const renderer = String(context.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER));
+    context.getExtension("WEBGL_lose_context")?.loseContext();
+    return { can3d: true, isSoftware: /swiftshader|llvmpipe|softpipe|software|basic render/i.test(renderer) };
+  } catch {
+    return { can3d: false, isSoftware: false };
+  }
+}
+
+/** The address of a session's 3-D view; where the processor draws it, with coarser pixels and on an easel (easel.js), so that keys stay quick. @param {string} session @param {boolean} isSoftware */
+export function viewerUrl(session, isSoftware) {
+  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&easel" : ""}`;
+}
+
+/**
+ * @param {{page: Document, panels: import("../common/panels.js").Panel[], storage: Storage, onChange: () => void}} how
+ */
+export function createViews({ page, panels, storage, onChange }) {
+  const { can3d, isSoftware } = probeWebGL(page);
+  let view = can3d && storage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
+  /** @type {Map<HTMLElement, {width_px: number, height_px: number}>} */
+  const sizes = new Map();
+  const observer = new ResizeObserver((entries) => {
+    for (const { target, contentRect } of entries) sizes.set(/** @type {HTMLElement} */ (target), { width_px: contentRect.width, height_px: contentRect.height });
+    onChange();
+  });
+  const button = panels[0].part.view;
+  function show() {
+    page.body.dataset.view = view;
+    button.hidden = !can3d;
+    button.textContent = view === "3d" ? "Matrix" : "3-D";
+    button.setAttribute("aria-label", view === "3d" ? "Show the state matrix large" : "Show the 3-D view");
+  }
+  button.addEventListener("click", () => {
+    view = view === "3d" ? "matrix" : "3d";
+    storage.setItem("mars.view", view);
+    show();
+    onChange();
+  });
+  show();
+  return {
+    can3d,
+    /** @param {HTMLElement} element */
+    watch: (element) => observer.observe(element),
+    /** @param {HTMLElement} element */
+    size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
+    /** Shows a session in 3-D, once; nothing is loaded while the matrix is on stage. @param {import("../common/panels.js").Panel} panel @param {string | null} session */
+    load({ viewer }, session) {
+      if (view !== "3d" || viewer.dataset.session === (session ?? "")) return;
+      viewer.dataset.session = session ?? "";
+      if (session) viewer.src = viewerUrl(session, isSoftware);
+      else viewer.removeAttribute("src");
+    },
+  };
+}

@@ -1,0 +1,91 @@
+// @ts-check
+// The screen one drives on: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
+import { paintBoard } from "../common/board.js";
+import { paintChart } from "../common/chart.js";
+import { put } from "../common/panels.js";
+import { describeBoard, outcomeShort, percent, score } from "../common/words.js";
+import { knowsTheEnd, screenOf } from "./state.js";
+import * as words from "./words.js";
+
+/** @typedef {import("./state.js").State} State @typedef {import("./palettes.js").Palette} Palette */
+/** @typedef {{soil: Palette["soil"], inks: Palette["inks"], accent: string, rival: string, font: string}} Look  of the palette in force */
+
+/** @param {Document} page @param {{look: () => Look, keys: () => {east: string, south: string}}} how */
+export function createTable(page, { look, keys }) {
+  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const dpr = () => page.defaultView?.devicePixelRatio || 1;
+  const room = (/** @type {HTMLElement} */ element) => ({ width_px: element.clientWidth, height_px: element.clientHeight });
+
+  /** @param {import("../common/game_state.js").Board} board @param {Look} colours */
+  function paintCurve(board, { accent, inks, font }) {
+    const { name, discovered, frame } = board;
+    const curve = { name, colour: accent, isDashed: false, discovered, cells: frame.rows * frame.cols };
+    paintChart(by("chart"), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
+  }
+  /** @param {import("../common/messages.js").Frame} frame @param {import("./api.js").Where} where */
+  function paintNumbers(frame, { phase }) {
+    put(by("moves"), String(frame.step));
+    put(by("coverage"), percent(frame.coverage));
+    put(by("outcome"), outcomeShort(frame.outcome));
+    by("score-row").hidden = frame.score === null;
+    put(by("score"), score(frame.score));
+    by("hidden-score").hidden = frame.score !== null;
+    by("coach").hidden = phase !== "tutorial" || frame.outcome !== null;
+    by("skip").hidden = phase !== "tutorial" || frame.outcome !== null;
+    by("open-give-up").hidden = phase === "tutorial" || frame.outcome !== null;
+    const [title, line] = words.coach(frame, keys());
+    put(by("coach-title"), title);
+    put(by("coach-line"), line);
+    by("board").setAttribute("aria-label", describeBoard(frame, "the terrain"));
+  }
+  /** @param {State} state @returns {boolean} whether the card has just come up */
+  function paintEnd(state) {
+    const frame = state.table.player?.frame;
+    const { where } = state;
+    const card = by("end");
+    const wasHidden = card.hidden;
+    card.hidden = !where || !frame?.outcome;
+    if (!where || !frame?.outcome) return false;
+    const { title, line, figures, note, go } = words.endCard(frame, where);
+    put(by("end-title"), title);
+    put(by("end-line"), line);
+    by("end-figures").replaceChildren(...figures.map(([name, value]) => {
+      const row = page.createElement("div");
+      row.append(Object.assign(page.createElement("dt"), { textContent: name }), Object.assign(page.createElement("dd"), { textContent: value }));
+      return row;
+    }));
+    const isKnown = knowsTheEnd(state);
+    put(by("end-note"), isKnown ? note : "");
+    put(by("next-text"), isKnown ? go : "One moment");
+    by("next").setAttribute("aria-disabled", String(!isKnown));
+    by("again").hidden = where.phase !== "tutorial" || !isKnown;
+    return wasHidden;
+  }
+  return {
+    /** @param {State} state @param {State | null} before */
+    paint(state, before) {
+      const { table, where, isPaused } = state;
+      const { player } = table;
+      page.body.dataset.paused = String(isPaused);
+      if (screenOf(state) !== "play" || !player || !where) return;
+      const isNew = before === null || screenOf(before) !== "play";
+      if (isNew || player !== before.table.player) paintBoard(by("board"), player, { ...look(), ...room(by("matrix")), dpr: dpr() });
+      if (isNew || player !== before.table.player || where !== before.where) {
+        paintNumbers(player.frame, where);
+        paintCurve(player, look());
+        page.body.dataset.ended = String(player.frame.outcome !== null);
+        page.body.dataset.phase = where.phase ?? "";
+      }
+      const pause = by("pause");
+      if (pause.hidden === isPaused) {
+        pause.hidden = !isPaused;
+        if (isPaused) by("resume").focus({ preventScroll: true });
+        else by("field").focus({ preventScroll: true });
+      }
+      const hadFocus = by("end").contains(page.activeElement);
+      if (paintEnd(state)) {
+        if (!page.querySelector("dialog[open]")) by("next").focus({ preventScroll: true });
+      } else if (hadFocus && by("end").hidden) by("field").focus({ preventScroll: true });
+    },
+  };
+}

@@ -1,0 +1,81 @@
+// @ts-check
+// The way through the study: one request at a time, each answering where one stands; other tabs are told.
+import { ApiError } from "../common/api.js";
+
+/** @typedef {import("./api.js").Where} Where @typedef {import("./state.js").Event} Event */
+
+/**
+ *   study       the calls
+ *   dispatch    the door to the state
+ *   ids         ids of another site, from the address
+ *   channel     to other tabs of this study; null where there is none
+ * @param {{study: ReturnType<import("./api.js").createStudy>, dispatch: (event: Event) => void, ids: Record<string, string>,
+ *   channel: BroadcastChannel | null, onJoined: (where: Where) => void}} how
+ */
+export function createWay({ study, dispatch, ids, channel, onJoined }) {
+  /** @type {Promise<unknown>} */
+  let queue = Promise.resolve();
+  let isBusy = false;
+
+  /** @param {() => Promise<void>} work @returns {Promise<void>} */
+  function inTurn(work) {
+    const done = queue.then(work);
+    queue = done.catch(() => {});
+    return /** @type {Promise<void>} */ (done);
+  }
+  /** @param {Where} where */
+  const stand = (where) => dispatch({ kind: "where", where });
+  const refresh = () => inTurn(async () => {
+    try {
+      stand(await study.me());
+    } catch (error) {
+      if (/** @type {any} */ (error).status === 0) dispatch({ kind: "link", link: "lost" });
+    }
+  });
+  /** A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's sentence if nothing moved. @param {unknown} error @param {string | undefined} stage */
+  async function refused(error, stage) {
+    if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
+    if (error.status === 0) dispatch({ kind: "link", link: "lost" });
+    const where = error.status === 409 ? await study.me().catch(() => null) : null;
+    if (where) stand(where);
+    if (!where || where.stage === stage) dispatch({ kind: "notice", text: error.message });
+  }
+  return {
+    refresh,
+    /** Whether a step of the way is being taken: another press of its button would be one too many. */
+    isBusy: () => isBusy,
+    /** Takes a step, unless one is being taken. @param {() => Promise<Where>} ask @param {string} [stage] the step is taken from */
+    async take(ask, stage) {
+      if (isBusy) return;
+      isBusy = true;
+      await inTurn(async () => {
+        try {
+          stand(await ask());
+          channel?.postMessage("moved");
+        } catch (error) {
+          await refused(error, stage);
+        }
+      });
+      isBusy = false;
+    },
+    /** Joins, or goes on where one stood; asks again while there is no server. */
+    async join() {
+      try {
+        const where = await study.join(ids);
+        onJoined(where);
+        stand(where);
+      } catch (error) {
+        const { status, message } = /** @type {ApiError} */ (error);
+        if (status === 0) {
+          dispatch({ kind: "link", link: "lost" });
+          setTimeout(() => this.join(), 1000);
+          return;
+        }
+        const about = status === 409 ? await study.show().catch(() => null) : null;
+        const where = about?.status === "closed" ? await study.me().catch(() => null) : null;
+        if (where) stand(where);
+        else dispatch({ kind: "problem", text: message ?? String(error) });
+      }
+    },
+  };
+}

@@ -1,0 +1,346 @@
+"""The operator's door and console: nobody else gets in, and what is shown is what is."""
+
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+from itsdangerous import TimestampSigner
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from app.admin.health import Health
+from app.settings import Settings
+from app.web.admin_login import COOKIE, FROM_ALL, FROM_ONE, OPEN_S, WINDOW_S, Door, TooManyAttempts, WrongPassword
+from tests.support.servers import eventually, forged
+from tests.support.study import Person, freeze
+
+PASSWORD = "red-planet-4"
+READING = ("overview", "studies/small", "studies/small/files/small-report.html")
+CHANGING = {"check": {}, "studies/small/close": {"name": "small"}, "studies/small/exports/report": {}, "logout": {}}
+
+
+@pytest.fixture
+def admin(serve, tmp_path):
+    """A server with an operator and one open study; `admin.operator()` is a client that has logged in."""
+    freeze(tmp_path / "studies")
+    server = serve(admin_password=PASSWORD)
+
+    def operator():
+        client = server.client(headers={"Origin": server.url})
+        assert client.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+        return client
+
+    server.operator = operator
+    return server
+
+
+def test_without_a_password_there_is_no_such_page(server):
+    client = server.client(headers={"Origin": server.url})
+    assert client.get("/admin").status_code == 404
+    for path in READING:
+        assert client.get(f"/api/admin/{path}").status_code == 404
+    for path, body in {**CHANGING, "login": {"password": PASSWORD}}.items():
+        assert client.post(f"/api/admin/{path}", json=body).status_code == 404
+    with pytest.raises(InvalidStatus) as refusal, server.socket("any", client, path="/ws/admin/sessions/"):
+        pass
+    assert refusal.value.response.status_code in (403, 404)
+
+
+def test_the_page_stands_in_no_frame(admin):
+    answer = admin.client().get("/admin")
+    assert answer.status_code == 200
+    assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+    assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_every_call_refuses_strangers(admin):
+    person = Person(admin)
+    person.to_tutorial()
+    session = person.call("next")["session"]
+    for client in (admin.client(headers={"Origin": admin.url}), person.client):
+        client.headers["Origin"] = admin.url
+        for path in READING:
+            answer = client.get(f"/api/admin/{path}")
+            assert (answer.status_code, answer.json()["detail"][:6]) == (401, "log in")
+        for path, body in CHANGING.items():
+            if path != "logout":
+                assert client.post(f"/api/admin/{path}", json=body).status_code == 401, path
+        with pytest.raises(InvalidStatus), admin.socket(session, client, path="/ws/admin/sessions/"):
+            pass
+    assert admin.client().get("/api/studies/small").json()["status"] == "open"
+
+
+def test_the_calls_are_those_that_exist():
+    from app.web.admin import _calls
+
+    known = {route.path for route in _calls.routes}
+    tried = {*(f"/api/admin/{path}" for path in (*READING, *CHANGING, "login")), "/ws/admin/sessions/any"}
+    shapes = {re.sub(r"\{[^}]+\}", "[^/]+", path) for path in known}
+    assert [path for path in tried if not any(re.fullmatch(shape, path) for shape in shapes)] == []
+    assert len(shapes) == len(tried), "a call that these tests do not try"
+
+
+def test_a_wrong_password_and_too_many_of_them(admin):
+    client = admin.client(headers={"Origin": admin.url})
+    for _ in range(FROM_ONE):
+        answer = client.post("/api/admin/login", json={"password": "blue-planet-4"})
+        assert (answer.status_code, answer.json()["detail"]) == (401, "this is not the operator's password")
+    assert COOKIE not in client.cookies
+    answer = client.post("/api/admin/login", json={"password": PASSWORD})
+    assert answer.status_code == 429, "not even the right one is looked at"
+    wait = int(answer.headers["retry-after"])
+    assert 0 < wait <= WINDOW_S
+    assert answer.json()["detail"] == f"too many wrong passwords: wait {wait} seconds, then try again"
+
+
+def test_attempts_are_forgiven_after_a_while_and_counted_together():
+    now = [0.0]
+    door = Door(PASSWORD, lambda: now[0])
+    for _ in range(FROM_ONE):
+        with pytest.raises(WrongPassword):
+            door.open("wrong-wrong", "1.2.3.4")
+    with pytest.raises(TooManyAttempts):
+        door.open(PASSWORD, "1.2.3.4")
+    assert door.open(PASSWORD, "4.3.2.1"), "another address is not locked out"
+    now[0] = WINDOW_S + 1
+    assert door.open(PASSWORD, "1.2.3.4")
+    for number in range(FROM_ALL):
+        with pytest.raises(WrongPassword):
+            door.open("wrong-wrong", f"1.2.3.{number}")
+    with pytest.raises(TooManyAttempts):
+        door.open(PASSWORD, "9.9.9.9")
+
+
+def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout(admin, monkeypatch):
+    client = admin.client(headers={"Origin": admin.url})
+    said = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
+    for attribute in ("HttpOnly", "SameSite=strict", f"Max-Age={OPEN_S}", "Path=/"):
+        assert attribute in said
+    assert "Secure" not in said
+    secure = client.post("/api/admin/login", json={"password": PASSWORD}, headers={"X-Forwarded-Proto": "https"})
+    assert "Secure" in secure.headers["set-cookie"]
+    value = said.split(";")[0].split("=", 1)[1]
+
+    def status(cookie):
+        return admin.client(headers={"Cookie": f"{COOKIE}={cookie}"}).get("/api/admin/overview").status_code
+
+    assert status(value) == 200
+    foreign = TimestampSigner("another key", salt="mars-admin").sign("a" * 32).decode()
+    for wrong in (forged(value), "x" + value, foreign, "", "a.b.c"):
+        assert status(wrong) == 401, wrong
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TimestampSigner, "get_timestamp", lambda self: int(time.time()) - OPEN_S - 60)
+        old = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
+    assert status(old.split(";")[0].split("=", 1)[1]) == 401
+
+    own = admin.client(headers={"Origin": admin.url, "Cookie": f"{COOKIE}={value}"})
+    assert own.post("/api/admin/logout", json={}).status_code == 200
+    assert status(value) == 401, "what was handed back is worth nothing"
+
+
+def test_another_sites_page_cannot_use_the_operators_cookie(admin):
+    client = admin.operator()
+    for origin in ("https://evil.example", "null", None):
+        client.headers.pop("Origin")
+        if origin is not None:
+            client.headers["Origin"] = origin
+        for path, body in {**CHANGING, "login": {"password": PASSWORD}}.items():
+            answer = client.post(f"/api/admin/{path}", json=body)
+            assert (answer.status_code, answer.json()["detail"][:24]) == (403, "this call must come from"), (origin, path)
+        assert client.get("/api/admin/overview").status_code == (200 if origin is None else 403)
+        with pytest.raises(InvalidStatus), admin.socket("any", client, origin or False, path="/ws/admin/sessions/"):
+            pass
+        client.headers["Origin"] = admin.url
+    assert client.get("/api/studies/small").json()["status"] == "open"
+
+
+def test_a_study_is_shown_as_it_is_played_and_without_identities(admin):
+    operator = admin.operator()
+    empty = operator.get("/api/admin/studies/small").json()
+    assert (empty["participants"], empty["figure"], empty["status"]) == ([], None, "open")
+
+    done, under_way = Person(admin, outside_ids={"PROLIFIC_PID": "ada-5f1"}), Person(admin)
+    done.to_warm_up()
+    frames = done.play_on()["ranked"]
+    under_way.to_warm_up()
+    under_way.call("next")
+    under_way.play(moves=2)
+    gone = Person(admin)
+    gone.call("consent", {"version": "1", "agree": True})
+    gone.call("withdraw")
+    Person(admin, script="noisy-frontier").call("consent", {"version": "1", "agree": True})
+
+    answer = operator.get("/api/admin/studies/small")
+    assert "ada-5f1" not in answer.text
+    shown = answer.json()
+    assert done.client.cookies["mars_player"].split(".")[0] not in answer.text
+    counts = {each["stage"]: (each["human"], each["script"]) for each in shown["stages"] if each["human"] + each["script"]}
+    assert counts == {"instructions": (0, 1), "warm_up": (1, 0), "debrief": (1, 0), "withdrawn": (1, 0)}
+    by_stage = {each["stage"]: each for each in shown["participants"]}
+    assert by_stage["withdrawn"]["left_at"] == "instructions"
+    assert (by_stage["warm_up"]["ranked"], by_stage["warm_up"]["mean_score"]) == (0, None)
+    assert by_stage["instructions"]["script"] == "noisy-frontier"
+    first = by_stage["debrief"]
+    assert first["label"] == done.where["participant"], "what the participant can quote"
+    steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
+    assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (2, 3, pytest.approx(sum(steps) / 3))
+    assert sum(first["outcomes"].values()) == 3
+    fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"])
+    assert (fresh["players"], fresh["episodes"]) == (1, 3)
+    assert fresh["steps"]["mean"] == pytest.approx(sum(steps) / 3)
+
+
+def test_boards_are_watched_live_with_their_scores(admin):
+    operator, person = admin.operator(), Person(admin)
+    person.to_warm_up()
+    for _ in range(2):
+        person.call("next")
+        person.play()
+    person.call("next")
+    assert person.where["phase"] == "ranked"
+    answer = operator.get("/api/admin/overview")
+    assert answer.json()["boards"] == [], "nobody sits there"
+    assert answer.headers["cache-control"] == "no-store"
+    assert operator.get(f"/api/sessions/{person.where['session']}").status_code == 200
+    assert admin.client().get(f"/api/sessions/{person.where['session']}").status_code == 404
+    with (
+        person.socket() as playing,
+        admin.socket(person.where["session"], operator, path="/ws/admin/sessions/") as watching,
+    ):
+        own, seen = playing.receive("frame"), watching.receive("frame")
+        assert (own["score"], own["return"]) == (None, None)
+        assert seen["score"] is not None
+        assert {**seen, "score": None, "return": None, "reward": None} == own
+        assert watching.receive("history")["positions"] == [[0, 0]]
+        (board,) = operator.get("/api/admin/overview").json()["boards"]
+        assert (board["study"], board["label"], board["phase"], board["trial"]) == (
+            "small", person.where["participant"], "ranked", 0,
+        )  # fmt: skip
+        for action in ("east", "south"):
+            playing.act(own, action, input="key")
+            moved = playing.frame_after(own["step"])
+            assert watching.frame_after(own["step"])["position"] == moved["position"]
+            own = moved
+            if own["outcome"]:
+                break
+        assert operator.post("/api/admin/logout", json={}).status_code == 200
+        if own["outcome"] is None:
+            playing.act(own, "west", input="key")
+            with pytest.raises(ConnectionClosed):
+                watching.frame_after(own["step"])
+
+
+def test_a_board_whose_player_has_left_is_not_live_however_long_it_is_watched(admin):
+    operator, person = admin.operator(), Person(admin)
+    person.to_warm_up()
+    session = person.call("next")["session"]
+    with admin.socket(session, operator, path="/ws/admin/sessions/") as watching:
+        watching.receive("frame")
+        with person.socket() as playing:
+            playing.receive("frame")
+            assert len(operator.get("/api/admin/overview").json()["boards"]) == 1
+        eventually(lambda: operator.get("/api/admin/overview").json()["boards"] == [])
+
+
+def test_closing_takes_the_name_and_is_for_good(admin):
+    operator, person = admin.operator(), Person(admin)
+    person.to_tutorial()
+    person.call("next")
+    wrong = operator.post("/api/admin/studies/small/close", json={"name": "smal"})
+    assert (wrong.status_code, wrong.json()["detail"][:33]) == (422, "type the study's name, 'small', t")
+    early = operator.post("/api/admin/studies/small/exports/release", json={})
+    assert (early.status_code, early.json()["detail"]) == (409, "the study 'small' is open: close it first, then release it")
+    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    public = operator.get("/api/studies/small").json()
+    assert public["status"] == "closed"
+    assert public["secret"]
+    person.refused("next")
+    again = operator.post("/api/admin/studies/small/close", json={"name": "small"})
+    assert (again.status_code, again.json()["detail"][:32]) == (409, "the study 'small' is closed alre")
+    shown = operator.get("/api/admin/studies/small").json()
+    assert (shown["status"], shown["closed_ms"] is not None) == ("closed", True)
+    assert operator.get("/api/admin/studies/nosuch").status_code == 404
+
+
+def test_an_export_that_fails_says_why_in_the_commands_own_words(admin):
+    operator = admin.operator()
+    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    begun = operator.post("/api/admin/studies/small/exports/release", json={"authors": ["Ada Lovelace"]})
+    assert (begun.status_code, begun.json()["release"]["state"]) == (202, "making")
+    busy = operator.post("/api/admin/studies/small/exports/report", json={})
+    assert (busy.status_code, busy.json()["detail"]) == (409, "another export is being made: wait until it is done")
+
+    def done():
+        made = operator.get("/api/admin/studies/small").json()["exports"]["release"]
+        return made if made["state"] != "making" else None
+
+    made = eventually(done, 120)
+    assert (made["state"], made["files"]) == ("failed", [])
+    assert "'small'" in made["error"], "nobody has joined it"
+    assert operator.get("/api/admin/studies/small/files/small-release.zip").status_code == 404
+    assert operator.post("/api/admin/studies/small/exports/anything", json={}).status_code == 422
+
+
+def test_drafts_and_thawed_studies_are_listed_with_what_is_wrong(admin, tmp_path):
+    freeze(tmp_path / "studies", "thawed")
+    path = tmp_path / "studies" / "thawed" / "protocol.json"
+    path.write_text(path.read_text().replace('"ranked": 3', '"ranked": 2'))
+    operator = admin.operator()
+    listed = {each["name"]: each for each in operator.get("/api/admin/overview").json()["studies"]}
+    assert listed["small"]["status"] == "open"
+    assert listed["thawed"]["status"] == "broken"
+    assert "thawed protocol" in listed["thawed"]["error"]
+    assert operator.get("/api/admin/studies/thawed").status_code == 409
+
+
+def test_health_is_of_this_disk_and_this_database(admin):
+    health = admin.operator().get("/api/admin/overview").json()["health"]
+    assert 0 < health["disk"]["free"] <= health["disk"]["total"]
+    assert health["database"]["size"] > 0
+    assert health["check"]["is_whole"] is True
+    assert abs(health["last_write_ms"] - time.time() * 1000) < 600_000
+    assert admin.operator().post("/api/admin/check", json={}).json()["check"]["result"] == "ok"
+
+
+def test_damage_is_seen(serve, tmp_path):
+    server = serve()
+    server.stop()
+    path = tmp_path / "playground.db"
+    data = bytearray(path.read_bytes())
+    data[4096 * 3 : 4096 * 3 + 200] = bytes(range(200))
+    path.write_bytes(data)
+    health = Health(path)
+    health.check()
+    assert health.look()["check"]["is_whole"] is False
+
+
+def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch):
+    for name in ("MARS_ADMIN_PASSWORD", "MARS_ADMIN"):
+        monkeypatch.delenv(name, raising=False)
+    server = spawn(admin=True)
+    assert server.said[-2].startswith("the operator's page is /admin, its password until the server stops: ")
+    password = server.said[-2].split()[-1]
+    client = server.client(headers={"Origin": server.url})
+    assert client.post("/api/admin/login", json={"password": password}).status_code == 200
+    server.kill()
+
+
+def test_a_password_that_is_too_short_is_refused_without_being_repeated(monkeypatch, tmp_path):
+    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "mars4")
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--database", str(tmp_path / "a.db")],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "must have at least 8 characters, got 5; set another MARS_ADMIN_PASSWORD" in done.stderr
+    assert "mars4" not in done.stderr
+
+
+def test_settings_do_not_print_the_password(monkeypatch):
+    monkeypatch.setenv("MARS_ADMIN_PASSWORD", PASSWORD)
+    assert PASSWORD not in repr(Settings())
+    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "")
+    assert Door.of(Settings()) is None
+    assert Door.of(Settings(admin=True)).drawn

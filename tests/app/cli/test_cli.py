@@ -1,0 +1,304 @@
+"""The command: help that teaches, one sentence and an exit code for every mistake, nothing half-written."""
+
+import csv
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from app.cli.console import Size
+from app.cli.main import cli, main
+from app.settings import DEFAULT_DATABASE
+from app.storage.store import Store
+from tests.support.recorded import play
+from tests.support.servers import PATIENCE_S, eventually
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def run(capsys):
+    """`run("export", ...)` -> (exit code, stdout, stderr)."""
+
+    def call(*args):
+        capsys.readouterr()  # what was said before: the rules were compiled, perhaps
+        with pytest.raises(SystemExit) as left:
+            main([str(arg) for arg in args])
+        said = capsys.readouterr()
+        return left.value.code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def database(tmp_path):
+    store = Store(tmp_path / "play.db")
+    play(store, seed=1, explore=True)
+    play(store, seed=2, player="bob", driver="script")
+    store.close()
+    return store.path
+
+
+def is_one_sentence(text):
+    return text.startswith("marsexplorer: ") and text.count("\n") == 1 and "Traceback" not in text
+
+
+@pytest.mark.parametrize("name", cli.list_commands(None))
+def test_help_teaches_with_examples(run, name):
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    assert "Examples:" in out
+    assert out.count(f"marsexplorer {name}") >= 2
+
+
+def test_the_commands_help_names_all_and_the_version_is_told(run):
+    assert all(name in run("--help")[1] for name in cli.list_commands(None))
+    assert run("--version") == (0, "marsexplorer, version 0.1.0\n", "")
+
+
+def test_help_loads_nothing_heavy():
+    code = """import sys, app.cli
+for args in (["--help"], *([name, "--help"] for name in app.cli.COMMANDS)):
+    try:
+        app.cli.main(args)
+    except SystemExit:
+        pass
+    print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "rich"} & set(sys.modules)), file=sys.stderr)
+"""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    lines = process.stderr.splitlines()
+    assert len(lines) == 1 + len(cli.list_commands(None))
+    assert all(line.endswith(" []") for line in lines), lines
+
+
+@pytest.mark.parametrize(
+    ("args", "part"),
+    [
+        (["evaluate", "--policy", "random", "--size", "3x3"], "rows must be at least 5, got 3"),
+        (["evaluate", "--policy", "random", "--size", "big"], "expected a side like 21 or ROWSxCOLS like 42x84, got 'big'"),
+        (["evaluate", "--policy", "random", "--level", "moon"], "no level 'moon'; choose one of: random"),
+        (["evaluate", "--policy", "random", "--episodes", "0"], "--episodes"),
+        (["evaluate", "--policy", "random", "--seed", "-1"], "--seed"),
+        (["evaluate", "--policy", "random", "--seed", str(2**53)], "seed"),
+        (["evaluate", "--policy", "ppo2"], 'no policy "ppo2"'),
+        (["evaluate", "--policy", "gone.safetensors"], "no policy file at gone.safetensors"),
+        (["evaluate", "random"], "--policy"),
+        (["evaluate", "--policy", "random", "--informed", "--size", "200"], "up to 16384 cells, got 200x200"),
+        (["serve", "--port", "70000"], "--port"),
+        (["serve", "nonsense"], "unexpected argument 'nonsense'"),
+        (["export"], "--out"),
+        (["export", "--out", "x", "--format", "xml"], "--format"),
+        (["fly"], "No such command 'fly'"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(run, args, part):
+    code, out, err = run(*args)
+    assert (code, out) == (2, "")
+    assert is_one_sentence(err), err
+    assert part in err
+
+
+def test_a_wrong_setting_in_the_environment_is_one_sentence(run, monkeypatch):
+    monkeypatch.setenv("MARS_PORT", "many")
+    code, _, err = run("serve")
+    assert code == 2
+    assert is_one_sentence(err)
+    assert "setting port" in err
+
+
+def test_sizes_are_read_as_sides_or_rows_by_columns():
+    read = Size().convert
+    assert read("21", None, None) == 21
+    assert read("42x84", None, None) == read("42X84", None, None) == (42, 84)
+
+
+def test_export_writes_both_tables(run, database, tmp_path):
+    code, out, err = run("export", "--database", database, "--format", "csv", "--out", tmp_path / "new" / "out")
+    assert (code, err) == (0, "")
+    assert out.startswith("2 episodes in ")
+    with (tmp_path / "new" / "out" / "episodes.csv").open() as file:
+        episodes = list(csv.DictReader(file))
+    with (tmp_path / "new" / "out" / "steps.csv").open() as file:
+        steps = list(csv.DictReader(file))
+    assert [each["verified"] for each in episodes] == ["true", "true"]
+    assert len(steps) == sum(int(each["steps"]) for each in episodes)
+    assert {each["player"] for each in steps} == {each["player"] for each in episodes}
+
+
+def test_export_of_the_human_episodes_as_json_lines(run, database, tmp_path):
+    assert run("export", "--database", database, "--format", "jsonl", "--out", tmp_path, "--who", "human")[0] == 0
+    (line,) = (tmp_path / "episodes.jsonl").read_text().splitlines()
+    assert json.loads(line)["driver"] == "human"
+
+
+def test_export_reads_beside_a_running_server(run, database, tmp_path):
+    store = Store(database)
+    play(store, seed=3)
+    assert run("export", "--database", database, "--out", tmp_path)[1].startswith("3 episodes")
+    store.close()
+
+
+@pytest.mark.parametrize("what", ["missing", "text", "folder"])
+def test_export_refuses_what_is_no_database_of_ours(run, tmp_path, what):
+    path = tmp_path / "it"
+    if what == "text":
+        path.write_text("hello " * 30)
+    if what == "folder":
+        path.mkdir()
+    code, _, err = run("export", "--database", path, "--out", tmp_path / "out")
+    assert code == 1
+    assert is_one_sentence(err)
+    assert "--database" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unwritable_folder_is_told_and_nothing_left(run, database, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    code, _, err = run("export", "--database", database, "--out", tmp_path / "file")
+    assert code == 1
+    assert is_one_sentence(err)
+    assert "choose another --out" in err
+    assert (tmp_path / "file").read_text() == "mine"
+    (tmp_path / "out" / "steps.csv").mkdir(parents=True)
+    assert run("export", "--database", database, "--out", tmp_path / "out")[0] == 1
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["steps.csv"]
+
+
+def test_evaluate_prints_a_table_and_writes_it(run, tmp_path):
+    target = tmp_path / "table.json"
+    args = ["evaluate", "--policy", "random", "frontier-cost", "--size", "5x7", "--episodes", "3", "--seed", "3"]
+    more = ["--level", "random", "--level", "1-1-1", "--csv", tmp_path / "table.csv", "--plots", tmp_path / "new" / "pictures"]
+    code, out, err = run(*args, *more, "--json", target)
+    assert (code, err) == (0, "")
+    for word in (
+        "random",
+        "frontier-cost",
+        "frontier-utility",
+        "1-1-1",
+        "mean score",
+        "95 % interval",
+        "completion",
+        "to rule",
+    ):
+        assert word in out
+    document = json.loads(target.read_text())
+    assert len(document["results"]) == 3 * 2 * 3
+    with (tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["policy"], row["level"]) for row in rows] == [
+        (policy, level) for level in ("random", "1-1-1") for policy in ("random", "frontier-cost", "frontier-utility")
+    ]
+    assert all(
+        (row["rule_ratio_mean"] == "") == (row["policy"] == row["rule_reference"] or not row["rule_reference"]) for row in rows
+    )
+    pictures = {path.name for path in (tmp_path / "new" / "pictures").iterdir()}
+    assert {"coverage-random-5x7.png", "coverage-1-1-1-5x7.png", "heat-random.png"} < pictures
+    assert {path.name for path in tmp_path.iterdir()} == {"table.json", "table.csv", "new"}
+
+
+def test_a_place_for_the_table_is_looked_for_before_playing(run, tmp_path):
+    args = ["evaluate", "--policy", "random", "--size", "1000", "--episodes", "1000000", "--json"]
+    for wrong in (tmp_path / "none" / "table.json", tmp_path):
+        code, _, err = run(*args, wrong)
+        assert code == 1
+        assert is_one_sentence(err)
+        assert "choose another --json" in err
+    (tmp_path / "file").write_text("mine")
+    assert "choose another --csv" in run(*args[:-1], "--csv", tmp_path / "none" / "table.csv")[2]
+    assert "choose another --plots" in run(*args[:-1], "--plots", tmp_path / "file")[2]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("command", ["evaluate", "sweep"])
+def test_without_ray_a_sentence_says_how_to_get_it(run, tmp_path, monkeypatch, command):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    few = ["--size", "5", "--episodes", "2", "--ray", "local"]
+    args = ["--policy", "random"] if command == "evaluate" else ["--out", tmp_path / "new"]
+    code, out, err = run(command, *few, *args)
+    assert (code, out) == (1, "")
+    assert is_one_sentence(err)
+    assert "pip install 'marsexplorer-playground[ray]'" in err
+
+
+def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        code, _, err = run("serve", "--port", taken.getsockname()[1], "--database", tmp_path / "play.db")
+    assert code == 1
+    assert is_one_sentence(err)
+    assert "choose another with --port" in err
+    assert not (tmp_path / "play.db").exists()
+    (tmp_path / "text").write_text("hello " * 30)
+    code, _, err = run("serve", "--port", 0, "--database", tmp_path / "text")
+    assert code == 1
+    assert is_one_sentence(err)
+    assert "not a database" in err
+
+
+def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
+    import app.server
+
+    seen = []
+    monkeypatch.setattr(app.server, "run", seen.append)
+    monkeypatch.setenv("MARS_HOST", "::1")
+    assert run("serve", "--port", "9", "--database", tmp_path / "a.db", "--policy", "a.b", "c.d", "--durable")[0] == 0
+    assert run("serve")[0] == 0
+    first, second = seen
+    assert (first.host, first.port, first.database, first.durable) == ("::1", 9, tmp_path / "a.db", True)
+    assert first.policies == (Path("a.b"), Path("c.d"))
+    assert (second.port, second.database, second.durable, second.policies) == (8000, DEFAULT_DATABASE, False, ())
+
+
+def heed_control_c():
+    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def signal_process(process):
+    os.kill(process.pid, signal.SIGINT)
+
+
+def press_control_c(process):
+    """Signal the whole group, worker processes included, as a terminal does."""
+    os.killpg(process.pid, signal.SIGINT)
+
+
+@pytest.mark.parametrize("interrupt", [signal_process, press_control_c])
+def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, interrupt):
+    args = ["evaluate", "--policy", "frontier-cost", "--size", "84", "--episodes", "100000", "--json", str(tmp_path / "t.json")]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", *args],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        start_new_session=True,
+        preexec_fn=heed_control_c,
+    )
+    with process:
+        try:
+            eventually(lambda: list(tmp_path.iterdir()), 60)
+            time.sleep(3)
+            interrupt(process)
+            out, err = process.communicate(timeout=PATIENCE_S)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    assert (process.returncode, out, err.strip()) == (130, "", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_option_is_explained():
+    for name in cli.list_commands(None):
+        command = cli.get_command(None, name)
+        assert command.name == name
+        for option in command.params:
+            assert option.param_type_name == "argument" or option.help, (command.name, option.name)

@@ -1,0 +1,119 @@
+"""`marsexplorer report` as a user meets it."""
+
+import json
+
+import pytest
+
+from app.cli.main import main
+from tests.support.stored_studies import freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with a closed study: two people and a script have played it."""
+    folder = tmp_path_factory.mktemp("report")
+    play_study(folder / "play.db", freeze(folder / "studies"))
+    return folder
+
+
+@pytest.fixture
+def report(place, capsys):
+    """`report(...)` runs the command on the place and returns exit code, stdout, stderr."""
+
+    def run(*args, study="dunes", database="play.db", studies="studies"):
+        where = ("--database", str(place / database), "--studies", str(place / studies))
+        with pytest.raises(SystemExit) as left:
+            main(["report", "--study", study, *where, *map(str, args)])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return run
+
+
+def test_people_on_the_terminal_as_a_page_and_as_json(report, tmp_path):
+    code, out, err = report("--html", tmp_path / "r.html", "--json", tmp_path / "r.json")
+    assert (code, err) == (0, "")
+    assert "people: means over players" in out
+    assert "policies on the same terrains, beside people" in out
+    assert "SYNTHETIC" not in out
+    document = json.loads((tmp_path / "r.json").read_text())
+    (people,) = document["groups"]
+    assert people["figures"][1]["players"] == 2
+    assert document["scripts"] == {"noisy-frontier": 1}
+    assert {each["policy"] for each in people["comparisons"]} == {"random"}
+    assert people["pictures"]["curve"]["mean"]
+    page = (tmp_path / "r.html").read_text()
+    assert f"{people['figures'][1]['score']['mean']:.4f}" in page
+    assert page.count("<svg") == 5
+
+
+def test_scripts_are_reported_when_asked_for_and_marked(report, tmp_path):
+    code, out, _ = report("--synthetic", "--json", tmp_path / "r.json", "--no-policies")
+    assert code == 0
+    assert "SYNTHETIC: every number here was produced by scripts" in out
+    assert "SYNTHETIC, script noisy-frontier: means over players" in out
+    document = json.loads((tmp_path / "r.json").read_text())
+    assert document["synthetic"] is True
+    assert [group["kind"] for group in document["groups"]] == ["script"]
+    assert document["policies"] == []
+
+
+def test_the_same_database_gives_the_same_numbers_twice(report, tmp_path):
+    for name in ("one", "two"):
+        assert report("--json", tmp_path / name)[0] == 0
+    one, two = (json.loads((tmp_path / name).read_text()) for name in ("one", "two"))
+    one.pop("made_at")
+    two.pop("made_at")
+    assert one == two
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "said"),
+    [
+        ({"study": "moon"}, 2, "nobody has joined a study 'moon'"),
+        ({"database": "none.db"}, 1, "no database at"),
+        ({"study": "dunes", "studies": "elsewhere"}, 0, ""),
+    ],
+)
+def test_mistakes_are_one_sentence(report, given, code, said):
+    found, out, err = report("--no-policies", **given)
+    assert found == code
+    assert said in err
+    assert len(err.splitlines()) == (1 if code else 0)
+    assert bool(out) == (code == 0)
+
+
+def test_a_draft_and_a_thawed_protocol_are_refused(report, place, tmp_path):
+    from app.study.folder import Folder
+    from app.study.protocol import default_protocol
+    from marsexplorer.config import EnvConfig
+
+    Folder(tmp_path / "drafts").create(default_protocol("dunes", EnvConfig("random", 7, 9)))
+    code, _, err = report("--no-policies", studies=tmp_path / "drafts")
+    assert (code, "is a draft" in err) == (2, True)
+    text = (place / "studies/dunes/protocol.json").read_text()
+    thawed = tmp_path / "thawed/dunes"
+    thawed.mkdir(parents=True)
+    for name in ("frozen.json", "closed.json", "secret"):
+        (thawed / name).write_bytes((place / "studies/dunes" / name).read_bytes())
+    (thawed / "protocol.json").write_text(text.replace('"players": 3', '"players": 30'))
+    code, _, err = report("--no-policies", studies=tmp_path / "thawed")
+    assert (code, "thawed protocol" in err) == (2, True)
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing_half_done(report, tmp_path):
+    code, _, err = report("--no-policies", "--html", tmp_path / "no/such/folder.html")
+    assert (code, "cannot write" in err) == (1, True)
+    (tmp_path / "kept.html").write_text("old")
+    assert report("--no-policies", "--html", tmp_path / "kept.html", study="moon")[0] == 2
+    assert (tmp_path / "kept.html").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.html"]
+
+
+def test_the_help_teaches(capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["report", "--help"])
+    said = capsys.readouterr().out
+    assert not left.value.code
+    assert "marsexplorer report --study pilot --html pilot.html" in said
+    assert "--synthetic" in said

@@ -1,0 +1,107 @@
+"""Who is human: trusted events of the page with the session's own cookie; whatever else is a script."""
+
+import pytest
+
+from app.web.cookies import COOKIE
+from tests.support.servers import forged
+
+
+def finish(server, begun, client, *acts, **socket):
+    """Make the moves (where, input), the last of which goes off the grid; return what the store says of the episode."""
+    with server.socket(begun["session"], client, **socket) as connection:
+        frame = connection.receive("frame")
+        ways = {"off": "north", "away": "south", "back": "north"}
+        if frame["grid"][1][0] != ".":
+            ways = {"off": "north", "away": "east", "back": "west"}
+        for where, device in acts:
+            action = ways[where]
+            connection.act(frame, action, input=device, key_down_ms=1.0, client_ms=2.5)
+            frame = connection.frame_after(frame["step"])
+    return server.client().get(f"/api/episodes/{frame['episode']}").json()
+
+
+KEYS = (("away", "key"), ("back", "touch"), ("off", "key"))
+
+
+def test_keys_and_touches_from_the_page_count(server):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    assert begun["counts"] is True
+    kept = finish(server, begun, client, *KEYS)
+    assert (kept["driver"], kept["counts"], kept["outcome"]) == ("human", True, "out_of_bounds")
+    assert [(move["driver"], move["input"], move["key_down_ms"]) for move in kept["moves"]] == [
+        ("human", "key", 1.0),
+        ("human", "touch", 1.0),
+        ("human", "key", 1.0),
+    ]
+    assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is True
+    assert client.get("/api/human-level").json()["figures"][0]["episodes"] == 1
+
+
+@pytest.mark.parametrize("acts", [(("away", None), *KEYS[1:]), (*KEYS[:2], ("off", None))])
+def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, acts):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    kept = finish(server, begun, client, *acts)
+    assert (kept["driver"], kept["counts"]) == ("script", False)
+    assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is False
+
+
+def test_one_move_over_http_makes_the_whole_episode_a_scripts(server):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    way = "south" if begun["frame"]["grid"][1][0] == "." else "east"
+    body = {"episode": begun["frame"]["episode"], "step": 0, "action": way, "input": "key"}
+    client.post(f"/api/sessions/{begun['session']}/act", json=body)
+    assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is False
+    with server.socket(begun["session"], client) as connection:
+        frame = connection.receive("frame")
+        while not frame["outcome"]:
+            connection.act(frame, "north" if way == "south" else "west", input="key")
+            frame = connection.frame_after(frame["step"])
+    assert client.get(f"/api/episodes/{frame['episode']}").json()["driver"] == "script"
+
+
+def test_another_cookie_no_cookie_a_forged_cookie_or_no_origin_is_a_script(server):
+    stranger = server.client()
+    stranger.post("/api/sessions")
+    forger = server.client()
+    for whose in ("stranger", "nobody", "forger", "headless"):
+        client = server.client()
+        begun = client.post("/api/sessions").json()
+        value = client.cookies[COOKIE]
+        forger.cookies.set(COOKIE, forged(value))
+        who = {"stranger": stranger, "nobody": None, "forger": forger, "headless": client}[whose]
+        kept = finish(server, begun, who, *KEYS, origin=whose != "headless" and True)
+        assert kept["driver"] == "script", whose
+
+
+def test_a_chosen_terrain_or_a_rival_beside_never_counts(server):
+    client = server.client()
+    for wish in ({"seed": 9}, {"rival": "frontier-cost"}):
+        begun = client.post("/api/sessions", json=wish).json()
+        assert begun["counts"] is False
+        kept = finish(server, begun, client, *KEYS)
+        assert (kept["driver"], kept["counts"]) == ("human", False)
+
+
+def test_after_a_scripts_episode_the_next_may_count_again(server):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    finish(server, begun, client, ("off", None))
+    assert client.post(f"/api/sessions/{begun['session']}/episodes").json()["counts"] is True
+    assert finish(server, begun, client, *KEYS)["counts"] is True
+
+
+def test_the_cookie_is_one_players_for_good_and_out_of_reach_of_scripts(server):
+    client = server.client()
+    first = client.post("/api/sessions")
+    assert "HttpOnly" in first.headers["set-cookie"]
+    assert "SameSite=lax" in first.headers["set-cookie"]
+    assert "Secure" not in first.headers["set-cookie"]
+    second = client.post("/api/sessions", headers={"X-Forwarded-Proto": "https"})
+    assert "Secure" in second.headers["set-cookie"]
+    value = client.cookies[COOKIE]
+    assert second.headers["set-cookie"].split(";")[0] == f"{COOKIE}={value}"
+    forged = server.client(cookies={COOKIE: "me." + "A" * 27}).post("/api/sessions")
+    assert COOKIE + "=me." not in forged.headers["set-cookie"]

@@ -1,0 +1,103 @@
+"""SIGKILL right after acknowledged steps: nothing lost, nothing doubled, everything goes on where it stood."""
+
+import random
+import sqlite3
+from contextlib import ExitStack, closing
+
+import pytest
+
+from tests.support.servers import PATIENCE_S, eventually
+
+KINDS = ("human", "rival", "policy")
+
+
+def begin(client, kind, dice):
+    wish = {"human": {}, "rival": {"rival": "frontier-cost"}, "policy": {"player": "frontier-utility"}}[kind]
+    begun = client.post("/api/sessions", json={**wish, "size": [9, 13], "seed": dice.randrange(10**6)}).json()
+    if kind == "policy":
+        client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": dice.uniform(20, 60)})
+    return begun
+
+
+class Board:
+    """A session somebody watches, or plays, until the kill; `seen` is the last frame that arrived."""
+
+    def __init__(self, kind, begun, socket):
+        self.kind, self.begun, self.socket, self.seen = kind, begun, socket, socket.receive("frame")
+
+    def move(self):
+        """One step more, by our hand or the policy's, and its frame."""
+        if self.seen["outcome"]:
+            return
+        if self.kind != "policy":
+            action = ("south", "north")[self.seen["step"] % 2]
+            self.socket.act(self.seen, action, input="key", key_down_ms=float(self.seen["step"]))
+        self.seen = self.socket.frame_after(self.seen["step"])
+
+
+def rows_of(path, episode):
+    """Return the (step, action) pairs of an episode, straight from the file."""
+    with closing(sqlite3.connect(path)) as db:
+        return db.execute("SELECT step, action FROM steps WHERE episode_id = ? ORDER BY step", [episode]).fetchall()
+
+
+def check(client, path, session, seen, is_exact):
+    """The board stands where it was seen last, or further on when nobody waits for a policy; its steps are 0, 1, 2, ..."""
+    frame = client.get(f"/api/sessions/{session}").json()
+    assert frame["episode"] == seen["episode"]
+    assert frame["step"] >= seen["step"]
+    if is_exact:
+        assert frame == seen
+    rows = rows_of(path, frame["episode"])
+    assert [step for step, _ in rows] == list(range(len(rows)))
+    assert len(rows) >= frame["step"]
+
+
+def story(spawn, path, dice, sessions):
+    """Play, kill, start again, compare, and play on."""
+    server = spawn()
+    client = server.client()
+    with ExitStack() as stack:
+        boards = []
+        for number in range(sessions):
+            kind = KINDS[(number + dice.randrange(3)) % 3]
+            begun = begin(client, kind, dice)
+            boards.append(Board(kind, begun, stack.enter_context(server.socket(begun["session"], client))))
+        for board in dice.choices(boards, k=dice.randrange(1, 12 * sessions)):
+            board.move()
+        for board in boards:
+            board.move()
+        server.process.kill()
+        server.kill()
+    server = spawn()
+    again = server.client(cookies=dict(client.cookies))
+    for board in boards:
+        session, rival = board.begun["session"], board.begun["rival"]
+        check(again, path, session, board.seen, board.kind != "policy")
+        if rival:
+            check(again, path, rival["session"], rival["frame"], False)
+        with server.socket(session, again) as socket:
+            on = Board(board.kind, board.begun, socket)
+            before = on.seen["step"]
+            on.move()
+            assert on.seen["step"] > before or on.seen["outcome"]
+            if rival:
+                url = f"/api/sessions/{rival['session']}"
+                steps = on.seen["step"]
+                eventually(lambda: (now := again.get(url).json())["step"] >= steps or now["outcome"])  # noqa: B023
+                check(again, path, rival["session"], rival["frame"], False)
+    server.process.terminate()
+    assert server.process.wait(PATIENCE_S) in (0, -15)
+    assert "Traceback" not in server.process.stdout.read()
+    server.close()
+
+
+@pytest.mark.parametrize("batch", range(10))
+def test_a_kill_right_after_the_last_step_of_five_sessions_loses_and_doubles_nothing(spawn, tmp_path, batch):
+    story(spawn, tmp_path / "playground.db", random.Random(batch), 5)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("point", range(50))
+def test_a_kill_right_after_a_step_of_one_session_loses_and_doubles_nothing(spawn, tmp_path, point):
+    story(spawn, tmp_path / "playground.db", random.Random(1000 + point), 1)

@@ -1,0 +1,184 @@
+"""Sessions by id: sleeping and waking, restarts under way, ids and clocks from outside, a store that fails."""
+
+import asyncio
+import itertools
+
+import pytest
+
+from app.play.agent import Policies
+from app.play.lobby import Lobby, Sources, UnknownSession
+from app.play.messages import ChangePace, NewEpisode, NewSession
+from app.play.session import Move, Refused
+from app.storage.store import Store, StoreError
+
+DAY_MS = 86_400_000
+
+
+@pytest.fixture(scope="module")
+def policies():
+    return Policies()
+
+
+@pytest.fixture
+def story(tmp_path, policies):
+    """`story(tell)` runs `tell(lobby)` on a lobby of its own; again and again on the same database."""
+
+    def run(tell, idle_s=600.0, **sources):
+        async def whole():
+            store = Store(tmp_path / "playground.db")
+            lobby = Lobby(store, policies, Sources(**sources), idle_s)
+            sweeper = asyncio.create_task(lobby.sweep())
+            try:
+                return await tell(lobby)
+            finally:
+                sweeper.cancel()
+                lobby.close()
+                store.close()
+
+        return asyncio.run(whole())
+
+    return run
+
+
+def move(session, action=2, **rest):
+    return Move(session.current.id, session.episode.steps, action, "human", **rest)
+
+
+async def until(claim):
+    async with asyncio.timeout(20):
+        while not claim():
+            await asyncio.sleep(0.005)
+
+
+def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
+    async def tell(lobby):
+        session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
+        rival = lobby.rival_of(session)
+        with rival.channel.follow():
+            session.act(move(session))
+            await until(lambda: rival.episode.steps == 1)
+            frames = session.frame, rival.frame
+            await asyncio.sleep(0.3)
+            assert len(lobby) == 2
+        await until(lambda: len(lobby) == 0)
+        woken, beside = await asyncio.gather(lobby.get(rival.id), lobby.get(session.id))
+        assert (beside.frame, woken.frame) == frames
+        assert lobby.rival_of(beside) is woken
+        assert beside is not session
+        with woken.channel.follow():
+            beside.act(move(beside))
+            await until(lambda: woken.episode.steps == 2)
+
+    story(tell, idle_s=0.1)
+
+
+def test_a_restarted_server_knows_players_rivals_and_paces(story):
+    async def before(lobby):
+        session = await lobby.create(NewSession(rival="frontier-utility", size=[21, 19]), "me")
+        rival = lobby.rival_of(session)
+        lobby.change_pace(rival, ChangePace(moves_per_second=60))
+        await until(lambda: rival.episode.steps >= 3)
+        lobby.change_pace(rival, ChangePace(pause=True))
+        return session.id, rival.id, session.current.terrain, rival.episode.steps
+
+    async def after(lobby):
+        rival = await lobby.get(rival_id)
+        session = await lobby.get(session_id)
+        assert lobby.rival_of(session) is rival
+        assert (rival.pace.mode, rival.pace.moves_per_second, rival.episode.steps >= steps) == ("paused", 60, True)
+        assert session.current.terrain == rival.current.terrain == terrain
+        await lobby.restart(session, NewEpisode())
+        assert session.current.terrain == rival.current.terrain != terrain
+
+    session_id, rival_id, terrain, steps = story(before)
+    story(after)
+
+
+def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(story):
+    async def before(lobby):
+        session = await lobby.create(NewSession(), "me")
+        session.act(move(session, 0))
+        other = await lobby.create(NewSession(), "me")
+        return session.id, session.frame, other.id, other.frame
+
+    async def within(lobby):
+        assert (await lobby.get(session_id)).frame == frame
+
+    async def later(lobby):
+        with pytest.raises(UnknownSession):
+            await lobby.get(session_id)
+        assert (await lobby.get(open_id)).frame == open_frame
+
+    session_id, frame, open_id, open_frame = story(before, clock_ms=lambda: 1000)
+    story(within, clock_ms=lambda: DAY_MS - 1000)
+    story(later, clock_ms=lambda: 3 * DAY_MS)
+
+
+def test_a_step_the_store_does_not_take_did_not_happen(story, monkeypatch):
+    async def tell(lobby):
+        session = await lobby.create(NewSession(seed=5), "me")
+        session.act(move(session))
+        frame, codes = session.frame, session.episode.codes.copy()
+        with monkeypatch.context() as patch:
+            patch.setattr(lobby.store, "add_step", broken)
+            with pytest.raises(StoreError):
+                session.act(move(session))
+            patch.setattr(lobby.store, "next_episode", broken)
+            with pytest.raises(StoreError):
+                await lobby.restart(session, NewEpisode())
+        assert (session.frame, session.episode.steps, session.episode.outcome) == (frame, 1, "running")
+        assert (session.episode.codes == codes).all()
+        session.act(move(session))
+        assert session.episode.steps == 2
+        assert session.episode.record().actions == b"\x02\x02"
+
+    def broken(*_):
+        raise StoreError("the disk is full")
+
+    story(tell)
+
+
+def test_restarts_at_the_same_time_leave_one_running_episode_each(story):
+    async def tell(lobby):
+        session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
+        lobby.change_pace(session, ChangePace(moves_per_second=60))
+        for _ in range(5):
+            await asyncio.gather(*(lobby.restart(session, NewEpisode(size=[20, 23])) for _ in range(4)))
+            await asyncio.sleep(0.02)
+        rival = lobby.rival_of(session)
+        assert session.current.number == rival.current.number == 21
+        assert session.current.terrain == rival.current.terrain
+        assert len({row["episode"] for row in lobby.store.episodes(100, 0, "all")}) == 40
+        assert not session.fault
+        assert not rival.fault
+
+    story(tell)
+
+
+def test_ids_seeds_and_the_clock_come_from_outside(story):
+    async def tell(lobby):
+        session = await lobby.create(NewSession(), "me")
+        return session.id, session.current.id, session.current.seed, session.current.started_ms
+
+    count = itertools.count(1)
+    sources = {name: lambda: f"id{next(count)}" for name in ("session_id", "episode_id")}
+    assert story(tell, seed=lambda: 77, clock_ms=lambda: 5, **sources) == ("id1", "id2", 77, 5)
+
+
+def test_seeds_and_ids_are_unguessable_by_default():
+    sources = Sources()
+    assert len({sources.seed() for _ in range(100)}) == 100
+    assert all(0 <= sources.seed() < 2**53 for _ in range(100))
+    assert len(sources.session_id()) == 22
+    assert len(sources.episode_id()) == 16
+
+
+def test_a_policys_rover_refuses_other_hands(story):
+    async def tell(lobby):
+        session = await lobby.create(NewSession(player="random"), "me")
+        lobby.change_pace(session, ChangePace(pause=True))
+        for driver in ("human", "script"):
+            with pytest.raises(Refused, match="driven by the policy 'random'"):
+                session.act(Move(session.current.id, session.episode.steps, 2, driver))
+
+    story(tell)

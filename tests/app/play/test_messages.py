@@ -1,0 +1,106 @@
+"""Every message in both directions, and every sentence a bad one gets."""
+
+import json
+
+import pytest
+from pydantic import ValidationError
+
+from app.play.messages import Act, AskHistory, BadMessage, ChangePace, NewSession, encode_frame, encode_history, parse, sentence
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+
+ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
+
+
+def test_an_act_and_a_request_for_history_are_understood():
+    act = parse(json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14}))
+    assert isinstance(act, Act)
+    assert (act.code, act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
+    assert isinstance(parse('{"kind":"history"}'), AskHistory)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "a message must be JSON, and this is not"),
+        ("", "a message must be JSON"),
+        ("[1]", "JSON object"),
+        ("null", "JSON object"),
+        ("{}", "kind is missing"),
+        ('{"kind":"jump"}', 'kind must be "act", "history" or "events", got \'jump\''),
+        ('{"kind":"act","episode":"e","step":0}', "action is missing"),
+        (json.dumps({**ACT, "action": "up"}), "action must be 'north', 'east', 'south' or 'west', got \"up\""),
+        (json.dumps({**ACT, "step": "0"}), 'step must be a whole number, got "0"'),
+        (json.dumps({**ACT, "step": True}), "step must be a whole number, got true"),
+        (json.dumps({**ACT, "step": -1}), "step must be at least 0, got -1"),
+        (json.dumps({**ACT, "episode": 5}), "episode must be text, got 5"),
+        (json.dumps({**ACT, "input": "mouse"}), "input must be 'key' or 'touch', got \"mouse\""),
+        (json.dumps({**ACT, "client_ms": "now"}), 'client_ms must be a number, got "now"'),
+        (json.dumps({**ACT, "client_ms": float("nan")}), "client_ms"),
+        (json.dumps({**ACT, "stp": 0}), "unknown field 'stp'; the fields are: kind, episode, step, action"),
+        (json.dumps({**ACT, "episode": "x" * 65}), "episode must be at most 64 characters long"),
+        ("x" * 70_000, "a message must be at most 65536 bytes, got 70000"),
+        ('"\\ud800"', "JSON"),
+    ],
+)
+def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
+    with pytest.raises(BadMessage) as caught:
+        parse(text)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ({"level": "7-7-7"}, "no level '7-7-7'; choose one of: random, 1-1-1"),
+        ({"size": 3}, "rows must be at least 5, got 3"),
+        ({"size": [21, 4]}, "cols must be at least 5, got 4"),
+        ({"size": 129}, "rows must be at most 128 over the API, got 129"),
+        ({"size": [5, 6, 7]}, "size must be a whole number or [rows, cols], got 3 values"),
+        ({"size": True}, "size must be a whole number or [rows, cols], got True"),
+        ({"size": [5.0, 6]}, "rows must be a whole number, got 5.0"),
+        ({"seed": 2**53}, "seed must be at most 9007199254740991, got 9007199254740992"),
+        ({"seed": "7"}, 'seed must be a whole number, got "7"'),
+        ({"sed": 7}, "unknown field 'sed'; the fields are: level, size, seed, player, rival"),
+    ],
+)
+def test_a_bad_wish_is_told_what_was_expected_and_what_came(body, said):
+    with pytest.raises(ValidationError) as caught:
+        NewSession.model_validate(body)
+    assert said in sentence(caught.value.errors())
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ({}, "a pace is exactly one of moves_per_second, pause, step, follow; got none"),
+        ({"pause": True, "step": True}, "got pause, step"),
+        ({"pause": False}, "pause must be true, got false"),
+        ({"moves_per_second": 0}, "moves_per_second must be more than 0, got 0"),
+        ({"moves_per_second": 61}, "moves_per_second must be at most 60, got 61"),
+    ],
+)
+def test_a_pace_is_exactly_one_of_four(body, said):
+    with pytest.raises(ValidationError) as caught:
+        ChangePace.model_validate(body)
+    assert said in sentence(caught.value.errors())
+
+
+def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():
+    import numpy as np
+
+    terrain = np.zeros((5, 7), bool)
+    terrain[0, 1] = terrain[1, 1] = True
+    episode = Episode.begin(EnvConfig("random", 5, 7, sensor_radius=2), terrain=terrain)
+    frame = json.loads(encode_frame("e1", episode))
+    assert frame["grid"] == ["@#?????", ".#?????", ".??????", "???????", "???????"]
+    assert (frame["episode"], frame["step"], frame["rows"], frame["cols"], frame["position"]) == ("e1", 0, 5, 7, [0, 0])
+    assert (frame["discovered"], frame["outcome"], frame["heading"]) == (5, None, "east")
+    episode.step(2)
+    assert json.loads(encode_frame("e1", episode))["grid"][:2] == [".#?????", "@#?????"]
+    assert json.loads(encode_history("e1", episode))["positions"] == [[0, 0], [1, 0]]
+    episode.step(1)
+    frame = json.loads(encode_frame("e1", episode))
+    assert (frame["outcome"], frame["reward"], frame["return"]) == ("collided", -35.0, episode.total)

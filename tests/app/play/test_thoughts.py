@@ -1,0 +1,130 @@
+"""What a policy thinks is told about its own board alone, from its observation alone, and never about a person's."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from app.play.agent import Policies
+from app.play.messages import Thought
+from marsexplorer import policies
+from marsexplorer.policies.network.model import Net, save_network
+from tests.support.servers import eventually
+
+SIZE = [7, 9]
+
+
+@pytest.fixture(scope="module")
+def thinker(tmp_path_factory):
+    """A file with an untrained network, which thinks all the same."""
+    torch.manual_seed(1)
+    path = tmp_path_factory.mktemp("policies") / "thinker.safetensors"
+    save_network(Net(), path, {"summary": "Thinks."})
+    return path
+
+
+@pytest.fixture
+def client_and_server(serve, thinker):
+    server = serve(policies=Policies([thinker]))
+    return server.client(), server
+
+
+def codes_of(frame):
+    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+
+
+def heard(socket, count, kinds=("frame", "thought")):
+    """Return the next `count` messages of some kinds."""
+    found = []
+    while len(found) < count:
+        message = socket.receive()
+        if message["kind"] in kinds:
+            found.append(message)
+    return found
+
+
+def test_each_frame_of_a_network_is_followed_by_what_it_thinks_of_it_from_its_observation_alone(client_and_server, thinker):
+    client, server = client_and_server
+    session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
+    client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+    client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
+    twin, frame = policies.load(thinker), None
+    with server.socket(session, client) as socket:
+        while frame is None or (frame["step"] < 12 and not frame["outcome"]):
+            frame, thought = socket.receive("frame"), socket.receive("thought")
+            Thought.model_validate(thought, strict=False)
+            if frame["step"] == 0:
+                twin.reset(0)
+            while thought["step"] != frame["step"]:
+                thought = socket.receive("thought")
+            assert thought["episode"] == frame["episode"]
+            twin.act(codes_of(frame))
+            shares, value = twin.thought()
+            assert thought["probabilities"] == pytest.approx(shares, abs=1e-4)
+            assert thought["value"] == pytest.approx(value, abs=2e-3)
+            client.post(f"/api/sessions/{session}/pace", json={"step": True})
+
+
+def test_a_late_follower_hears_the_thought_about_the_newest_frame(client_and_server):
+    client, server = client_and_server
+    session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker"}).json()["session"]
+    client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+    client.post(f"/api/sessions/{session}/episodes", json={})  # paused from its beginning
+    for _ in range(3):
+        client.post(f"/api/sessions/{session}/pace", json={"step": True})
+    eventually(lambda: client.get(f"/api/sessions/{session}").json()["step"] >= 3)
+    with server.socket(session, client) as socket:
+        step = socket.receive("frame")["step"]
+        assert socket.receive("thought")["step"] == step
+
+
+def test_a_rule_says_nothing_of_what_it_thinks(client_and_server):
+    client, server = client_and_server
+    session = client.post("/api/sessions", json={"size": SIZE, "player": "frontier-cost"}).json()["session"]
+    client.post(f"/api/sessions/{session}/pace", json={"moves_per_second": 60})
+    with server.socket(session, client) as socket:
+        kinds, frame = set(), {"outcome": None}
+        while not frame["outcome"]:
+            message = socket.receive()
+            kinds.add(message["kind"])
+            frame = message if message["kind"] == "frame" else frame
+    assert "thought" not in kinds
+
+
+@pytest.mark.parametrize("rival", [None, "thinker"])
+def test_nothing_is_thought_about_a_persons_board(client_and_server, rival):
+    client, server = client_and_server
+    body = {"size": SIZE} | ({"rival": rival} if rival else {})
+    about = client.post("/api/sessions", json=body).json()
+    assert about["counts"] == (rival is None)
+    seen = []
+    with server.socket(about["session"], client) as socket:
+        frame = socket.receive("frame")
+        for step in range(6):
+            action = ("east", "west")[step % 2] if codes_of(frame)[0, 1] != 3 else ("south", "north")[step % 2]
+            socket.act(frame, action, input="key")
+            while frame["step"] <= step:
+                message = socket.receive()
+                seen.append(message["kind"])
+                frame = message if message["kind"] == "frame" else frame
+    assert "thought" not in seen
+    session = server.app.state.lobby.sessions()[0]
+    with pytest.raises(RuntimeError, match="person's board"):
+        session.tell_thought("{}")
+    assert "probabilities" not in json.dumps(
+        [client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")]
+    )
+
+
+def test_thoughts_about_terrains_that_look_alike_so_far_are_the_same(client_and_server):
+    client, server = client_and_server
+    said = []
+    for _ in range(2):
+        session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
+        client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+        client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
+        with server.socket(session, client) as socket:
+            thought = socket.receive("thought")
+            said.append((thought["probabilities"], thought["value"]))
+    assert said[0] == said[1]

@@ -1,0 +1,255 @@
+"""`forget`: nothing of somebody is left in any byte, and nothing brings them back."""
+
+import io
+import json
+import shutil
+import sqlite3
+
+import pytest
+
+from app.cli.main import main
+from app.release.build import Wanted, build
+from app.release.combine import import_release, merge
+from app.release.errors import ReleaseError
+from app.release.forget import find, forget
+from app.release.manifest import MANIFEST
+from app.release.verify import verify_database
+from app.storage.database import open_read_only
+from app.storage.store import StoreError
+from app.study.records import label
+from tests.support.recorded import play
+from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def origin(tmp_path_factory):
+    """A closed study of three, whose first participant also plays for themselves."""
+    folder = tmp_path_factory.mktemp("origin")
+    study = freeze(folder / "studies")
+    people = play_study(folder / "play.db", study)
+    field = Field(folder / "play.db", study)
+    (player,) = field.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
+    play(field.store, seed=5, player=player, config=CONFIG)
+    field.close()
+    return folder, study, people
+
+
+@pytest.fixture
+def copy(origin, tmp_path):
+    for path in origin[0].glob("play.db*"):
+        shutil.copy(path, tmp_path / path.name)
+    return tmp_path / "play.db", origin[1], origin[2]
+
+
+def ask(path, sql, *values):
+    conn = sqlite3.connect(path)
+    found = conn.execute(sql, values).fetchall()
+    conn.close()
+    return found
+
+
+def traces_of(path, person):
+    """Every id and word by which the database knows a participant."""
+    found = {person}
+    (row,) = ask(path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", person)
+    found |= set(row)
+    found |= {row[0] for row in ask(path, "SELECT value FROM identities WHERE participant_id = ?", person)}
+    boards = ask(path, "SELECT id FROM sessions WHERE player_id = ?", row[0])
+    found |= {board for (board,) in boards}
+    for (board,) in boards:
+        found |= {ident for (ident,) in ask(path, "SELECT id FROM episodes WHERE session_id = ?", board)}
+    assert len(found) > 10
+    return found
+
+
+def bytes_beside(path):
+    """Every byte of the database, its log and whatever else lies beside it."""
+    return b"".join(each.read_bytes() for each in path.parent.iterdir() if each.is_file())
+
+
+def test_nothing_remains_in_any_byte_and_the_others_are_as_they_were(copy):
+    path, study, people = copy
+    traces = traces_of(path, people[0])
+    before = bytes_beside(path)
+    assert all(trace.encode() in before for trace in traces)
+    done = forget(path, IDENTITIES["PROLIFIC_PID"].format(0))
+    assert (done.study, done.episodes, done.keeps, done.outdated) == (study.name, 7, False, ())
+    after = bytes_beside(path)
+    for trace in traces:
+        assert trace.encode() not in after, trace
+    assert ask(path, "SELECT count(*) FROM participants") == [(2,)]
+    result = verify_database(path)
+    assert (result.findings, result.episodes) == ((), 12)
+    assert ask(path, "PRAGMA journal_mode") == [("wal",)]
+
+
+def test_it_leaves_the_log_empty_beside_a_database_that_was_not_closed_well(copy):
+    """Rows that are still in the log alone are gone as well."""
+    path, _, people = copy
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA wal_autocheckpoint = 0")
+    writer.execute("UPDATE participants SET completion_code = 'CODE-in-the-log' WHERE id = ?", [people[0]])
+    writer.commit()
+    for name in ("play.db", "play.db-wal", "play.db-shm"):
+        shutil.copy(path.with_name(name), path.with_name(f"killed{name[4:]}"))
+    writer.close()
+    killed = path.with_name("killed.db")
+    for each in path.parent.glob("play.db*"):
+        each.unlink()
+    assert b"CODE-in-the-log" in bytes_beside(killed)
+    forget(killed, people[0])
+    assert b"CODE-in-the-log" not in bytes_beside(killed)
+
+
+def test_a_server_or_another_program_keeps_it_from_beginning(copy):
+    path, study, people = copy
+    field = Field(path, study)
+    with pytest.raises(StoreError, match="in use by another server"):
+        forget(path, people[0])
+    field.close()
+    other = sqlite3.connect(path)
+    other.execute("SELECT count(*) FROM episodes").fetchone()
+    with pytest.raises(StoreError, match="open in another program"):
+        forget(path, people[0])
+    other.close()
+    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    forget(path, people[0])
+
+
+def test_nobody_is_erased_by_a_word_that_many_share(copy):
+    path, study, people = copy
+    field = Field(path, study)
+    for person in people:
+        field.insert("identities", person, "STUDY_ID", "the-shared-study-id")
+    field.close()
+    with pytest.raises(ReleaseError, match="stands for 3 participants"):
+        forget(path, "the-shared-study-id")
+    with pytest.raises(ReleaseError, match="no participant 'nobody'"):
+        forget(path, "nobody")
+    with pytest.raises(ReleaseError, match="in the study 'other'"):
+        forget(path, people[0], "other")
+    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    for who in (people[0], label(people[0]), label(people[0]).lower(), IDENTITIES["SESSION_ID"].format(0)):
+        assert find(path, who)["id"] == people[0]
+
+
+def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(copy, tmp_path):
+    path, study, people = copy
+    first = build(Wanted(path, study.name, tmp_path / "out1"))
+    assert forget(path, people[0]).outdated == (1,)
+    second = build(Wanted(path, study.name, tmp_path / "out2"))
+    assert second.header.rows["participants"] == 2
+    manifest = json.loads((tmp_path / "out2" / MANIFEST).read_text())
+    assert manifest["version"] == 2
+    assert manifest["supersedes"] == {
+        "version": 1,
+        "manifest_sha256": first.manifest_hash,
+        "reason": "a participant asked to be forgotten",
+    }
+
+    def came(database):
+        return {row[0] for row in ask(database, "SELECT joined_ms FROM participants")}
+
+    (gone,) = came(tmp_path / "out1/study.sqlite") - came(path)
+    _empty(path)
+    assert import_release(tmp_path / "out1", path).forgotten == 1
+    assert came(path) == came(tmp_path / "out1/study.sqlite") - {gone}
+    assert verify_database(path).findings == ()
+    _empty(path, "forgotten_people")  # the trajectories alone are enough
+    assert import_release(tmp_path / "out1", path).forgotten == 1
+
+
+def _empty(path, *more):
+    """Delete all rows but the list of the forgotten."""
+    conn = sqlite3.connect(path)
+    conn.execute("PRAGMA foreign_keys = OFF")
+    people = ("stage_events", "identities", "participants", "sessions", "players", "studies", "releases")
+    for table in ("digests", "input_events", "steps", "study_episodes", "episodes", *people, *more):
+        conn.execute(f"DELETE FROM {table}")
+    conn.commit()
+    conn.close()
+
+
+def test_a_merge_with_an_older_copy_does_not_bring_them_back(copy, tmp_path):
+    path, _, people = copy
+    older = tmp_path / "older" / "older.db"
+    older.parent.mkdir()
+    shutil.copy(path, older)
+    forget(path, people[1])
+    for number, sources in enumerate(((path, older), (older, path))):
+        joined, _ = merge(sources, tmp_path / f"both{number}.db")
+        assert joined.forgotten == 1
+        assert {row[0] for row in ask(tmp_path / f"both{number}.db", "SELECT id FROM participants")} == {people[0], people[2]}
+        assert people[1].encode() not in (tmp_path / f"both{number}.db").read_bytes()
+        assert verify_database(tmp_path / f"both{number}.db").findings == ()
+
+
+def test_where_the_protocol_keeps_episodes_they_stay_without_a_person(tmp_path):
+    study = freeze(tmp_path / "studies", keep_episodes_when_forgotten=True)
+    path = tmp_path / "play.db"
+    people = play_study(path, study)
+    (player, session, code) = ask(
+        path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", people[0]
+    )[0]
+    done = forget(path, people[0])
+    assert (done.keeps, done.episodes, done.outdated) == (True, 0, ())
+    after = path.read_bytes()
+    for trace in (people[0], player, session, code, IDENTITIES["PROLIFIC_PID"].format(0)):
+        assert trace.encode() not in after, trace
+    result = verify_database(path)
+    assert (result.findings, result.episodes) == ((), 18)
+    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    assert ask(path, "SELECT count(*) FROM forgotten") == [(0,)]
+
+
+def test_a_kept_episode_meets_its_older_copy_in_a_merge_without_its_person(tmp_path):
+    study = freeze(tmp_path / "studies", keep_episodes_when_forgotten=True)
+    path = tmp_path / "play.db"
+    people = play_study(path, study, ("human",))
+    shutil.copy(path, tmp_path / "older.db")
+    forget(path, people[0])
+    for number, sources in enumerate(((path, tmp_path / "older.db"), (tmp_path / "older.db", path))):
+        out = tmp_path / f"both{number}.db"
+        joined, _ = merge(sources, out)
+        assert (joined.added["episodes"], joined.forgotten) == (6, 1)
+        assert people[0].encode() not in out.read_bytes()
+        assert verify_database(out).findings == ()
+
+
+def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
+    path = tmp_path / "play.db"
+    first, second = freeze(tmp_path / "studies", "first"), freeze(tmp_path / "studies", "second")
+    field = Field(path, first)
+    person = field.join(0)
+    field.play(person, "ranked", 0)
+    field.close()
+    field = Field(path, second)
+    other = field.join(0)
+    field.play(other, "ranked", 0)
+    (player,) = field.conn.execute("SELECT player_id FROM participants WHERE id = ?", [person]).fetchone()
+    field.conn.execute("UPDATE participants SET player_id = ? WHERE id = ?", (player, other))
+    field.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
+    from app.storage import digests
+
+    digests.seal(field.conn, "participant", other)
+    field.close()
+    with pytest.raises(ReleaseError, match="studies: first, second"):
+        forget(path, IDENTITIES["PROLIFIC_PID"].format(0))
+    assert forget(path, IDENTITIES["PROLIFIC_PID"].format(0), "first").episodes == 1
+    assert ask(path, "SELECT study FROM participants") == [("second",)]
+    assert ask(path, "SELECT count(*) FROM identities") == [(2,)]
+    assert (verify_database(path).findings, verify_database(path).episodes) == ((), 1)
+
+
+def test_the_command_asks_and_tells(copy, capsys, monkeypatch):
+    path, _, people = copy
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with pytest.raises(SystemExit) as left:
+        main(["forget", people[0], "--database", str(path)])
+    assert left.value.code == 130
+    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    with pytest.raises(SystemExit) as left:
+        main(["forget", people[0], "--database", str(path), "--yes"])
+    assert left.value.code == 0
+    assert "erased from" in capsys.readouterr().out
+    open_read_only(path).close()

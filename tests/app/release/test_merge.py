@@ -1,0 +1,125 @@
+"""`merge`: several servers' files as one, or a sentence on why not."""
+
+import shutil
+import sqlite3
+
+import pytest
+
+from app.cli.main import main
+from app.release.build import Wanted, build
+from app.release.combine import merge
+from app.release.dataset import verify_dataset
+from app.release.errors import ReleaseError
+from app.release.verify import verify_database
+from tests.support.stored_studies import Field, freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def servers(tmp_path_factory):
+    """One study, played on two servers."""
+    folder = tmp_path_factory.mktemp("servers")
+    study = freeze(folder / "studies")
+    play_study(folder / "a.db", study, ("human", "human"))
+    play_study(folder / "b.db", study, ("human", "script"), first=2)
+    return folder, study
+
+
+def ask(path, sql):
+    conn = sqlite3.connect(path)
+    found = conn.execute(sql).fetchall()
+    conn.close()
+    return found
+
+
+def test_two_servers_of_one_study_become_one(servers, tmp_path):
+    folder, study = servers
+    joined, twice = merge([folder / "a.db", folder / "b.db"], tmp_path / "c.db")
+    assert (joined.added["participants"], joined.added["episodes"], joined.equal["episodes"], twice) == (4, 24, 0, 0)
+    result = verify_database(tmp_path / "c.db")
+    assert (result.findings, result.episodes) == ((), 24)
+    assert ask(tmp_path / "c.db", "SELECT count(*) FROM meta") == [(0,)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.db"]
+    built = build(Wanted(tmp_path / "c.db", study.name, tmp_path / "out"))
+    assert built.header.rows["participants"] == 4
+    assert verify_dataset(tmp_path / "out").verified.findings == ()
+
+
+def test_what_both_hold_is_taken_once(servers, tmp_path):
+    folder, _ = servers
+    merge([folder / "a.db", folder / "b.db"], tmp_path / "c.db")
+    joined, _ = merge([tmp_path / "c.db", folder / "b.db"], tmp_path / "d.db")
+    assert (joined.added["episodes"], joined.equal["episodes"]) == (24, 12)
+    for table in (
+        "players",
+        "sessions",
+        "episodes",
+        "steps",
+        "participants",
+        "identities",
+        "input_events",
+        "digests",
+        "studies",
+    ):
+        assert sorted(ask(tmp_path / "c.db", f"SELECT * FROM {table}")) == sorted(
+            ask(tmp_path / "d.db", f"SELECT * FROM {table}")
+        )
+
+
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (
+            "UPDATE steps SET client_ms = 1 WHERE step = 1",
+            r"the table steps has episode_id .*, step 1 with another content in .*b.db",
+        ),
+        ("UPDATE participants SET stage = 'ranked'", "the table participants has id"),
+        ("UPDATE studies SET protocol_hash = 'x'", "another protocol_hash.*two studies of one name"),
+        ("UPDATE studies SET secret = '00'", "another secret"),
+    ],
+)
+def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
+    folder, _ = servers
+    shutil.copy(folder / "a.db", tmp_path / "b.db")
+    conn = sqlite3.connect(tmp_path / "b.db")
+    conn.execute(harm)
+    conn.commit()
+    conn.close()
+    with pytest.raises(ReleaseError, match=said):
+        merge([folder / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
+    assert not list(tmp_path.glob("*c.db*"))
+
+
+def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
+    play_study(tmp_path / "a.db", study, ("human",))
+    from app.study.folder import Folder
+
+    play_study(tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1)
+    merge([tmp_path / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
+    ((closed_ms, secret),) = ask(tmp_path / "c.db", "SELECT closed_ms, secret FROM studies")
+    assert closed_ms
+    assert secret == study.secret.hex()
+    assert verify_database(tmp_path / "c.db").findings == ()
+
+
+def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_told(servers, tmp_path, capsys):
+    folder, study = servers
+    field = Field(tmp_path / "live.db", study)
+    field.play(field.join(0), "warm_up", 0)
+    with pytest.raises(SystemExit) as left:
+        main(["merge", str(folder / "a.db"), str(tmp_path / "live.db"), "--out", str(tmp_path / "c.db")])
+    said = capsys.readouterr()
+    assert (left.value.code, said.err) == (0, "")
+    assert "3 participants and 13 episodes from 2 databases" in said.out
+    assert "1 outside ids took part in a study twice" in said.out
+    field.close()
+
+
+def test_nothing_is_written_over(servers, tmp_path, capsys):
+    folder, _ = servers
+    (tmp_path / "c.db").write_text("mine")
+    with pytest.raises(SystemExit) as left:
+        main(["merge", str(folder / "a.db"), str(folder / "b.db"), "--out", str(tmp_path / "c.db")])
+    assert left.value.code == 1
+    assert "is there already" in capsys.readouterr().err
+    assert (tmp_path / "c.db").read_text() == "mine"

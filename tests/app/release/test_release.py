@@ -1,0 +1,544 @@
+"""`release` and `import`: what is in a bundle, that nobody can be found in it, that it comes back as it was, each refusal."""
+
+import csv
+import hashlib
+import json
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import jsonschema
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from app.cli.main import main
+from app.release import signing
+from app.release.build import Wanted, build
+from app.release.columns import TABLES, dictionary, json_schema, markdown
+from app.release.combine import import_release
+from app.release.dataset import verify_dataset
+from app.release.errors import ReleaseError
+from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
+from app.release.verify import verify_database
+from app.storage import digests
+from app.storage.store import SessionRow, StoreError
+from app.study.protocol import canonical, canonical_json, checked
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A closed study of three, its database, and its release."""
+    folder = tmp_path_factory.mktemp("made")
+    study = freeze(folder / "studies")
+    play_study(folder / "play.db", study)
+    field = Field(folder / "play.db", study)
+    field.join(7, stage="withdrawn", consent=False)
+    field.close()
+    built = build(Wanted(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",)))
+    return folder, built
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    """A copy of the release, and of its database, that may be harmed."""
+    shutil.copytree(made[0] / "out", tmp_path / "out")
+    for path in made[0].glob("play.db*"):
+        shutil.copy(path, tmp_path / path.name)
+    return tmp_path
+
+
+def table(path, name, order):
+    conn = sqlite3.connect(path)
+    found = conn.execute(f"SELECT * FROM {name} ORDER BY {order}").fetchall()
+    conn.close()
+    return found
+
+
+def test_a_release_holds_what_it_says_and_verifies(made):
+    folder, built = made
+    out = folder / "out"
+    names = {
+        *("study.sqlite", "episodes.jsonl", "scores.csv", "croissant.json", "protocol.json", "DATASHEET.md", "CITATION.cff"),
+        *("LICENSE", MANIFEST, SIGNATURE, PUBLIC_KEY, "schema/columns.json", "schema/episode.schema.json"),
+        *(f"parquet/{name}.parquet" for name in ("episodes", "steps", "input_events")),
+        *(f"minari/marsexplorer/dunes/{who}-v1/data/{name}" for who in ("human", "script")
+          for name in ("main_data.hdf5", "metadata.json")),
+    }  # fmt: skip
+    assert names <= set(listing(out))
+    checked = verify_dataset(out, signer=built.signer)
+    assert checked.verified.findings == ()
+    assert checked.verified.episodes == 18
+    assert checked.manifest["rows"]["episodes"] == 18
+    assert checked.manifest["left_out"] == {"open_episodes": 0, "without_consent": 1}
+    assert not list(folder.glob(".out*"))
+
+
+def traces(folder):
+    """Everything in the database that says who somebody is, or lets one act for them."""
+    found = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
+    conn = sqlite3.connect(folder / "play.db")
+    columns = ("participants.id", "players.id", "sessions.id", "participants.completion_code", "meta.value", "identities.value")
+    for name in columns:
+        found |= {row[0] for row in conn.execute(f"SELECT {name} FROM {name.split('.')[0]}")}
+    conn.close()
+    assert len(found) > 20
+    return found
+
+
+def test_nobody_is_found_in_any_byte_of_it(made):
+    folder, _ = made
+    for name in listing(folder / "out"):
+        path = folder / "out" / name
+        data = path.read_bytes()
+        if path.suffix == ".parquet":
+            data += repr(pq.read_table(path).to_pylist()).encode()
+        for trace in traces(folder):
+            assert trace.encode() not in data, f"{trace} is in {name}"
+    assert "CODE-0" in "".join(traces(folder))
+    assert b"P" in (folder / "out/scores.csv").read_bytes()
+
+
+def test_all_formats_tell_the_same(made):
+    out = made[0] / "out"
+    lines = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
+    parquet = pq.read_table(out / "parquet/episodes.parquet").to_pylist()
+    steps = pq.read_table(out / "parquet/steps.parquet").to_pylist()
+    assert [{name: value for name, value in line.items() if name != "actions"} for line in lines] == parquet
+    by_episode = {line["episode"]: line["actions"] for line in lines}
+    for ident, actions in by_episode.items():
+        assert actions == [step["action"] for step in steps if step["episode"] == ident]
+    with (out / "scores.csv").open() as file:
+        scores = list(csv.DictReader(file))
+    assert [row["score"] for row in scores] == [repr(row["score"]) for row in parquet]
+    stored = table(out / "study.sqlite", "episodes", "started_ms")
+    assert len(stored) == len(parquet) == len(scores)
+    assert {row["kind"] for row in parquet} == {"human", "script"}
+    assert all((row["kind"] == "script") == (row["driver"] == "script") == (row["script"] is not None) for row in parquet)
+    events = pq.read_table(out / "parquet/input_events.parquet").to_pylist()
+    assert len(events) == len(table(out / "study.sqlite", "input_events", "episode_id"))
+
+
+def test_rows_follow_their_schema_and_the_dictionary_names_every_column(made):
+    out = made[0] / "out"
+    schema = json.loads((out / "schema/episode.schema.json").read_text())
+    assert schema == json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for line in (out / "episodes.jsonl").read_text().splitlines():
+        jsonschema.validate(json.loads(line), schema)
+    assert json.loads((out / "schema/columns.json").read_text()) == dictionary()
+    for name, columns in TABLES.items():
+        if name != "scores":
+            assert pq.read_schema(out / f"parquet/{name}.parquet").names == [column.name for column in columns]
+    with (out / "scores.csv").open() as file:
+        assert next(csv.reader(file)) == [column.name for column in TABLES["scores"]]
+
+
+def test_the_documentation_lists_the_columns_as_they_are():
+    text = (ROOT / "docs/release.md").read_text()
+    for name in TABLES:
+        assert markdown(name) in text, f"docs/release.md: the columns of {name} are not those of app/release/columns.py"
+
+
+@pytest.mark.parametrize("driver", ["human", "script"])
+def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatch, driver):
+    import minari
+
+    folder, _ = made
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / "out/minari"))
+    dataset = minari.load_dataset(f"marsexplorer/dunes/{driver}-v1")
+    assert dataset.total_episodes == (11 if driver == "human" else 6)
+    metadata = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
+    ref_min, ref_max = (dataset.storage.metadata[name] for name in ("ref_min_score", "ref_max_score"))
+    rows = {row["episode"]: row for row in pq.read_table(folder / "out/parquet/episodes.parquet").to_pylist()}
+    made_again = gymnasium.make("MarsExplorer-v0", level="random", size=(7, 9), sensor_radius=3, observation="uint8")
+    for env in (dataset.recover_environment(), made_again):
+        for episode, about in zip(dataset.iterate_episodes(), metadata, strict=True):
+            row = rows[about["episode"]]
+            assert {name: about[name] for name in ("participant", "phase", "seed", "config_hash")} == {
+                name: row[name] for name in ("participant", "phase", "seed", "config_hash")
+            }
+            observation, _ = env.reset(seed=about["seed"])
+            assert np.array_equal(observation, episode.observations[0])
+            for number, action in enumerate(episode.actions):
+                observation, reward, terminated, truncated, _ = env.step(action)
+                assert np.array_equal(observation, episode.observations[number + 1])
+                assert reward == episode.rewards[number]
+                assert terminated == episode.terminations[number]
+                assert truncated == episode.truncations[number] or row["outcome"] == "abandoned"
+            if row["outcome"] != "abandoned":
+                assert minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))[0] == pytest.approx(row["score"])
+    assert (ref_min, ref_max) == (-63.0, 126.0)
+
+
+def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypatch):
+    """Minari would compress them like photographs, and lose cells."""
+    import minari
+
+    study = freeze(tmp_path / "studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1)
+    field = Field(tmp_path / "play.db", study)
+    ident = field.play(field.join(0), "ranked", 0)
+    field.close()
+    build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
+    dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
+    (about,), (episode,) = dataset.storage.get_episode_metadata([0]), dataset.iterate_episodes()
+    assert about["episode"] == ident
+    env = dataset.recover_environment()
+    seen = [env.reset(seed=about["seed"])[0], *(env.step(action)[0] for action in episode.actions)]
+    assert np.array_equal(np.stack(seen), episode.observations)
+
+
+def test_a_release_is_built_beside_a_running_server(copy):
+    field = Field(copy / "play.db", freeze(copy / "studies2", "unused"))
+    assert build(Wanted(copy / "play.db", "dunes", copy / "new")).header.version == 2
+    field.play(field.join(9), "warm_up", 0)
+    field.close()
+    assert verify_database(copy / "play.db").findings == ()
+    assert [row[1] for row in table(copy / "play.db", "releases", "version")] == [1, 2]
+
+
+def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
+    study = freeze(tmp_path / "studies")
+    field = Field(tmp_path / "play.db", study)
+    field.play(field.join(0, stage="ranked"), "warm_up", 0, "open")
+    field.close()
+    built = build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    assert (built.header.rows["participants"], built.header.rows["episodes"]) == (1, 0)
+    assert built.header.left_out["open_episodes"] == 1
+    assert verify_dataset(tmp_path / "out").verified.findings == ()
+
+
+def test_croissant_is_valid_and_reads_the_tables(made):
+    import mlcroissant
+
+    folder, _ = made
+    metadata = json.loads((folder / "out/croissant.json").read_text())
+    assert metadata["conformsTo"] == "http://mlcommons.org/croissant/1.1"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        dataset = mlcroissant.Dataset(folder / "out/croissant.json")
+        assert not dataset.metadata.ctx.issues.errors
+        assert not dataset.metadata.ctx.issues.warnings
+        counts = {name: sum(1 for _ in dataset.records(name)) for name in ("episodes", "scores")}
+    assert counts == {"episodes": 18, "scores": 18}
+
+
+def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
+    out = made[0] / "out"
+    assert "Ada Lovelace" in (out / "CITATION.cff").read_text()
+    assert "license: CC-BY-4.0" in (out / "CITATION.cff").read_text()
+    assert "creativecommons.org/licenses/by/4.0" in (out / "LICENSE").read_text()
+    sheet = (out / "DATASHEET.md").read_text()
+    for heading in ("Motivation", "Composition", "Collection", "Privacy", "Uses", "Verify", "Maintenance", "Columns"):
+        assert f"## {heading}" in sheet
+    assert "openssl pkeyutl" in sheet
+
+
+def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(made, tmp_path, monkeypatch):
+    manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
+    text = json.loads((made[0] / "out/protocol.json").read_text())
+    assert hashlib.sha256(canonical_json(text)).hexdigest() == manifest["protocol_hash"]
+    without = {name: value for name, value in text.items() if name != "title"} | {"title": "older"}
+    del without["equivalence_margin"]  # as if this field had come later
+    assert json.loads(canonical(checked(without))) == without
+
+
+def test_openssl_alone_can_check_the_signature(made):
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl here")
+    command = [
+        "openssl",
+        "pkeyutl",
+        "-verify",
+        "-pubin",
+        "-inkey",
+        PUBLIC_KEY,
+        "-rawin",
+        "-in",
+        MANIFEST,
+        "-sigfile",
+        SIGNATURE,
+    ]
+    done = subprocess.run(command, cwd=made[0] / "out", capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+ORDERS = {
+    "studies": "name",
+    "participants": "joined_ms",
+    "players": "created_ms",
+    "sessions": "created_ms",
+    "episodes": "started_ms",
+    "steps": "episode_id, step",
+    "stage_events": "at_ms",
+    "study_episodes": "episode_id",
+    "input_events": "episode_id, number",
+}
+
+
+def nameless(path):
+    """The rows of a release without its pseudonyms: what must come back."""
+    rows = {name: table(path, name, order) for name, order in ORDERS.items()}
+    return json.loads(re.sub(r'\b[PBS][0-9a-f]{12}\b', "?", json.dumps(rows, default=bytes.hex)))  # fmt: skip
+
+
+def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
+    folder, built = made
+    joined = import_release(folder / "out", tmp_path / "again.db")
+    assert joined.added["episodes"] == 18
+    assert verify_database(tmp_path / "again.db").findings == ()
+    again = build(Wanted(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",)))
+    assert nameless(folder / "out/study.sqlite") == nameless(tmp_path / "out2/study.sqlite")
+    assert again.header.version == 2
+    assert again.header.supersedes["manifest_sha256"] == built.manifest_hash
+    for name in ("episodes", "steps", "input_events"):
+        old, new = (pq.read_table(out / f"parquet/{name}.parquet").to_pylist() for out in (folder / "out", tmp_path / "out2"))
+        same = [{key: value for key, value in row.items() if key != "participant"} for row in old]
+        assert same == [{key: value for key, value in row.items() if key != "participant"} for row in new]
+    people = [
+        {row[0] for row in table(path, "participants", "id")}
+        for path in (folder / "out/study.sqlite", tmp_path / "out2/study.sqlite")
+    ]
+    assert not people[0] & people[1]
+    assert verify_dataset(tmp_path / "out2").verified.findings == ()
+
+
+def test_an_import_is_taken_once_and_refused_under_other_names(made, copy):
+    folder, _ = made
+    import_release(copy / "out", copy / "new.db")
+    assert import_release(copy / "out", copy / "new.db").equal["episodes"] == 18
+    with pytest.raises(ReleaseError, match="under other names"):
+        import_release(copy / "out", copy / "play.db")
+    assert verify_database(copy / "play.db").findings == ()
+    assert nameless(copy / "new.db") == nameless(folder / "out/study.sqlite")
+
+
+def test_an_import_waits_for_no_server(made, tmp_path):
+    study = freeze(tmp_path / "studies", "other")
+    field = Field(tmp_path / "play.db", study)
+    with pytest.raises(StoreError, match="in use by another server"):
+        import_release(made[0] / "out", tmp_path / "play.db")
+    field.close()
+
+
+def test_a_harmed_release_is_not_imported_and_leaves_no_database(copy):
+    (copy / "out/scores.csv").write_text("nothing")
+    with pytest.raises(ReleaseError, match=r"no import: file scores.csv"):
+        import_release(copy / "out", copy / "new.db")
+    assert not list(copy.glob("new.db*"))
+
+
+def test_any_changed_file_is_found(copy):
+    for name in listing(copy / "out"):
+        path = copy / "out" / name
+        data = path.read_bytes()
+        path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+        try:
+            found = verify_dataset(copy / "out").verified.findings
+        except ReleaseError:
+            assert name in (MANIFEST, PUBLIC_KEY)
+        else:
+            assert any((MANIFEST if name == SIGNATURE else name) in finding.where for finding in found), name
+        path.write_bytes(data)
+    assert verify_dataset(copy / "out").verified.findings == ()
+
+
+def test_a_file_too_many_or_too_few_is_found(copy):
+    (copy / "out/extra.txt").write_text("hello")
+    (copy / "out/scores.csv").unlink()
+    found = {finding.where for finding in verify_dataset(copy / "out").verified.findings}
+    assert found == {"file extra.txt", "file scores.csv"}
+
+
+def test_a_forged_release_has_another_signer(made, copy):
+    """Whoever changes a field and signs anew is consistent again, but not with the key that was published."""
+    key = signing.signing_key(copy / "forger.db")
+    out = copy / "out"
+    (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
+    manifest = json.loads((out / MANIFEST).read_text())
+    manifest["signer"] = signing.fingerprint((out / PUBLIC_KEY).read_bytes())
+    manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256((out / PUBLIC_KEY).read_bytes()).hexdigest()
+    (out / MANIFEST).write_text(json.dumps(manifest))
+    (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
+    assert verify_dataset(out).verified.findings == ()
+    assert [finding.what for finding in verify_dataset(out, signer=made[1].signer).verified.findings] == ["the signing key"]
+
+
+def test_a_changed_field_in_the_bundles_database_is_named(copy):
+    conn = sqlite3.connect(copy / "out/study.sqlite")
+    conn.execute("UPDATE steps SET key_down_ms = 1.0 WHERE step = 0")
+    conn.commit()
+    conn.close()
+    found = verify_dataset(copy / "out").verified.findings
+    assert any(finding.what == "digest of its stored fields" for finding in found)
+    assert any(finding.where == "file study.sqlite" for finding in found)
+
+
+def refused(folder, match, **wanted):
+    before = sorted(path.name for path in folder.iterdir())
+    given = Wanted(folder / "play.db", "dunes", folder / "new")
+    with pytest.raises(ReleaseError, match=match):
+        build(replace(given, **wanted))
+    after = {path.name for path in folder.iterdir()} - {"play.db-signing-key", "play.db-wal", "play.db-shm"}
+    assert after <= set(before)
+
+
+def test_no_release_of_an_unknown_study_or_into_a_folder_that_is_there(copy):
+    refused(copy, "nobody has joined a study 'dune'.*studies in it: dunes", study="dune")
+    refused(copy, "is there already", out=copy / "out")
+
+
+def test_no_release_with_one_failing_episode(copy):
+    conn = sqlite3.connect(copy / "play.db")
+    conn.execute("UPDATE steps SET client_ms = 5 WHERE step = 0 AND episode_id = (SELECT min(episode_id) FROM steps)")
+    conn.commit()
+    conn.close()
+    refused(copy, "no release: episode episode-.*digest of its stored fields")
+
+
+def test_no_release_where_free_text_holds_an_identity(copy):
+    conn = sqlite3.connect(copy / "play.db")
+    (who,) = conn.execute("SELECT participant_id FROM identities WHERE value LIKE '%0zz'").fetchone()
+    conn.execute("UPDATE stage_events SET detail = ? WHERE participant_id = ? AND number = 1",
+                 (json.dumps({"from": IDENTITIES["PROLIFIC_PID"].format(0)}), who))  # fmt: skip
+    digests.seal(conn, "participant", who)
+    conn.commit()
+    conn.close()
+    refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")
+
+
+def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret(tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
+    field = Field(tmp_path / "play.db", study)
+    person = field.join(0)
+    field.play(person, "ranked", 0)
+    field.play(person, "ranked", 1, "open")
+    field.close()
+    refused(tmp_path, "still open.*--interim")
+    known = {study.name: (None, study.secret)}
+    built = build(Wanted(tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known))
+    assert built.header.left_out == {"open_episodes": 1, "without_consent": 0}
+    manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    assert (manifest["interim"], manifest["secret"]) == (True, None)
+    assert "Not for publication" in (tmp_path / "out/DATASHEET.md").read_text()
+    for name in listing(tmp_path / "out"):
+        data = (tmp_path / "out" / name).read_bytes()
+        assert study.secret not in data
+        assert study.secret.hex().encode() not in data
+    assert table(tmp_path / "play.db", "releases", "version") == []
+
+
+def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path, capsys):
+    """`study close` may have run while no server noted it in the database."""
+    study = freeze(tmp_path / "studies", close=False)
+    field = Field(tmp_path / "play.db", study)
+    field.play(field.join(0), "ranked", 0)
+    field.close()
+    from app.study.folder import Folder
+
+    Folder(tmp_path / "studies").close(study.name)
+    args = ["release", "--study", "dunes", "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"]
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in (*args, "--out", tmp_path / "out")])
+    assert left.value.code == 0, capsys.readouterr().err
+    manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    assert manifest["secret"] == study.secret.hex()
+    assert manifest["signer"] in capsys.readouterr().out
+
+
+def test_playground_episodes_of_the_same_database_stay_out(copy):
+    study = freeze(copy / "studies2", "unused")
+    field = Field(copy / "play.db", study)
+    from tests.support.recorded import play
+
+    play(field.store, seed=5, player="somebody-else", config=CONFIG)
+    (player,) = field.conn.execute("SELECT player_id FROM participants LIMIT 1").fetchone()
+    field.store.add_session(SessionRow("own-board", player, "human", None, "follow", 2.0, field.tick()))
+    field.close()
+    built = build(Wanted(copy / "play.db", "dunes", copy / "new"))
+    assert built.header.rows["episodes"] == 18
+    assert {row[0] for row in table(copy / "new/study.sqlite", "studies", "name")} == {"dunes"}
+    assert len(table(copy / "new/study.sqlite", "sessions", "id")) == 3
+
+
+@pytest.mark.parametrize("name", ["pyarrow", "minari", "h5py", "mlcroissant", "cryptography"])
+def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, capsys, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    args = ("release", "--study", "dunes", "--database", made[0] / "play.db", "--out", tmp_path / "out")
+    code, _, err = run(capsys, *args)
+    assert code == 1
+    assert err.startswith(f"marsexplorer: {name} is not installed")
+    assert "marsexplorer-playground[export]" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ReleaseError, match=r"cannot write .*file/out.*choose another --out"):
+        build(Wanted(made[0] / "play.db", "dunes", tmp_path / "file" / "out"))
+
+
+def run(capsys, *args):
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    said = capsys.readouterr()
+    return left.value.code, said.out, said.err
+
+
+def test_the_commands_tell_what_they_did(copy, capsys):
+    code, out, _ = run(capsys, "verify", "--database", copy / "play.db", "--studies", copy / "none")
+    assert (code, "all as recorded; 18 episodes" in out) == (0, True)
+    code, out, _ = run(capsys, "verify", "--dataset", copy / "out", "--signer", "00")
+    assert (code, "the signing key is" in out) == (1, True)
+    code, out, _ = run(capsys, "import", copy / "out", "--database", copy / "new.db")
+    assert (code, "3 participants and 18 episodes" in out) == (0, True)
+    conn = sqlite3.connect(copy / "new.db")
+    conn.execute("UPDATE episodes SET score = 2 WHERE number = 1")
+    conn.commit()
+    conn.close()
+    code, out, _ = run(capsys, "verify", "--database", copy / "new.db")
+    assert (code, out.count("score is 2.0")) == (1, 3)
+    assert "3 of its parts DIFFER" in out
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "said"),
+    [
+        (["verify", "--database", "a", "--dataset", "b"], 2, "not both"),
+        (["verify", "--database", "a", "--signer", "b"], 2, "--signer goes with --dataset"),
+        (["verify", "--database", "missing.db"], 1, "no database at"),
+        (["verify", "--dataset", "missing"], 1, "is not a release"),
+        (["import", "missing"], 1, "is not a release"),
+        (["release", "--study", "x"], 2, "--out"),
+        (["merge", "one.db", "--out", "c.db"], 2, "two databases or more"),
+        (["forget", "somebody", "--database", "missing.db"], 1, "no database at"),
+    ],
+)
+def test_mistakes_get_one_sentence(capsys, tmp_path, monkeypatch, args, code, said):
+    monkeypatch.chdir(tmp_path)
+    got, _, err = run(capsys, *args)
+    assert (got, err.count("\n")) == (code, 1)
+    assert said in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_replay_in_a_bundle_is_the_episode_itself(made):
+    """The trajectory hash of a line of episodes.jsonl follows from that line alone."""
+    line = json.loads((made[0] / "out/episodes.jsonl").read_text().splitlines()[1])
+    episode = Episode.begin(CONFIG, seed=line["seed"])
+    for action in line["actions"]:
+        episode.step(["north", "east", "south", "west"].index(action))
+    assert episode.record().trajectory_hash == line["trajectory_hash"]

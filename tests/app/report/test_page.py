@@ -1,0 +1,115 @@
+"""The page stands alone: no request, no script; in a browser nothing that axe finds, nothing wider than a phone."""
+
+import re
+from collections import Counter
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from app.report import build
+from app.report.page import render
+from app.statistics.summaries import Played, curve, visits
+from tests.support.browser import QUIET, chromium_path
+from tests.support.made_studies import CONFIG, played, run, study
+
+SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
+
+
+def pictures():
+    games = [Played("explored", 0.9, 3, [9, 20, 40, 63], [(0, 0), (0, 1), (1, 1), (1, 2)])]
+    return {"curve": curve(CONFIG, [games, games]), "visits": visits(CONFIG, [games])}
+
+
+@pytest.fixture(scope="module")
+def pages():
+    """The page over people, and the one over scripts."""
+    runs = [run("ppo", SCORES.mean(0) + 0.02), run("random <b>", [0.3] * 6), run("random", [0.3] * 6)]
+    people = build(study(*played(SCORES), title="Rocks & <dunes>"), runs, pictures={"people": pictures()})
+    scripts = build(study(*played(SCORES, "script", "idler")), runs, True, {"idler": pictures()})
+    return render(people), render(scripts)
+
+
+class Collected(HTMLParser):
+    """Tags in order, and whether every element that was opened is closed where it should be."""
+
+    EMPTY = frozenset(("meta", "link", "br", "path", "use", "rect", "image", "circle"))
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.open, self.attributes = Counter(), [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags[tag] += 1
+        self.attributes += attrs
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags[tag] += 1
+        self.attributes += attrs
+
+    def handle_endtag(self, tag):
+        if tag not in self.EMPTY:
+            assert self.open.pop() == tag
+
+
+def test_every_element_is_closed_and_every_id_is_one(pages):
+    for page in pages:
+        found = Collected(page)
+        assert found.open == []
+        assert found.tags["svg"] == 5
+        ids = Counter(value for name, value in found.attributes if name == "id")
+        assert ids
+        assert max(ids.values()) == 1
+        used = {value[1:] for name, value in found.attributes if name.endswith("href") and value.startswith("#")}
+        assert used <= set(ids)
+
+
+def test_text_is_escaped(pages):
+    assert "Rocks &amp; &lt;dunes&gt;" in pages[0]
+    assert "random &lt;b&gt;" in pages[0]
+    assert "<b>" not in pages[0]
+
+
+def test_nothing_is_fetched_and_nothing_runs(pages):
+    for page in pages:
+        found = Collected(page)
+        assert found.tags["script"] == 0
+        outside = [value for name, value in found.attributes if name in ("src", "href", "xlink:href") and value]
+        assert all(value.startswith(("#", "data:")) for value in outside)
+        assert not re.search(r"url\((?!['\"]?(#|data:))", page)
+        assert "@import" not in page
+
+
+def test_the_page_says_every_part(pages):
+    for heading in ("Result", "Read before use", "Who played", "Spread", "Policies on the same terrains",
+                    "Learning over the ranked trials", "Where they went", "Deviations from the protocol", "Reporting checklist",
+                    "Methods", "Protocol"):  # fmt: skip
+        assert f">{heading}</h" in pages[0], heading
+    for wanted in ("95 % interval (printed)", "new terrains too", "guaranteed", "studentised bootstrap", "(primary)"):
+        assert wanted in pages[0], wanted
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM: install it to run the browser tests")
+def test_a_browser_asks_for_nothing_overflows_nowhere_and_axe_finds_nothing(pages, tmp_path):
+    from axe_playwright_python.sync_playwright import Axe
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=QUIET)
+        for name, text in zip(("people", "scripts"), pages, strict=True):
+            path = tmp_path / f"{name}.html"
+            path.write_text(text, encoding="utf-8")
+            page = browser.new_page(viewport={"width": 360, "height": 740})
+            asked = []
+            page.on("request", lambda request, asked=asked: asked.append(request.url))
+            page.goto(path.as_uri())
+            assert [url for url in asked if not url.startswith("data:")] == [path.as_uri()]
+            assert page.evaluate("document.documentElement.scrollWidth") <= 360
+            violations = Axe().run(page).response["violations"]
+            assert [(each["id"], each["nodes"][0]["target"]) for each in violations] == []
+            page.close()
+        browser.close()

@@ -1,0 +1,253 @@
+"""The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
+
+import json
+
+import numpy as np
+import pytest
+
+from app.report import build, live_figure
+from app.report.build import bounds
+from app.report.model import NOBODY, SYNTHETIC
+from app.report.page import render
+from app.statistics.intervals import printed_interval
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
+
+NAN = float("nan")
+ITEMS = [
+    *(f"0.{number}" for number in range(1, 11)),
+    "1.1", "1.2", "1.2.1", "1.3", "1.4", "1.5", "1.6", "1.7", "1.8", "1.8.1", "1.9", "1.10",
+    "2.1", "2.1.1", "2.2", "2.3", "2.3.1", "2.3.2", "2.4", "2.5", "2.6", "2.6.1", "2.6.2", "2.6.2.1", "2.7", "2.7.1",
+    "2.7.2", "2.7.2.1", "2.7.3", "2.7.3.1",
+    "3.1", "3.1.1", "3.2", "3.2.1", "3.2.2", "3.3", "3.3.1", "3.3.2", "3.4", "3.4.1", "3.5", "3.5.1", "3.6",
+    "4.1", "4.1.1", "4.2", "4.2.1", "4.3", "4.4", "4.5", "4.6",
+    "5.1.1", "5.1.2", "5.1.3", "5.1.4", "5.1.5", "5.2", "5.2.1", "5.2.2", "5.3", "5.4",
+]  # fmt: skip
+"""The checklist's numbers in arXiv 2506.13776, appendix B; 5.1 is a heading."""
+SCORES = np.array([[0.9, 0.8, 0.7, 0.9, 0.95, 0.6], [0.95, 0.9, 0.9, 0.85, 0.9, 0.9], [0.5, 0.9, 0.4, 0.8, 0.9, 0.7]])
+
+
+@pytest.fixture
+def data():
+    return study(*played(SCORES))
+
+
+def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
+    report = build(data)
+    found = report.groups[0].figure
+    means = SCORES.mean(1)
+    assert (found.name, found.players, found.episodes) == ("protocol", 3, 18)
+    assert found.score.mean == pytest.approx(means.mean())
+    low, high = printed_interval(np.sort(means))
+    assert found.score.interval == pytest.approx((float(low), min(float(high), 1)))  # no mean score is above 1
+    assert f"mean score {means.mean():.3f}" in report.sentence
+    assert "3 players, 18 ranked episodes" in report.sentence
+
+
+def test_steps_count_the_limit_for_an_unfinished_episode():
+    people, trials = played(SCORES)
+    trials[0] = trial(people[0], 0, 0.2, steps=7, steps_to_99=CONFIG.limit, outcome="collided")
+    report = build(study(people, trials))
+    own = [CONFIG.limit, *(20 + index for index in range(1, 6))]
+    assert report.groups[0].players[0].steps == pytest.approx(np.mean(own))
+    assert report.groups[0].players[0].failed == 1
+    assert report.groups[0].outcomes == {"collided": 1, "explored": 17}
+
+
+def test_a_study_with_scripts_alone_says_that_nobody_has_played():
+    report = build(study(*played(SCORES, "script", "noisy-frontier")), [run("ppo", [0.9] * 6)])
+    assert report.sentence == NOBODY
+    assert report.scripts == {"noisy-frontier": 3}
+    assert report.groups[0].figures[0].players == 0
+    page = render(report)
+    assert "3 scripted participants took part (noisy-frontier)" in page
+    assert "0.79" not in page.split("Methods")[0]
+    assert live_figure(study(*played(SCORES, "script", "random")))["sentence"] == NOBODY
+
+
+def test_scripts_change_nothing_of_the_people(data):
+    people, trials = played(SCORES)
+    scripts, theirs = played(np.full((5, 6), 0.1), "script", "random", first=50)
+    beside = build(study([*people, *scripts], [*trials, *theirs]), [run("random", [0.3] * 6)])
+    alone = build(data, [run("random", [0.3] * 6)])
+    assert beside.groups == alone.groups
+    assert beside.sentence == alone.sentence
+    assert live_figure(study([*people, *scripts], [*trials, *theirs])) == live_figure(data)
+
+
+def test_a_synthetic_report_is_marked_everywhere_and_holds_one_group_a_script():
+    people, trials = played(SCORES)
+    first, ones = played(SCORES - 0.1, "script", "noisy-frontier", first=20)
+    second, others = played(SCORES[:2] - 0.3, "script", "idler", first=40)
+    report = build(study([*people, *first, *second], [*trials, *ones, *others]), synthetic=True)
+    assert [(group.name, group.kind, group.joined) for group in report.groups] == [
+        ("idler", "script", 2),
+        ("noisy-frontier", "script", 3),
+    ]
+    assert report.groups[1].figure.score.mean == pytest.approx((SCORES - 0.1).mean())
+    assert report.sentence.startswith("SYNTHETIC")
+    document = json.loads(report.to_json())
+    assert document["watermark"] == SYNTHETIC
+    assert list(document)[:3] == ["format", "watermark", "study"]
+    page = render(report)
+    assert page.count("SYNTHETIC") > 4  # banner, title, headline, one a figure
+    assert page.index('class="synthetic-bar"') < page.index("<main>")
+    assert report.checklist == ()
+    assert "watermark" not in build(study(people, trials)).to_dict()
+    assert "SYNTHETIC" not in render(build(study(people, trials)))
+
+
+def test_the_exclusion_sets():
+    people, trials = played([*SCORES, [0.8, 0.8, NAN, NAN, NAN, NAN]])
+    by = {person.id: index for index, person in enumerate(people)}
+    changed = []
+    for each in trials:
+        rest = {}
+        if by[each.participant] == 1 and each.trial == 2:
+            rest = {"labels": ("untrusted",)}
+        if by[each.participant] == 2 and each.trial == 1:
+            rest = {"pause_share": 0.6}
+        changed.append(trial(people[by[each.participant]], each.trial, each.score, each.steps, **rest))
+    group = build(study(people, changed)).groups[0]
+    assert {figure.name: (figure.players, figure.episodes) for figure in group.figures} == {
+        "all": (4, 20), "protocol": (3, 18), "strict": (1, 6)
+    }  # fmt: skip
+    assert group.labels == {"untrusted": 1}
+    assert "1 ranked episode of 1 participant carry a label of implausible input." in group.deviations
+    assert (group.started, group.finished, group.left) == (4, 3, 1)
+
+
+def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
+    people, trials = played(SCORES)
+    trials[7] = trial(people[1], 1, 0.9, driver="script")
+    group = build(study(people, trials)).groups[0]
+    assert (group.figures[0].episodes, group.figure.players) == (17, 2)
+    assert "1 ranked episode of 1 participant had a move made by a script; they enter no figure." in group.deviations
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"config_hash": "x"}, "ran on another configuration"),
+        ({"core_version": "0"}, "ran on another core version"),
+        ({"outcome": "abandoned"}, "were given up"),
+    ],
+)
+def test_deviations_of_episodes(change, said):
+    people, trials = played(SCORES)
+    trials[3] = trial(people[0], 3, 0.9, **change)
+    assert any(said in line for line in build(study(people, trials)).groups[0].deviations)
+
+
+def test_deviations_of_the_study():
+    def said(*given, **rest):
+        return " ".join(build(study(*given, **rest)).deviations)
+
+    assert said(*played(SCORES), players=3) == ""
+    assert "3 people finished, 4 were planned" in said(*played(SCORES))
+    assert "still open" in said(*played(SCORES), closed=False)
+    made = study(*played(SCORES), players=3)
+    from dataclasses import replace
+
+    assert "not the one whose hash was frozen" in " ".join(build(replace(made, protocol_hash="0" * 64)).deviations)
+    assert "not the one that was committed to" in " ".join(build(replace(made, secret="ab" * 32)).deviations)
+    assert "joined before the protocol" in " ".join(build(replace(made, frozen_ms=FROZEN_MS + 1500)).deviations)
+
+
+def test_deviations_that_the_server_recorded():
+    people, trials = played(SCORES)
+    people[0] = person(0, events=[(FROZEN_MS, "deviation", {"sentence": "The page was reloaded 40 times."})])
+    assert "The page was reloaded 40 times." in build(study(people, trials)).groups[0].deviations
+
+
+def test_warm_up_trials_are_shown_and_enter_no_figure():
+    people, trials = played(SCORES)
+    practice = [trial(who, index, 0.1, phase="warm_up", episode=f"w{who.id}{index}") for who in people for index in range(2)]
+    with_them, without = (build(study(people, given, warm_up=2)) for given in ([*trials, *practice], trials))
+    assert with_them.groups[0].figures == without.groups[0].figures
+    assert [row[:2] for row in with_them.groups[0].metric("score").warm_up] == [(3, pytest.approx(0.1))] * 2
+    assert [row[0] for row in without.groups[0].metric("score").warm_up] == [0, 0]
+
+
+def test_policies_are_compared_on_the_terrains_that_both_played():
+    scores = SCORES.copy()
+    runs = [run("ppo", [0.95] * 5 + [NAN], [25.0] * 5 + [NAN]), run("random", [0.3] * 6, [63.0] * 6)]
+    report = build(study(*played(scores)), runs)
+    ppo = next(each for each in report.groups[0].comparisons if (each.policy, each.metric) == ("ppo", "score"))
+    assert ppo.terrains == 5
+    assert ppo.ratio == pytest.approx(0.95 / scores[:, :5].mean())
+    assert ppo.normalized == pytest.approx((0.95 - 0.3) / (scores[:, :5].mean() - 0.3))
+    assert (report.policies[0].episodes, report.policies[1].episodes) == (5, 6)
+    assert ppo.p_adjusted >= ppo.p_value
+
+
+def test_one_player_and_one_terrain_are_reported_without_intervals():
+    report = build(study(*played([[0.9]]), ranked=1), [run("random", [0.3])])
+    assert "One player gives no interval" in report.sentence
+    assert report.groups[0].metric("score").new_terrains is None
+    assert json.loads(report.to_json())["groups"][0]["figures"][1]["score"]["interval"] is None
+    assert "–" in render(report)
+
+
+def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
+    people, trials = played([[0.95] * 6, [0.94] * 6, [0.95] * 6, [0.96] * 6, [0.3] * 6])
+    said = " ".join(build(study(people, trials, players=10)).groups[0].cautions)
+    assert "5 of the 10 players planned" in said
+    assert "5 players are few" in said
+    assert "the low end" in said
+    assert "none of 5 players had episodes that ended short" in said
+    assert "up to 52 % of the population" in said  # 1 - 0.025 ** (1 / 5)
+    same = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30)))).groups[0].cautions
+    assert any("no spread, so its interval says nothing" in line for line in same)
+
+
+def test_the_live_figure_is_the_reports(data):
+    live, figure = live_figure(data), build(data).groups[0].figure
+    assert (live["set"], live["players"], live["episodes"]) == ("protocol", 3, 18)
+    assert (live["score"]["low"], live["score"]["high"]) == figure.score.interval
+    assert live["steps"]["mean"] == figure.steps.mean
+    nobody = live_figure(study())
+    assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NOBODY)
+
+
+def test_before_anybody_has_finished_the_live_figure_is_of_all():
+    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]), closed=False)
+    live = live_figure(data)
+    assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
+    assert build(data).sentence.startswith("Nobody has finished the study yet. So far: 2 players, 3 ranked episodes")
+
+
+def test_everything_is_json_without_a_number_that_is_none(data):
+    document = json.loads(build(data, [run("ppo", [0.9] * 6)]).to_json(), parse_constant=lambda name: pytest.fail(name))
+    assert document["format"] == "marsexplorer-report-1"
+    assert document["groups"][0]["figures"][1]["score"]["mean"] == pytest.approx(SCORES.mean())
+    assert document["estimand"]
+    assert document["rule_version"] == "1"
+
+
+def test_the_worst_and_the_best_episode_lie_within_the_bounds():
+    config = EnvConfig("random", 7, 9, sensor_radius=3)
+    low, high = bounds(config, "score")
+    episode = Episode.begin(config, terrain=np.zeros((7, 9), bool))
+    for move in range(config.limit - 1):
+        if not episode.ended:
+            episode.step(1 if move % 2 == 0 else 3)
+    if not episode.ended:
+        episode.step(0)  # off the grid, after as many fruitless moves as there are
+    assert low <= episode.score < 0.1
+    assert high == 1
+    assert bounds(config, "steps") == (1, config.limit)
+
+
+def test_the_checklist_is_filled_and_says_what_is_missing(data):
+    items = {item.number: item for item in build(data, [run("ppo", [0.9] * 6)]).checklist}
+    assert items["1.1"].answer == "3"
+    assert items["1.3"].answer == "3.0"
+    assert items["1.9"].source == "missing"
+    assert items["4.1"].answer == "Yes"
+    assert items["5.1.3"].detail == "Median 0.5 minutes a ranked episode."
+    assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
+    assert list(items) == ITEMS
+    assert {item.source for item in items.values()} == {"database", "protocol", "software", "missing"}
+    assert items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer

@@ -1,0 +1,115 @@
+"""The coverage of the printed interval, measured: a few cells here, all in the long run, and the table that is quoted."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.statistics.coverage import BOUNDS, error, markdown, measure, measure_ratio, overall, simulate
+from app.statistics.coverage_table import POPULATIONS, nearest, saved
+from app.statistics.intervals import RULE_VERSION
+
+DOCS = Path(__file__).parents[3] / "docs/report.md"
+BY_NAME = {population.name: population for population in POPULATIONS}
+STUDIES = 400
+
+
+def within(measured, low, high, studies):
+    """Whether a measured coverage agrees with a true one in low..high (percent), chance of a false alarm below 1 in 1,000."""
+    slack = 1.7 * error(95, studies)
+    return low - slack <= measured <= high + slack
+
+
+@pytest.mark.parametrize(("name", "icc", "players"), [("symmetric", 0.2, 10), ("skewed", 0.2, 10), ("collisions", 0.0, 20)])
+def test_the_printed_interval_covers_the_truth_as_often_as_it_says(name, icc, players):
+    cell = measure(BY_NAME[name], icc, players, STUDIES, seed=11)
+    assert within(cell.printed, 93, 97.5, STUDIES), cell
+    assert cell.guaranteed >= 95
+    assert within(cell.new_terrains, 93, 100, STUDIES), cell
+
+
+def test_pooling_episodes_does_not_and_t_alone_falls_short_of_the_rule_under_skewness():
+    cell = measure(BY_NAME["very skewed"], 0.5, 10, STUDIES, seed=12)
+    assert cell.pooled < 60
+    assert cell.printed - cell.t > 2
+    assert cell.below > cell.above
+
+
+def test_no_interval_knows_of_failures_that_happened_to_nobody_but_the_guaranteed_one():
+    cell = measure(BY_NAME["rare collisions"], 0.5, 5, STUDIES, seed=13)
+    assert cell.printed < 60
+    assert cell.guaranteed >= 95
+
+
+@pytest.mark.parametrize("population", POPULATIONS, ids=lambda population: population.name)
+@pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
+def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
+    scores, terrain = simulate(population, icc, 20, 400, np.random.default_rng(14))
+    assert scores.mean() == pytest.approx(overall(population) + terrain.mean(), abs=0.004)
+    assert terrain.mean() == pytest.approx(0, abs=0.002)
+    assert BOUNDS[0] < scores.mean(2).min()
+    assert scores.mean(2).max() < BOUNDS[1]
+    # between players, from two halves of the terrains: free of the noise within
+    first, second = scores[:, :, :15].mean(2), scores[:, :, 15:].mean(2)
+    first, second = first - first.mean(1, keepdims=True), second - second.mean(1, keepdims=True)
+    between = (first * second).sum() / (400 * 19)
+    total = scores.var(axis=(1, 2), ddof=1).mean()
+    assert between / total == pytest.approx(icc, abs=0.06)
+
+
+def test_the_ratios_interval_covers_the_ratio_over_players_and_terrains():
+    assert within(measure_ratio(BY_NAME["symmetric"], 0.2, 10, 300, seed=15), 93, 99, 300)
+    assert measure_ratio(BY_NAME["rare collisions"], 0.5, 5, 100, seed=15) < 80
+
+
+def test_the_same_seed_gives_the_same_cell():
+    assert measure(POPULATIONS[0], 0.2, 5, 50, 1) == measure(POPULATIONS[0], 0.2, 5, 50, 1)
+
+
+def test_a_row_of_the_quoted_table_comes_out_again():
+    quoted = next(cell for cell in saved() if (cell.population, cell.icc, cell.players) == ("skewed", 0.5, 5))
+    again = measure(BY_NAME["skewed"], 0.5, 5, quoted.studies, seed=0)
+    for name in ("printed", "below", "above", "t", "bootstrap", "guaranteed", "pooled", "width", "new_terrains"):
+        assert getattr(again, name) == pytest.approx(getattr(quoted, name), abs=0.11), name
+
+
+def test_the_quoted_table_is_whole_and_stands_in_the_documents():
+    cells = saved()
+    assert {(cell.population, cell.icc, cell.players) for cell in cells} == {
+        (population.name, icc, players) for population in POPULATIONS for icc in (0, 0.2, 0.5) for players in (5, 10, 20, 30)
+    }
+    assert all(cell.studies >= 2000 for cell in cells)
+    text = DOCS.read_text()
+    assert markdown(cells) in text
+    assert f"rule {RULE_VERSION}" in text
+
+
+def test_what_the_documents_promise_is_what_was_measured():
+    cells = saved()
+    one_shape = [cell for cell in cells if not cell.population.endswith("collisions")]
+    assert all(93 <= cell.printed <= 97.05 for cell in one_shape if cell.population != "very skewed" and cell.players >= 10)
+    assert all(cell.guaranteed >= 95 for cell in cells)
+    assert all(cell.printed >= cell.t - 0.05 for cell in cells)
+    low = min(cell.printed for cell in one_shape)
+    assert re.search(rf"never below {low:.1f} %", DOCS.read_text())
+
+
+def test_the_nearest_number_of_players_is_quoted():
+    assert {cell.players for cell in nearest(2)} == {5}
+    assert {cell.players for cell in nearest(12)} == {10}
+    assert {cell.players for cell in nearest(15)} == {10}
+    assert {cell.players for cell in nearest(500)} == {30}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_every_cell_measured_again_agrees_with_the_quoted_table():
+    studies = 400
+    for cell in saved():
+        again = measure(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
+        for name in ("printed", "t", "bootstrap", "guaranteed", "pooled"):
+            expected, found = getattr(cell, name), getattr(again, name)
+            slack = 2.1 * math.hypot(error(expected, studies), error(expected, cell.studies)) + 0.6
+            assert abs(found - expected) <= slack, (name, cell, again)

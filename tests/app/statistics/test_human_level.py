@@ -1,0 +1,75 @@
+"""The human level: players are the unit, one figure a configuration, nothing where nobody has played."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from app.statistics.human_level import NOBODY, human_level, mean_interval
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from tests.support.recorded import SMALL, add_session, open_episode, play
+
+WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(tmp_path / "play.db")
+    yield store
+    store.close()
+
+
+def test_nobody_has_played(store):
+    open_episode(store, add_session(store), seed=1)
+    play(store, seed=1, player="bob", driver="script")
+    play(store, seed=2, player="bob", assisted=True)
+    play(store, seed=3, player="bob", seed_chosen=True)
+    assert human_level(store) == {"figures": [], "sentence": NOBODY}
+
+
+def test_one_player_gives_a_mean_without_an_interval(store):
+    rows = [play(store, seed=seed, explore=True) for seed in (1, 2)]
+    found = human_level(store)
+    (figure,) = found["figures"]
+    scores = [store.episode(row.id)["score"] for row in rows]
+    assert (figure["players"], figure["episodes"], figure["completed"]) == (1, 2, 1.0)
+    assert figure["score"] == {"mean": pytest.approx(np.mean(scores)), "low": None, "high": None}
+    assert (figure["level"], figure["rows"], figure["cols"]) == ("random", 5, 7)
+    assert figure["config_hash"] == SMALL.hash
+    assert EnvConfig(**figure["config"]) == SMALL
+    assert "1 player, 2 episodes" in found["sentence"]
+    assert "One player gives no interval." in found["sentence"]
+
+
+def test_each_player_weighs_the_same_however_much_they_played(store):
+    seeds = iter(range(100))
+    own = {"ada": [True], "bob": [True, False, False, False], "cid": [False]}
+    episodes = {p: [store.episode(play(store, next(seeds), p, e).id) for e in plays] for p, plays in own.items()}
+    (figure,) = human_level(store)["figures"]
+    means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
+    interval = stats.t.interval(0.95, 2, loc=np.mean(means), scale=stats.sem(means))
+    assert (figure["players"], figure["episodes"]) == (3, 6)
+    assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
+    assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
+
+
+def test_an_unfinished_episode_counts_max_steps(store):
+    play(store, seed=1)
+    (figure,) = human_level(store)["figures"]
+    assert figure["steps"]["mean"] == SMALL.limit
+    assert figure["completed"] == 0.0
+
+
+def test_configurations_are_never_mixed(store):
+    play(store, seed=1)
+    play(store, seed=2)
+    play(store, seed=1, config=WIDE)
+    figures = human_level(store)["figures"]
+    assert [(f["level"], f["rows"], f["cols"], f["episodes"]) for f in figures] == [("random", 5, 7, 2), ("1-1-1", 7, 9, 1)]
+
+
+def test_the_interval_is_the_t_interval_of_the_mean():
+    values = [0.5, 0.7, 0.9, 0.4]
+    low, high = stats.t.interval(0.95, 3, loc=np.mean(values), scale=stats.sem(values))
+    assert mean_interval(values) == {"mean": pytest.approx(0.625), "low": pytest.approx(low), "high": pytest.approx(high)}
+    assert mean_interval([0.5, 0.5]) == {"mean": 0.5, "low": 0.5, "high": 0.5}

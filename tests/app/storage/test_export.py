@@ -1,0 +1,186 @@
+"""Exports: whole tables of finished episodes, each replayed, no one's id in them."""
+
+import csv
+import io
+import json
+import sqlite3
+from dataclasses import replace
+
+import pytest
+
+from app.storage.export import COLUMNS, export_to, new_key, rows
+from app.storage.store import Store
+from marsexplorer.episode import replay
+from tests.support.recorded import NOW, add_session, add_steps, free_moves, open_episode, play
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(tmp_path / "play.db")
+    yield store
+    store.close()
+
+
+def table(source, name, fmt="jsonl", **rest):
+    text = b"".join(rows(source, name, fmt, **rest)).decode()
+    if fmt == "csv":
+        return list(csv.DictReader(io.StringIO(text)))
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def tamper(store, sql):
+    db = sqlite3.connect(store.path)
+    db.execute(sql)
+    db.commit()
+    db.close()
+
+
+def test_csv_and_json_lines_hold_the_same_values_in_the_same_order(store):
+    play(store, seed=1, explore=True)
+    play(store, seed=2, player=None, driver="script")
+    key = new_key()
+    for name, columns in COLUMNS.items():
+        lines, cells = table(store, name, key=key), table(store, name, "csv", key=key)
+        assert len(lines) == len(cells) > 1
+        for line, cell in zip(lines, cells, strict=True):
+            assert tuple(line) == tuple(cell) == columns
+            words = {True: "true", False: "false", None: ""}
+            assert [words[v] if v is None or isinstance(v, bool) else str(v) for v in line.values()] == list(cell.values())
+
+
+def test_an_episodes_row_tells_what_is_needed_to_play_it_again(store):
+    row = play(store, seed=1, explore=True)
+    (line,) = table(store, "episodes")
+    record = store.load_record(row.id)
+    assert line["verified"] is True
+    assert (line["episode"], line["seed"], line["outcome"], line["return"]) == (row.id, 1, "explored", record.total)
+    assert bytes.fromhex(line["terrain"]) == record.terrain
+    assert line["steps"] == line["steps_to_target"] == len(line["actions"].split())
+    assert line["coverage"] == replay(record).coverage
+
+
+def test_steps_carry_the_path_and_the_coverage_of_the_replay(store):
+    row = play(store, seed=1, explore=True)
+    lines = table(store, "steps")
+    episode = replay(store.load_record(row.id))
+    assert [(line["row"], line["col"]) for line in lines] == episode.path[1:]
+    assert [line["coverage"] for line in lines] == [cells / episode.config.n for cells in episode.discoveries[1:]]
+    assert [line["step"] for line in lines] == list(range(episode.steps))
+    assert {line["key_up_ms"] for line in lines} == {80.5}
+    assert all(line["verified"] for line in lines)
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "UPDATE episodes SET total = total + 1",
+        "UPDATE episodes SET discovered = discovered - 1",
+        "UPDATE episodes SET score = 0.99",
+        "UPDATE episodes SET trajectory_hash = 'x'",
+        "UPDATE episodes SET terrain = x'00'",
+        "UPDATE episodes SET core_version = 'older'",
+        "UPDATE episodes SET config_hash = 'x'",
+        "UPDATE steps SET reward = reward + 1 WHERE step = 1",
+        "UPDATE steps SET discovered = discovered + 1 WHERE step = 1",
+        "UPDATE steps SET action = (action + 2) % 4 WHERE step = 1",
+        "DELETE FROM steps WHERE step = 1",
+    ],
+)
+def test_what_does_not_replay_as_recorded_is_marked_and_not_hidden(store, sql):
+    play(store, seed=1)
+    assert table(store, "episodes")[0]["verified"] is True
+    tamper(store, sql)
+    (line,) = table(store, "episodes")
+    assert line["verified"] is False
+    assert [step["verified"] for step in table(store, "steps")] == [False] * (1 if sql.startswith("DELETE") else 2)
+
+
+def test_unfinished_episodes_are_left_out(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    add_steps(store, row, episode, free_moves(episode)[:2])
+    assert table(store, "episodes") == table(store, "steps") == []
+    assert b"".join(rows(store, "steps", "csv")) == (",".join(COLUMNS["steps"]) + "\n").encode()
+
+
+def test_human_exports_hold_the_counted_episodes_only(store):
+    counted = play(store, seed=1)
+    play(store, seed=1)  # met before
+    for rest in ({"assisted": True}, {"seed_chosen": True}, {"driver": "script"}, {"driver": "policy:random"}):
+        play(store, seed=2, player="bob", **rest)
+    assert len(table(store, "episodes")) == 6
+    assert [line["episode"] for line in table(store, "episodes", who="human")] == [counted.id]
+    assert {line["episode"] for line in table(store, "steps", who="human")} == {counted.id}
+
+
+def test_pseudonyms_agree_within_an_export_and_never_between_two(store):
+    for seed, player in ((1, "ada-lovelace"), (2, "ada-lovelace"), (3, "bob")):
+        play(store, seed=seed, player=player)
+    key = new_key()
+    lines = table(store, "episodes", key=key)
+    assert lines[0]["player"] == lines[1]["player"] != lines[2]["player"]
+    assert {line["player"] for line in lines} == {line["player"] for line in table(store, "steps", key=key)}
+    assert not {line["player"] for line in lines} & {line["player"] for line in table(store, "episodes")}
+    text = b"".join(rows(store, "episodes", "csv")) + b"".join(rows(store, "steps", "jsonl"))
+    assert b"ada-lovelace" not in text
+    assert b"session-" not in text
+
+
+def test_an_export_shows_the_database_as_it_was_when_it_began(store):
+    for seed in range(3):
+        play(store, seed=seed)
+    pieces = rows(store, "episodes", "jsonl")
+    first = next(pieces)
+    play(store, seed=9, started_ms=NOW + 10**6)
+    assert len(b"".join([first, *pieces]).splitlines()) == 3
+    assert len(table(store, "episodes")) == 4
+
+
+def test_an_export_given_up_halfway_leaves_the_store_working(store):
+    for seed in range(3):
+        play(store, seed=seed)
+    pieces = rows(store, "steps", "csv")
+    next(pieces), next(pieces)
+    pieces.close()
+    assert store.episode(play(store, seed=7).id)["counts"]
+
+
+def test_both_files_are_written_whole_or_neither(store, tmp_path):
+    play(store, seed=1)
+    seen = []
+    said = export_to(store.path, tmp_path / "out", "csv", "all", lambda *progress: seen.append(progress))
+    assert said == f"1 episode in {tmp_path / 'out' / 'episodes.csv'}, 2 steps in {tmp_path / 'out' / 'steps.csv'}"
+    assert seen[-1] == (2, 2)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "steps.csv"]
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_to(store.path, tmp_path / "other", "csv", "all", interrupt)
+    assert list((tmp_path / "other").iterdir()) == []
+
+
+def test_episodes_that_do_not_verify_are_counted_in_what_is_said(store, tmp_path):
+    play(store, seed=1)
+    tamper(store, "UPDATE episodes SET total = 0.25")
+    for fmt in ("csv", "jsonl"):
+        assert "1 of them did not replay as recorded" in export_to(store.path, tmp_path, fmt, "all", lambda *_: None)
+
+
+@pytest.mark.parametrize("wrong", [("players", "csv", "all"), ("steps", "xml", "all"), ("steps", "csv", "me")])
+def test_an_unknown_table_format_or_filter_is_refused_before_anything_is_read(store, wrong):
+    with pytest.raises(ValueError, match="must be one of"):
+        rows(store, *wrong)
+
+
+def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):
+    row = play(store, seed=1)
+    store.open_episode(replace(row, id="given", session_id=add_session(store), seed=None))
+    record = replace(store.load_record(row.id), actions=b"", steps=0)
+    from marsexplorer.episode import Episode
+
+    episode = Episode.begin(row.config, terrain=record.terrain_map())
+    episode.abandon()
+    store.close_episode("given", episode.record(), NOW)
+    line = next(line for line in table(store, "episodes") if line["episode"] == "given")
+    assert (line["seed"], line["actions"], line["verified"]) == (None, "", True)

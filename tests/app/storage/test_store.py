@@ -1,0 +1,448 @@
+"""The store on real database files: what it keeps, what it refuses, what it finds again."""
+
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.storage import database
+from app.storage.database import APPLICATION_ID, MIGRATIONS, StoreError, open_database
+from app.storage.reader import Reader
+from app.storage.store import DAY_MS, StepRow, Store
+from marsexplorer.episode import Episode, replay
+from tests.support.recorded import NOW, SMALL, add_session, add_steps, free_moves, open_episode, play, tour
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "play.db"
+
+
+@pytest.fixture
+def store(path):
+    store = Store(path)
+    yield store
+    store.close()
+
+
+def listing(folder):
+    return {entry.name: entry.read_bytes() for entry in folder.iterdir()}
+
+
+def test_an_episode_replays_bit_for_bit_from_its_row(store):
+    row = play(store, seed=11, explore=True)
+    record = store.load_record(row.id)
+    assert record.outcome == "explored"
+    assert replay(record).record() == record
+
+
+def test_what_was_committed_is_there_for_another_connection_at_once(store, path):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    add_steps(store, row, episode, free_moves(episode)[:1])
+    with sqlite3.connect(path) as other:
+        assert other.execute("SELECT step, action, reward FROM steps").fetchall() == [(0, episode.actions[0], episode.reward)]
+    other.close()
+
+
+def test_a_step_is_taken_once_and_in_order_and_never_after_the_end(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    add_steps(store, row, episode, free_moves(episode)[:2])
+    step = StepRow(row.id, 1, 1, 0.5, 9, NOW, None, None, None, "key", "human")
+    for wrong in (step, replace(step, step=3), replace(step, step=2, episode_id="nowhere"), replace(step, step=-1)):
+        with pytest.raises(StoreError, match="nothing changed"):
+            store.add_step(wrong)
+    episode.abandon()
+    store.close_episode(row.id, episode.record(), NOW)
+    with pytest.raises(StoreError, match="nothing changed"):
+        store.add_step(replace(step, step=2))
+    assert len(store.steps(row.id)) == 2
+
+
+def test_a_record_that_does_not_fit_the_steps_closes_nothing_and_takes_its_step_back(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    episode.step(free_moves(episode)[0])
+    record = replace(episode.record(), outcome="explored", steps=5)
+    step = StepRow(row.id, 0, 1, 0.5, 9, NOW, None, None, None, "key", "human")
+    with pytest.raises(StoreError, match="not open with 5 steps"):
+        store.add_step(step, record)
+    assert store.steps(row.id) == []
+    assert not store.sessions_to_resume(NOW)[0].ended
+
+
+def test_closing_and_opening_the_next_episodes_is_all_or_nothing(store):
+    session = add_session(store)
+    row, episode = open_episode(store, session, seed=1)
+    episode.abandon()
+    closing = (row.id, episode.record(), NOW)
+    following = replace(row, id="next", number=1)
+    with pytest.raises(StoreError, match="nothing changed"):
+        store.next_episode([closing], [following, replace(following, id="other")])
+    assert not store.resume_session(session, NOW).ended
+    store.next_episode([closing], [following])
+    assert store.resume_session(session, NOW).episode.id == "next"
+    assert store.episode(row.id)["outcome"] == "abandoned"
+
+
+def test_one_step_from_a_script_makes_a_human_episode_a_scripts_for_ever(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    moves = free_moves(episode)
+    for move, driver in zip(moves[:3], ("human", "script", "human"), strict=True):
+        add_steps(store, row, episode, [move], driver)
+    assert store.sessions_to_resume(NOW)[0].episode.driver == "script"
+    assert [step["driver"] for step in store.steps(row.id)] == ["human", "script", "human"]
+
+
+def test_a_policys_steps_leave_its_episode_under_its_name(store):
+    session = add_session(store, driver="random")
+    row, episode = open_episode(store, session, seed=1, driver="policy:random")
+    add_steps(store, row, episode, free_moves(episode)[:1], "policy:random")
+    assert store.resume_session(session, NOW).episode.driver == "policy:random"
+
+
+@pytest.mark.parametrize(
+    ("rest", "counts"),
+    [
+        ({}, True),
+        ({"driver": "script"}, False),
+        ({"assisted": True}, False),
+        ({"seed_chosen": True}, False),
+        ({"player": None}, False),
+    ],
+)
+def test_an_episode_counts_only_when_human_unassisted_unchosen_and_signed(store, rest, counts):
+    row = play(store, seed=1, **rest)
+    assert store.episode(row.id)["counts"] is counts
+    assert store.count("human") == counts
+
+
+def test_an_episode_without_a_move_does_not_count(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    episode.abandon()
+    store.close_episode(row.id, episode.record(), NOW)
+    assert store.episode(row.id)["counts"] is False
+
+
+def test_a_terrain_met_before_does_not_count_whoever_drove_then(store):
+    assert store.episode(play(store, seed=1).id)["counts"]
+    again = store.episode(play(store, seed=1).id)
+    assert (again["terrain_met_before"], again["counts"]) == (True, False)
+    assert store.episode(play(store, seed=1, player="bob").id)["counts"]
+    rival = add_session(store, None, "random", rival_of=add_session(store, "cid"))
+    open_episode(store, rival, seed=1, driver="policy:random")
+    assert store.episode(play(store, seed=1, player="cid").id)["terrain_met_before"]
+
+
+def test_the_same_bits_in_another_shape_are_another_terrain(store):
+    first = play(store, seed=1)
+    other = replace(first.config, rows=7, cols=5)
+    row = replace(first, id="turned", session_id=add_session(store), config=other)
+    store.open_episode(row)
+    assert store._db.execute("SELECT terrain_met_before FROM episodes WHERE id = 'turned'").fetchone() == (0,)
+
+
+def test_a_player_and_a_rival_opened_together_do_not_meet_each_others_terrain(store):
+    mine = add_session(store)
+    row, _ = open_episode(store, mine, seed=1, assisted=True)
+    rival = add_session(store, None, "random", rival_of=mine)
+    rows = [replace(row, id="b", session_id=rival, seed=2, terrain=b"other"), replace(row, id="a", number=1, terrain=b"other")]
+    store.next_episode([], rows)
+    assert store._db.execute("SELECT terrain_met_before FROM episodes WHERE id IN ('a', 'b')").fetchall() == [(0,), (0,)]
+
+
+def test_a_rival_that_ended_first_does_not_tell_the_terrain_its_player_is_on(store):
+    mine = add_session(store)
+    row, episode = open_episode(store, mine, seed=1, assisted=True)
+    rival = add_session(store, None, "frontier-cost", rival_of=mine)
+    its_row, its_episode = open_episode(store, rival, seed=1, driver="policy:frontier-cost")
+    add_steps(store, its_row, its_episode, tour(its_episode), "policy:frontier-cost")
+    assert store.episodes() == []
+    assert store.episode(its_row.id) is None
+    episode.abandon()
+    store.close_episode(row.id, episode.record(), NOW)
+    assert {each["episode"] for each in store.episodes()} == {row.id, its_row.id}
+
+
+def test_unfinished_episodes_resume_where_they_stood_after_a_restart(path):
+    store = Store(path)
+    session = add_session(store)
+    store.set_pace(session, "timed", 6.5)
+    row, episode = open_episode(store, session, seed=4)
+    add_steps(store, row, episode, free_moves(episode)[:3])
+    store.close()
+    again = Store(path)
+    found = again.sessions_to_resume(NOW + 30 * DAY_MS)
+    assert [each.episode for each in found] == [row]
+    assert (found[0].session.pace_mode, found[0].session.moves_per_second) == ("timed", 6.5)
+    assert (found[0].actions, found[0].ended) == (bytes(episode.actions), False)
+    assert again.resume_session(session) == found[0]
+    again.close()
+
+
+def test_an_ended_session_resumes_within_a_day_only(store):
+    row = play(store, seed=1)
+    assert store.resume_session(row.session_id, NOW).ended
+    assert store.resume_session(row.session_id, NOW + 2 * DAY_MS) is None
+    assert store.sessions_to_resume(NOW + 2 * DAY_MS) == []
+    assert store.resume_session("nobody", NOW) is None
+
+
+def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(store):
+    rows = [play(store, seed=seed, player="secret-player") for seed in (1, 2, 3)]
+    found = store.episodes(limit=2, offset=1)
+    assert len(found) == 2
+    one = store.episode(rows[0].id)
+    assert one["seed"] == 1
+    assert [move["action"] for move in one["moves"]] == one["actions"]
+    assert one["moves"][0] | {"reward": 0} == {
+        "step": 0, "action": one["actions"][0], "reward": 0, "discovered": one["moves"][0]["discovered"], "server_ms": NOW + 10,
+        "client_ms": NOW + 10.5, "key_down_ms": 1.25, "key_up_ms": 80.5, "input": "key", "driver": "human",
+    }  # fmt: skip
+    text = repr((found, one))
+    assert "secret-player" not in text
+    assert rows[0].session_id not in text
+
+
+def test_an_unknown_or_unfinished_episode_is_none_and_has_no_record(store):
+    row, _ = open_episode(store, add_session(store), seed=1)
+    assert store.episode("nothing") is store.episode(row.id) is None
+    with pytest.raises(StoreError, match="no finished episode"):
+        store.load_record(row.id)
+
+
+def test_the_secret_is_made_once_and_kept(path):
+    store = Store(path)
+    secret = store.secret()
+    assert len(secret) > 30
+    store.close()
+    again = Store(path)
+    assert again.secret() == secret
+    again.close()
+
+
+def test_a_missing_folder_is_made(tmp_path):
+    Store(tmp_path / "a" / "b" / "play.db").close()
+    assert (tmp_path / "a" / "b" / "play.db").exists()
+
+
+def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
+    sql = dict(store._db.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall())
+    play = {"meta", "players", "sessions", "episodes", "steps"}
+    studies = {"studies", "participants", "identities", "stage_events", "study_episodes", "input_events", "forgotten"}
+    assert set(sql) == play | studies | {"digests", "releases", "forgotten_people"}
+    assert all("STRICT" in text for text in sql.values())
+    pragma = {
+        name: store._db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("journal_mode", "synchronous", "foreign_keys")
+    }
+    assert pragma == {"journal_mode": "wal", "synchronous": 1, "foreign_keys": 1}
+    assert int.from_bytes(path.read_bytes()[68:72], "big") == APPLICATION_ID
+
+
+def test_durable_syncs_every_commit(path):
+    store = Store(path, durable=True)
+    assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)
+    store.close()
+
+
+def test_a_second_server_on_the_same_file_is_refused_and_free_after_closing(path):
+    store = Store(path)
+    with pytest.raises(StoreError, match="in use by another server"):
+        Store(path)
+    store.close()
+    Store(path).close()
+
+
+def test_reading_goes_on_beside_a_running_server(store, path):
+    play(store, seed=1)
+    reader = Reader.open(path)
+    assert reader.count() == 1
+    play(store, seed=2)
+    assert reader.count() == 2
+    with pytest.raises(sqlite3.OperationalError, match="readonly"):
+        reader._db.execute("DELETE FROM steps")
+    reader.close()
+
+
+def foreign(path):
+    db = sqlite3.connect(path)
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("CREATE TABLE theirs (a)")
+    db.commit()
+    db.close()
+
+
+@pytest.mark.parametrize(
+    "make", [foreign, lambda path: path.write_text("dear diary\n" * 50), lambda path: path.write_bytes(b"x")]
+)
+@pytest.mark.parametrize("opening", [Store, Reader.open])
+def test_a_file_that_is_not_ours_is_refused_and_left_as_it_is(tmp_path, path, make, opening):
+    make(path)
+    before = listing(tmp_path)
+    with pytest.raises(StoreError, match=r"nothing was written; give another --database"):
+        opening(path)
+    assert listing(tmp_path) == before
+
+
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path):
+    with pytest.raises(StoreError, match="is a folder"):
+        Store(tmp_path)
+
+
+def test_a_newer_schema_is_refused_and_left_as_it_is(tmp_path, path):
+    Store(path).close()
+    db = sqlite3.connect(path)
+    db.execute("PRAGMA user_version = 99")
+    db.close()
+    before = path.read_bytes()
+    for opening in (Store, Reader.open):
+        with pytest.raises(StoreError, match=r"schema 99, this version knows up to \d+: update"):
+            opening(path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("keep", [20, 90, 600, 4096, 9000])
+def test_a_truncated_database_is_refused(tmp_path, path, keep):
+    store = Store(path)
+    play(store, seed=1)
+    store.close()
+    path.write_bytes(path.read_bytes()[:keep])
+    for opening in (Store, Reader.open):
+        with pytest.raises(StoreError, match=r"damaged|not a database|another program"):
+            opening(path)
+    assert path.stat().st_size == keep
+
+
+def test_an_older_schema_is_brought_up_with_everything_in_it(path, monkeypatch):
+    monkeypatch.setattr(database, "MIGRATIONS", MIGRATIONS[:1])
+    open_database(path, migrations=MIGRATIONS[:1]).close()
+    db = sqlite3.connect(path)
+    db.execute("INSERT INTO players VALUES ('old', 1)")
+    db.commit()
+    db.close()
+    monkeypatch.undo()
+    with pytest.raises(StoreError, match="has schema 1, needed is"):
+        Reader.open(path)
+    store = Store(path)
+    assert store._db.execute("SELECT id FROM players").fetchall() == [("old",)]
+    assert store._db.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+    assert store._db["episodes"].indexes
+    store.close()
+
+
+def test_a_migration_that_fails_leaves_the_schema_before_it(path):
+    Store(path).close()
+
+    def broken(conn):
+        conn.execute("CREATE TABLE half (a)")
+        conn.execute("nonsense")
+
+    with pytest.raises(StoreError, match="cannot open"):
+        open_database(path, migrations=(*MIGRATIONS, broken))
+    store = Store(path)
+    assert store._db.execute("SELECT count(*) FROM sqlite_master WHERE name = 'half'").fetchone() == (0,)
+    store.close()
+
+
+def test_a_database_killed_before_its_first_checkpoint_is_still_ours(tmp_path, path):
+    store = Store(path)
+    play(store, seed=1)
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for suffix in ("", "-wal"):
+        shutil.copy(f"{path}{suffix}", copy / f"play.db{suffix}")
+    store.close()
+    again = Store(copy / "play.db")
+    assert again.count() == 1
+    again.close()
+
+
+def as_nobody(action):
+    """Return what `action()` prints as a user without rights, in a child: root writes through every permission."""
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # forking beside threads: the child uses none of their locks
+        child = os.fork()
+    if child == 0:
+        try:
+            if os.geteuid() == 0:
+                os.setgroups([])
+                os.setgid(65534)
+                os.setuid(65534)
+            said = "\n".join(str(line) for line in action())
+        except BaseException as error:
+            said = f"failed: {error!r}"
+        os.write(writing, said.encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as file:
+        said = file.read()
+    os.waitpid(child, 0)
+    return said.splitlines()
+
+
+@pytest.fixture
+def open_folder():
+    """A folder every user can look into."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        yield Path(folder)
+
+
+def test_a_read_only_database_is_refused_for_writing_and_open_for_reading(open_folder):
+    path = open_folder / "play.db"
+    store = Store(path)
+    play(store, seed=1)
+    store.close()
+    path.chmod(0o444)
+    before = path.read_bytes()
+
+    def read_and_write():
+        reader = Reader.open(path)
+        yield reader.count()
+        reader.close()
+        for target in (path, open_folder / "new.db"):
+            try:
+                Store(target)
+            except StoreError as error:
+                yield error
+
+    one, two, three = as_nobody(read_and_write)
+    assert one == "1"
+    assert two == f"the database {path} is read-only: make it writable or give another --database"
+    assert three.startswith(f"cannot write the database {open_folder / 'new.db'}: Permission denied")
+    assert path.read_bytes() == before
+
+
+def test_random_episodes_come_back_as_they_were(store):
+    for seed in range(20):
+        row = play(store, seed=seed, explore=seed % 2 == 0, config=replace(SMALL, rows=5 + seed % 3))
+        twin = Episode.begin(row.config, seed=seed)
+        record = store.load_record(row.id)
+        for action in record.actions:
+            twin.step(action)
+        if record.outcome == "abandoned":
+            twin.abandon()
+        assert twin.record() == record
+
+
+def test_reading_in_the_servers_process_keeps_its_hold_on_the_file(path, store):
+    """Closing a file drops every lock its process has on it: another program could then take the log away."""
+    play(store, seed=1)
+    Reader.open(path).close()
+    with pytest.raises(StoreError, match="in use"):
+        Store(path)
+    log = path.with_name(path.name + "-wal")
+    before = log.stat().st_ino
+    code = "import sqlite3, sys; db = sqlite3.connect(sys.argv[1]); db.execute('SELECT 1 FROM steps').fetchone(); db.close()"
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True)
+    assert log.stat().st_ino == before
+    row = play(store, seed=2)
+    with sqlite3.connect(path) as other:
+        assert other.execute("SELECT count(*) FROM episodes WHERE id = ?", [row.id]).fetchone() == (1,)
+    other.close()

@@ -1,0 +1,382 @@
+"""A participant's whole way through a study, and each step that the server refuses."""
+
+import json
+
+import pytest
+
+from app.study.folder import Folder
+from app.study.seeds import order
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import replay
+from tests.support.study import Person, freeze
+
+
+@pytest.fixture
+def study(tmp_path):
+    return freeze(tmp_path / "studies")
+
+
+@pytest.fixture
+def server(serve, study, tmp_path):
+    return serve()
+
+
+def rows(server, sql, *values):
+    """Rows of the database as a reader beside the server sees them."""
+    import sqlite3
+    from contextlib import closing
+
+    with closing(sqlite3.connect(server.app.state.store.path)) as db:
+        db.row_factory = sqlite3.Row
+        return [dict(row) for row in db.execute(sql, values).fetchall()]
+
+
+def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server, study, tmp_path):
+    client = server.client()
+    assert client.get("/api/studies").json() == [{"name": "small", "title": study.protocol.title, "status": "open"}]
+    told = client.get("/api/studies/small").json()
+    assert told == {
+        "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
+        "commitment": study.commitment, "secret": None, "level": "random", "rows": 7, "cols": 9,
+        "config": study.protocol.env_config.to_dict(),
+        "warm_up": 2, "ranked": 3, "players": 2, "consent_version": "1",
+    }  # fmt: skip
+    Folder(tmp_path / "studies").close("small")
+    now = client.get("/api/studies/small").json()
+    assert (now["status"], now["secret"]) == ("closed", study.secret.hex())
+
+
+def test_the_whole_way_from_consent_to_completion_code(server, study):
+    person = Person(server, outside_ids={"PROLIFIC_PID": "pid-1", "STUDY_ID": "s-1", "WEATHER": "fine"})
+    where = person.where
+    assert (where["stage"], where["session"], where["about"], where["phase"]) == ("consent", None, None, None)
+    assert where["consent"]["text"] == study.protocol.consent.text
+    assert [set(each) for each in where["questions"]] == [{"question", "choices"}] * 3
+    person.call("consent", {"version": "1", "agree": True})
+    person.call("advance", {"from": "instructions"})
+    assert person.where["stage"] == "tutorial"
+    person.call("next")
+    assert (person.where["phase"], person.where["tutorial"]["done"]) == ("tutorial", False)
+    assert person.play()[-1]["score"] is not None
+    assert person.me()["tutorial"]["done"] is True
+    person.call("advance", {"from": "tutorial"})
+    assert person.call("answers", {"answers": [0, 0, 1]})["right"] == [True, False, True]
+    assert person.where["stage"] == "questions"
+    person.call("answers", {"answers": [0, 1, 1]})
+    assert (person.where["stage"], person.where["right"]) == ("warm_up", [True] * 3)
+    seen = person.play_on()
+    assert [len(frames) for frames in seen.values()] == [0, 2, 3]
+    assert all(frame["score"] is not None for frames in seen["warm_up"] for frame in frames)
+    hidden = [frame for frames in seen["ranked"] for frame in frames][:-1]
+    assert all(frame[name] is None for frame in hidden for name in ("reward", "return", "score"))
+    last = seen["ranked"][-1][-1]
+    assert (last["outcome"], last["score"] is not None) == ("explored", True)
+    where = person.where
+    assert where["stage"] == "debrief"
+    debrief = where["debrief"]
+    assert [each["outcome"] for each in debrief["episodes"]] == ["explored"] * 3
+    assert debrief["policy"] == {"name": "frontier-cost", **dict.fromkeys(("mean_steps_warm_up", "own_mean_steps_warm_up"), debrief["policy"]["own_mean_steps_warm_up"])}  # fmt: skip # noqa: E501
+    assert len(debrief["completion_code"]) == 8
+    for index in range(2):
+        replays = person.client.get(f"{person.url}/debrief/{index}").json()
+        assert replays["own"] == seen["warm_up"][index]
+        assert [frame["grid"] for frame in replays["policy"]["frames"]] == [frame["grid"] for frame in replays["own"]]
+    assert person.client.get(f"{person.url}/debrief/2").status_code == 404
+    person.call("advance", {"from": "debrief"})
+    assert (person.where["stage"], person.where["debrief"]["completion_code"]) == ("complete", debrief["completion_code"])
+    kept = rows(server, "SELECT name, value FROM identities ORDER BY name")
+    assert [tuple(each.values()) for each in kept] == [("PROLIFIC_PID", "pid-1"), ("STUDY_ID", "s-1")]
+    check_rows(server, study)
+
+
+def check_rows(server, study):
+    """The database holds what was played, on the study's terrains, in the participant's order."""
+    (participant,) = rows(server, "SELECT * FROM participants")
+    assert (participant["kind"], participant["stage"], participant["consent_version"]) == ("human", "complete", "1")
+    assert participant["completed_ms"] >= participant["consent_ms"] >= participant["joined_ms"]
+    trials = rows(server, "SELECT * FROM study_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number")
+    own = order(study.secret, study.protocol_hash, participant["id"], 3)
+    assert [(each["phase"], each["trial"], each["terrain"]) for each in trials] == [
+        ("tutorial", 0, 0), ("warm_up", 0, 0), ("warm_up", 1, 1), *(("ranked", i, own[i]) for i in range(3))
+    ]  # fmt: skip
+    seeds = [1, study.seed("warm-up", 0), study.seed("warm-up", 1), *(study.seed("ranked", i) for i in own)]
+    assert [each["seed"] for each in trials] == seeds
+    assert {(each["seed_chosen"], each["assisted"], each["driver"]) for each in trials} == {(0, 0, "human")}
+    assert {each["session_id"] for each in trials} == {participant["session_id"]}
+    for each in trials:
+        record = server.app.state.store.load_record(each["id"])
+        assert replay(record).record() == record
+    kinds = [each["kind"] for each in rows(server, "SELECT kind FROM stage_events ORDER BY number")]
+    assert kinds[:4] == ["joined", "stage", "stage", "stage"]
+    assert (kinds.count("answers"), kinds.count("break"), kinds[-1]) == (2, 1, "stage")
+
+
+def test_a_break_is_offered_after_some_ranked_episodes_until_the_next_begins(server):
+    person = Person(server)
+    person.to_warm_up()
+    person.play_on(until=("ranked",))
+    offered = []
+    for _ in range(3):
+        person.call("next")
+        assert person.where["break_due"] is False
+        person.play()
+        offered.append(person.me()["break_due"])
+    assert offered == [False, True, False]
+
+
+def test_giving_up_is_explicit_and_costs_what_a_collision_costs(server):
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    frames = person.play(moves=2)
+    stale = person.refused("give-up", {"episode": frames[0]["episode"], "step": 0})
+    assert stale == "step 0 is not the current one, which is 2"
+    person.call("give-up", {"episode": frames[0]["episode"], "step": 2})
+    frame = person.frame
+    assert (frame["outcome"], frame["step"]) == ("abandoned", 2)
+    assert frame["return"] == frames[2]["return"] - 63
+    assert person.where["warm_up"] == {"done": 1, "of": 2}
+    assert "has ended" in person.refused("give-up", {"episode": frames[0]["episode"], "step": 2})
+
+
+def test_next_is_idempotent_and_no_terrain_is_drawn_again(server):
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    first = person.where["about"]
+    person.play(moves=1)
+    person.call("next")
+    assert person.where["about"]["session"] == first["session"]
+    assert (person.frame["episode"], person.frame["step"]) == (first["frame"]["episode"], 1)
+    url = f"/api/sessions/{first['session']}"
+    act = {"episode": first["frame"]["episode"], "step": 1, "action": "south", "input": "key"}
+    for path, body, said in (
+        ("act", act, "its moves come over the socket"),
+        ("episodes", {}, "its terrains are the study's"),
+        ("pace", {"pause": True}, "no pace"),
+    ):
+        answer = person.client.post(f"{url}/{path}", json=body)
+        assert (answer.status_code, said in answer.json()["detail"]) == (409, True)
+    assert person.client.get(url).json()["step"] == 1
+
+
+def test_each_step_out_of_turn_is_refused_in_words(server):
+    person = Person(server)
+    yes = {"version": "1", "agree": True}
+    assert "you are at the consent" in person.refused("next")
+    assert "you are at the consent" in person.refused("answers", {"answers": [0, 1, 1]})
+    assert "you are at the consent, not at the instructions" in person.refused("advance", {"from": "instructions"})
+    assert "the consent text is version '1', not '2'" in person.refused("consent", {**yes, "version": "2"})
+    person.call("consent", yes)
+    assert "you are at the instructions; this belongs to the consent" in person.refused("consent", yes)
+    person.call("advance", {"from": "instructions"})
+    assert "play the tutorial to its end first" in person.refused("advance", {"from": "tutorial"})
+    assert "nothing to give up" in person.refused("give-up", {"episode": "e", "step": 0})
+    person.call("next")
+    assert "play the tutorial" in person.refused("advance", {"from": "tutorial"})
+    person.play()
+    person.call("advance", {"from": "tutorial"})
+    assert "one choice for each of the 3 questions, got 1" in person.refused("answers", {"answers": [0]}, 422)
+    assert "answer 2 must be 0 to 2, got 7" in person.refused("answers", {"answers": [0, 1, 7]}, 422)
+    assert "at least 0" in person.refused("answers", {"answers": [0, 1, -1]}, 422)
+    person.call("answers", {"answers": [0, 1, 1]})
+    assert person.client.get(f"{person.url}/debrief/0").status_code == 409
+    assert "not at the debrief" in person.refused("advance", {"from": "debrief"})
+    assert person.where["stage"] == "warm_up"
+
+
+def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
+    client = server.client()
+    for name in ("none", "..", "A B", "x" * 60):
+        assert client.get(f"/api/studies/{name}").status_code == 404
+    assert client.post("/api/studies/none/join").json()["detail"] == "there is no such study here: check the link"
+    freeze(tmp_path / "studies", "later")
+    assert client.post("/api/studies/later/join").status_code == 201
+    stranger = server.client()
+    answer = stranger.get("/api/studies/small/me")
+    assert (answer.status_code, "have not joined" in answer.json()["detail"]) == (404, True)
+    for what in ("next", "withdraw"):
+        assert stranger.post(f"/api/studies/small/{what}").status_code == 404
+    person = Person(server)
+    for what, body, said in (
+        ("consent", {"version": "1"}, "agree is missing"),
+        ("consent", {"version": "1", "agree": "yes"}, "agree must be true or false"),
+        ("advance", {"from": "ranked"}, "from must be"),
+        ("advance", {"form": "tutorial"}, "unknown field 'form'; the fields are: from"),
+        ("settings", {"palette": "pink"}, "palette must be"),
+        ("settings", {"keys": {"north": ["KeyW"], "south": ["KeyW"]}}, "one key cannot mean two directions"),
+        ("join", {"outside_ids": {"PROLIFIC_PID": "x" * 300}}, "at most 200 characters"),
+    ):
+        assert said in person.refused(what, body, 422)
+    assert str(tmp_path) not in client.get("/api/studies/none").text
+
+
+def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tmp_path):
+    from app.study.protocol import default_protocol
+
+    folder = Folder(tmp_path / "studies")
+    folder.create(default_protocol("draft", EnvConfig.of("random", 7)))
+    client = server.client()
+    answer = client.post("/api/studies/draft/join")
+    assert (answer.status_code, "not begun yet" in answer.json()["detail"]) == (409, True)
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    path = folder.path("small") / "protocol.json"
+    was = path.read_text()
+    path.write_text(was.replace('"ranked": 3', '"ranked": 1'))
+    for what in ("join", "next"):
+        said = person.refused(what)
+        assert "its files have changed" in said
+        assert str(tmp_path) not in said
+    with person.socket() as socket:
+        socket.act(socket.receive("frame"), "south", input="key")
+        assert "cannot go on now" in socket.receive("refused")["reason"]
+    assert client.get("/api/studies").json() == []
+    path.write_text(was)
+    assert person.me()["stage"] == "warm_up"
+
+
+def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
+    done, person = Person(server), Person(server)
+    done.to_warm_up()
+    done.play_on()
+    person.to_warm_up()
+    person.call("next")
+    with person.socket() as socket:
+        frame = socket.receive("frame")
+        Folder(tmp_path / "studies").close("small")
+        socket.act(frame, "south", input="key")
+        assert "is closed" in socket.receive("refused")["reason"]
+    assert "is closed" in person.refused("next")
+    assert "is closed" in person.refused("join")
+    assert "is closed" in Person(server, joins=False).refused("join")
+    assert person.me()["note"].startswith("This study has been closed")
+    assert done.me()["debrief"]["completion_code"]
+    done.call("advance", {"from": "debrief"})
+    assert rows(server, "SELECT secret FROM studies") == [{"secret": study.secret.hex()}]
+    (tmp_path / "studies" / "small" / "closed.json").unlink()  # its terrains are public: there is no way back
+    assert "is closed" in person.refused("next")
+
+
+def test_one_outside_id_is_one_person_and_one_cookie(server):
+    ids = {"PROLIFIC_PID": "pid-1", "STUDY_ID": "the same for all"}
+    first = Person(server, outside_ids=ids)
+    assert first.client.post(f"{first.url}/join", json={"outside_ids": ids}).status_code == 200
+    assert first.client.post(f"{first.url}/join").status_code == 200
+    twin = Person(server, joins=False)
+    assert "joined with this PROLIFIC_PID in another browser" in twin.refused("join", {"outside_ids": ids})
+    second = Person(server, outside_ids={**ids, "PROLIFIC_PID": "pid-2"})
+    assert second.where["participant"] != first.where["participant"]
+    said = first.refused("join", {"outside_ids": {"PROLIFIC_PID": "pid-3"}})
+    assert "takes part for another PROLIFIC_PID already" in said
+    assert [each["n"] for each in rows(server, "SELECT count(*) AS n FROM participants")] == [2]
+
+
+def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
+    shy = Person(server, outside_ids={"PROLIFIC_PID": "shy"})
+    assert len(rows(server, "SELECT * FROM identities")) == 1
+    shy.call("consent", {"version": "1", "agree": False})
+    assert (shy.where["stage"], "did not agree" in shy.where["note"]) == ("withdrawn", True)
+    assert rows(server, "SELECT * FROM identities") == []
+    assert "the end (withdrawn)" in shy.refused("advance", {"from": "instructions"})
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    person.play(moves=1)
+    person.call("withdraw")
+    assert person.where["stage"] == "withdrawn"
+    assert person.where["participant"] in person.where["note"]
+    assert person.frame["outcome"] == "abandoned"
+    assert "nothing to withdraw from" in person.refused("withdraw")
+    for what in ("next", "consent"):
+        person.refused(what, {"version": "1", "agree": True} if what == "consent" else None)
+    assert Person(server, client=person.client).where["stage"] == "withdrawn"
+
+
+def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
+    from app.release.forget import forget
+
+    person, other = Person(server), Person(server)
+    for each in (person, other):
+        each.to_tutorial()
+        each.call("next")
+    server.stop()
+    path = server.app.state.store.path
+    assert forget(path, person.where["participant"]).episodes == 1
+    kept = rows(server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes")
+    assert [each["n"] for each in kept] == [1, 1]
+
+
+def test_settings_are_kept_and_each_change_is_on_record(server):
+    person = Person(server)
+    assert person.where["settings"] == {"modality": None, "palette": "mars", "keys": None}
+    keys = {"north": ["KeyI"], "east": ["KeyL"], "south": ["KeyK"], "west": ["KeyJ"]}
+    person.call("settings", {"modality": "touch", "keys": keys})
+    person.call("settings", {"palette": "high-contrast"})
+    assert person.me()["settings"] == {"modality": "touch", "palette": "high-contrast", "keys": keys}
+    assert len(rows(server, "SELECT * FROM stage_events WHERE kind = 'settings'")) == 2
+
+
+def test_a_script_is_a_script_for_ever(server):
+    script = Person(server, script="noisy-frontier")
+    assert script.where["stage"] == "consent"
+    script.to_warm_up()
+    script.play_on()
+    assert {each["driver"] for each in rows(server, "SELECT driver FROM episodes")} == {"script"}
+    assert {each["driver"] for each in rows(server, "SELECT driver FROM steps")} == {"script"}
+    (kept,) = rows(server, "SELECT kind, script FROM participants")
+    assert tuple(kept.values()) == ("script", "noisy-frontier")
+    assert script.client.post(f"{script.url}/join").status_code == 200
+    assert "as the script 'noisy-frontier' already" in script.refused("join", {"script": "random"})
+    person = Person(server)
+    assert "takes part as a person already" in person.refused("join", {"script": "noisy-frontier"})
+
+
+def test_a_scripts_step_in_a_persons_episode_is_a_deviation_on_record(server):
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    person.play(moves=1)
+    person.play(moves=1, input=None)
+    person.play(moves=1)
+    (row,) = rows(
+        server, "SELECT e.driver FROM episodes e JOIN study_episodes t ON t.episode_id = e.id WHERE t.phase = 'warm_up'"
+    )
+    assert row["driver"] == "script"
+    noted = rows(server, "SELECT detail FROM stage_events WHERE kind = 'deviation'")
+    assert [json.loads(each["detail"])["episode"] for each in noted] == [person.frame["episode"]]
+    assert rows(server, "SELECT kind FROM participants") == [{"kind": "human"}]
+
+
+def test_study_episodes_never_enter_the_playgrounds_own_human_level(server, tmp_path):
+    person = Person(server)
+    person.to_warm_up()
+    person.play_on()
+    Folder(tmp_path / "studies").close("small")
+    client = server.client()
+    client.get("/api/studies/small")
+    assert len(client.get("/api/episodes").json()) == 6
+    assert client.get("/api/episodes?who=human").json() == []
+    assert client.get("/api/human-level").json()["figures"] == []
+    assert not any(each["counts"] for each in client.get("/api/episodes").json())
+
+
+def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(serve, tmp_path):
+    freeze(tmp_path / "studies")
+    Person(serve()).server.stop()
+    freeze(tmp_path / "others")
+    server = serve(studies=tmp_path / "others")
+    assert "cannot be played on this server now" in Person(server, joins=False).refused("join")
+
+
+def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(serve, tmp_path):
+    freeze(tmp_path / "studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
+           return_url="https://example.org/done?code={code}")  # fmt: skip
+    person = Person(serve(), "bare", outside_ids={"PROLIFIC_PID": "p"})
+    person.to_warm_up()
+    assert person.where["stage"] == "ranked"
+    person.play_on()
+    debrief = person.where["debrief"]
+    assert (debrief["policy"], debrief["warm_up_terrains"]) == (None, 0)
+    assert (debrief["completion_code"], debrief["return_url"]) == ("THANKS", "https://example.org/done?code=THANKS")

@@ -1,0 +1,112 @@
+"""A study read from a real database: everything a figure needs, nothing of who somebody is."""
+
+import dataclasses
+
+import pytest
+
+from app.report.seeds import load_with_folder
+from app.storage.database import StoreError
+from app.storage.reader import Reader
+from app.study.data import load, records
+from app.study.protocol import StudyError
+from marsexplorer.episode import replay
+from tests.support.stored_studies import IDENTITIES, Field, freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    study = freeze(folder / "studies")
+    return folder, study, play_study(folder / "play.db", study)
+
+
+def test_people_and_trials_are_as_they_were_played(place):
+    folder, study, people = place
+    data = load(folder / "play.db", "dunes")
+    assert data.protocol == study.protocol
+    assert (data.protocol_hash, data.closed_ms, data.secret) == (study.protocol_hash, study.closed_ms, study.secret.hex())
+    assert {person.id for person in data.people} == set(people)
+    assert [person.kind for person in data.people] == ["human", "human", "script"]
+    assert data.people[2].script == "noisy-frontier"
+    assert [event[1] for event in data.people[0].events] == ["joined", "stage", "answers"]
+    assert len(data.trials) == 3 * (1 + 2 + 3)
+    first = next(each for each in data.trials if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0))
+    assert (first.outcome, first.steps, first.steps_to_99) == ("abandoned", 2, study.protocol.env_config.limit)
+    assert first.seed == study.seed("ranked", first.terrain)
+    assert data.seeds() == {i: study.seed("ranked", i) for i in range(3)}
+
+
+def test_a_trials_record_replays_to_what_the_trial_says(place):
+    folder, _, _ = place
+    reader = Reader.open(folder / "play.db")
+    data = load(reader, "dunes")
+    for trial, record in records(reader, data.trials):
+        episode = replay(record)
+        assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, pytest.approx(trial.score))
+    reader.close()
+
+
+def test_nothing_of_an_identity_is_in_it(place):
+    folder, _, _ = place
+    text = repr([dataclasses.asdict(person) for person in load(folder / "play.db", "dunes").people])
+    for value in IDENTITIES.values():
+        assert value.split("{}")[0] not in text
+
+
+def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
+    field = Field(tmp_path / "play.db", study)
+    person = field.join(0, stage="ranked")
+    field.play(person, "ranked", 0, "open")
+    field.close()
+    data = load(tmp_path / "play.db", "dunes")
+    (trial,) = data.trials
+    assert (trial.ended_ms, trial.outcome, trial.steps_to_99, trial.score) == (None, None, None, None)
+    assert (data.closed_ms, data.secret, data.people[0].completed_ms) == (None, None, None)
+
+
+def test_an_unknown_study_and_an_absent_file_are_told_apart(place, tmp_path):
+    folder, _, _ = place
+    with pytest.raises(StudyError, match=r"nobody has joined a study 'moon' in .*; studies in it: dunes"):
+        load(folder / "play.db", "moon")
+    with pytest.raises(StoreError, match="no database at"):
+        load(tmp_path / "none.db", "dunes")
+
+
+def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
+    field = Field(tmp_path / "play.db", study)
+    field.join(0, stage="ranked")
+    field.close()
+    from app.study.folder import Folder
+
+    Folder(tmp_path / "studies").close("dunes")
+    reader = Reader.open(tmp_path / "play.db")
+    data, seeds = load_with_folder(reader, tmp_path / "studies", "dunes")
+    assert data.closed_ms is not None
+    assert data.secret == study.secret.hex()
+    assert seeds == {i: study.seed("ranked", i) for i in range(3)}
+    without, begun = load_with_folder(reader, tmp_path / "elsewhere", "dunes")
+    assert (without.closed_ms, begun) == (None, {})
+    reader.close()
+
+
+def test_a_study_that_nobody_has_joined_is_known_from_its_folder(tmp_path):
+    freeze(tmp_path / "studies")
+    other = freeze(tmp_path / "others", "moon")
+    field = Field(tmp_path / "play.db", other)
+    field.close()
+    reader = Reader.open(tmp_path / "play.db")
+    data, seeds = load_with_folder(reader, tmp_path / "studies", "dunes")
+    assert (data.people, data.trials, len(seeds)) == ((), (), 3)
+    reader.close()
+
+
+def test_two_studies_of_one_name_are_not_mixed(tmp_path):
+    freeze(tmp_path / "studies", ranked=4)
+    field = Field(tmp_path / "play.db", freeze(tmp_path / "others"))
+    field.close()
+    reader = Reader.open(tmp_path / "play.db")
+    with pytest.raises(StudyError, match="another protocol than the one in"):
+        load_with_folder(reader, tmp_path / "studies", "dunes")
+    reader.close()

@@ -1,0 +1,179 @@
+"""Input events of a study's episodes: each batch is answered, and kept once, however often it comes."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.release.verify import verify_database
+from app.study import records
+from app.study.folder import Folder, StudyError
+from tests.support.study import Person, freeze
+
+PRESS = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 12.3, "step": 0}
+BATCH = [PRESS, {"kind": "blur", "client_ms": 13}, {"kind": "keyup", "code": "ArrowUp", "client_ms": 14.5, "round_trip_ms": 3}]
+NEXT = [{**PRESS, "client_ms": 20.1}]
+
+
+@pytest.fixture(autouse=True)
+def study(tmp_path):
+    return freeze(tmp_path / "studies")
+
+
+@pytest.fixture
+def person(server):
+    return at_a_board(server)
+
+
+def at_a_board(server):
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    return person
+
+
+def tell(socket, episode, events):
+    """Send a batch and return what its answer says: (count, reason)."""
+    socket.send({"kind": "events", "episode": episode, "events": events})
+    answer = socket.receive("kept")
+    assert answer["episode"] == episode
+    return answer["count"], answer["reason"]
+
+
+def kept(tmp_path):
+    """(number, kind, client_ms) of all that is kept, by episode; no row has lost its digest."""
+    path = tmp_path / "playground.db"
+    assert verify_database(path).findings == ()
+    with closing(sqlite3.connect(path)) as db:
+        sql = "SELECT number, kind, client_ms FROM input_events ORDER BY episode_id, number"
+        return db.execute(sql).fetchall()
+
+
+ONCE = [(0, "keydown", 12.3), (1, "blur", 13.0), (2, "keyup", 14.5)]
+
+
+def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
+    episode = person.frame["episode"]
+    with person.socket() as socket:
+        assert tell(socket, episode, BATCH) == (3, None)
+        assert tell(socket, episode, []) == (0, None)
+        assert tell(socket, episode, NEXT) == (1, None)
+    assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
+        sql = "SELECT code, repeat, trusted, step, round_trip_ms FROM input_events ORDER BY number"
+        assert db.execute(sql).fetchall()[:3] == [("ArrowUp", 0, 1, 0, None), (None,) * 5, ("ArrowUp", None, None, None, 3.0)]
+        assert all(at > 0 for (at,) in db.execute("SELECT server_ms FROM input_events"))
+
+
+def test_a_batch_sent_again_is_kept_once_whatever_came_between(person, tmp_path):
+    episode = person.frame["episode"]
+    with person.socket() as socket, person.socket() as other_tab:
+        assert tell(socket, episode, BATCH) == (3, None)
+        assert tell(socket, episode, BATCH) == (3, None)
+        assert tell(other_tab, episode, NEXT) == (1, None)
+        assert tell(other_tab, episode, BATCH) == (3, None)
+        assert tell(socket, episode, NEXT) == (1, None)
+    assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
+
+
+@pytest.mark.parametrize(
+    "events",
+    [
+        [*BATCH[:2], {**BATCH[2], "client_ms": 14.6}],
+        [*BATCH, *NEXT],
+        [BATCH[0], BATCH[2]],
+        [{**PRESS, "code": "ArrowDown"}],
+        [{**PRESS, "step": 1}],
+        [{**PRESS, "repeat": None}],
+        [{**PRESS, "trusted": False}],
+        [{**PRESS, "round_trip_ms": 0.5}],
+    ],
+)
+def test_a_batch_that_differs_in_anything_is_another_one(person, tmp_path, events):
+    with person.socket() as socket:
+        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
+        assert tell(socket, person.frame["episode"], events) == (len(events), None)
+    assert len(kept(tmp_path)) == 3 + len(events)
+
+
+def test_the_same_events_of_another_episode_are_kept_too(person, tmp_path):
+    first = person.frame["episode"]
+    person.play()
+    person.call("next")
+    with person.socket() as socket:
+        assert tell(socket, first, BATCH) == (3, None)
+        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
+    assert len(kept(tmp_path)) == 6
+
+
+def test_a_batch_whose_answer_a_kill_swallowed_is_kept_once(spawn, tmp_path):
+    server = spawn()
+    person = at_a_board(server)
+    episode = person.frame["episode"]
+    with person.socket() as socket:
+        assert tell(socket, episode, BATCH) == (3, None)
+        server.kill()
+    server = spawn()
+    again = Person(server, client=server.client(cookies=dict(person.client.cookies)), joins=False)
+    again.me()
+    with again.socket() as socket:
+        assert tell(socket, episode, BATCH) == (3, None)
+        assert tell(socket, episode, NEXT) == (1, None)
+    server.kill()
+    assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
+
+
+def test_what_is_not_kept_is_answered_with_the_reason(server, person, tmp_path, monkeypatch):
+    other = at_a_board(server)
+    begun = person.client.post("/api/sessions").json()
+    with server.socket(begun["session"], person.client) as socket:
+        count, reason = tell(socket, begun["frame"]["episode"], BATCH)
+        assert (count, "a study's episodes alone" in reason) == (0, True)
+    with person.socket() as socket:
+        count, reason = tell(socket, other.frame["episode"], BATCH)
+        assert (count, "none of this participant's" in reason) == (0, True)
+        monkeypatch.setattr(records, "MAX_EVENTS", 4)
+        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
+        count, reason = tell(socket, person.frame["episode"], [*NEXT, *NEXT])
+        assert (count, "more input events than are kept" in reason) == (0, True)
+        assert tell(socket, person.frame["episode"], NEXT) == (1, None)
+        assert tell(socket, person.frame["episode"], BATCH) == (3, None), "there is always room for what is kept already"
+        Folder(tmp_path / "studies").close("small")
+        count, reason = tell(socket, person.frame["episode"], BATCH)
+        assert (count, "is closed" in reason) == (0, True)
+    assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
+
+
+def test_what_cannot_be_kept_now_is_answered_without_a_reason(server, person, tmp_path, monkeypatch):
+    episode = person.frame["episode"]
+
+    def fail(*_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    def thaw(*_):
+        raise StudyError("protocol.json was changed after the study was frozen")
+
+    with person.socket() as socket:
+        for where, what in (("app.storage.digests.extend_events", fail), ("app.study.folder.Folder.study", thaw)):
+            with monkeypatch.context() as patch:
+                patch.setattr(where, what)
+                assert tell(socket, episode, BATCH) == (0, None)
+        assert kept(tmp_path) == []
+        assert tell(socket, episode, BATCH) == (3, None)
+    assert kept(tmp_path) == ONCE
+
+
+@pytest.mark.parametrize(
+    ("events", "said"),
+    [
+        ([PRESS] * 201, "events must hold at most 200, got 201"),
+        ([{**PRESS, "kind": "wink"}], "kind must be"),
+        ([{"kind": "keydown"}], "client_ms is missing"),
+        ([{**PRESS, "mood": 1}], "unknown field 'mood'"),
+    ],
+)
+def test_a_malformed_batch_is_an_error(person, tmp_path, events, said):
+    with person.socket() as socket:
+        socket.send({"kind": "events", "episode": person.frame["episode"], "events": events})
+        assert said in socket.receive("error")["detail"]
+    assert kept(tmp_path) == []

@@ -1,0 +1,292 @@
+"""A study before anybody plays: protocol and hash, seeds and commitment, freezing and closing, each mistake in words."""
+
+import hashlib
+import hmac
+import json
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from app.cli.main import main
+from app.study.folder import Folder, StudyError
+from app.study.protocol import Protocol, canonical, checked, default_protocol, protocol_hash
+from app.study.seeds import commitment, order, seed
+from marsexplorer.config import CORE_VERSION, EnvConfig
+
+SMALL = EnvConfig.of("random", (7, 9))
+
+
+def small(name="small", **rest):
+    return default_protocol(name, SMALL, **{"warm_up": 2, "ranked": 3, "players": 2, **rest})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return Folder(tmp_path / "studies")
+
+
+@pytest.fixture
+def frozen(folder):
+    folder.create(small())
+    folder.freeze("small")
+    return folder
+
+
+def test_the_defaults_are_the_papers_protocol():
+    protocol = default_protocol("paper", EnvConfig.of("random", 21))
+    assert (protocol.warm_up, protocol.ranked, protocol.players, protocol.break_every) == (15, 30, 10, 10)
+    assert (protocol.env_config, protocol.core_version) == (EnvConfig.of("random", 21), CORE_VERSION)
+    assert len(protocol.questions) == 3
+    assert "15 practice rounds and 30 rounds" in protocol.consent.text
+    assert protocol.consent.text.count("\n\n") == 4
+
+
+def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_field():
+    protocol = small(title="Größe – 🚀")
+    raw = json.loads(canonical(protocol))
+    text = json.dumps(raw, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
+    assert canonical(protocol) == text
+    assert protocol_hash(protocol) == hashlib.sha256(text).hexdigest()
+    assert checked(raw) == protocol
+    changed = {"ranked": 4, "consent": {"version": "2", "text": "yes"}, "equivalence_margin": 5.5, "return_url": "https://a.b"}
+    hashes = {protocol_hash(checked({**raw, name: value})) for name, value in changed.items()}
+    assert len(hashes | {protocol_hash(protocol)}) == 5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"ranked": 0}, "ranked must be at least 1, got 0"),
+        ({"name": "../x"}, "name"),
+        ({"config": {"level": "8-8-8"}}, "no level '8-8-8'"),
+        ({"config": {"hills": 3}}, "unexpected keyword argument 'hills'"),
+        ({"config": {"rows": 200}}, "at most 128 cells a side, got 200x21"),
+        ({"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]}, "index of a choice, 0 to 1, got 2"),
+        ({"return_url": "javascript:alert(1)"}, "return_url"),
+        ({"outside_ids": ["A", "A"]}, "must differ"),
+        ({"rankde": 3}, "rankde"),
+        ({"exclusion": {"mine": {"weather": True}}}, "weather"),
+    ],
+)
+def test_a_wrong_field_is_named(wrong, said):
+    with pytest.raises(StudyError, match="the protocol does not hold") as error:
+        checked({**json.loads(canonical(small())), **wrong})
+    assert said in str(error.value)
+
+
+def test_seeds_are_the_first_53_bits_of_an_hmac():
+    secret, digest = bytes(range(32)), "ab" * 32
+    for label in ("ranked", "warm-up"):
+        for i in (0, 1, 29):
+            full = hmac.new(secret, f"{digest}|{label}|{i}".encode(), "sha256").hexdigest()
+            assert f"{seed(secret, digest, label, i):053b}" == f"{int(full, 16):0256b}"[:53]
+    assert seed(secret, digest, "ranked", 0) == 7860817211655972
+    assert commitment(secret) == hashlib.sha256(secret).hexdigest()
+
+
+def test_every_participant_has_an_order_of_their_own():
+    orders = [order(b"s" * 32, "h", participant, 30) for participant in ("a", "b", "c")]
+    assert all(sorted(each) == list(range(30)) for each in orders)
+    assert len({tuple(each) for each in orders}) == 3
+    assert order(b"s" * 32, "h", "a", 30) == orders[0]
+
+
+def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
+    path = folder.create(small())
+    assert (folder.status("small"), folder.names()) == ("draft", ["small"])
+    with pytest.raises(StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"):
+        folder.study("small")
+    study = folder.freeze("small")
+    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, small())
+    told = json.loads((path.parent / "frozen.json").read_text())
+    assert set(told) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
+    assert told["commitment"] == hashlib.sha256(study.secret).hexdigest()
+    secret = path.parent / "secret"
+    assert (len(secret.read_text().strip()), stat.S_IMODE(secret.stat().st_mode)) == (64, 0o600)
+    assert study.secret.hex() not in path.read_text() + json.dumps(told) + repr(study)
+    assert len({*study.seeds()}) == 5
+    closed = folder.close("small")
+    assert (folder.status("small"), closed.is_open, closed.secret) == ("closed", False, study.secret)
+    assert json.loads((path.parent / "closed.json").read_text())["secret"] == study.secret.hex()
+
+
+def test_a_server_that_holds_the_folder_sees_a_freeze_and_a_close_at_once(frozen):
+    mine = Folder(frozen.root)
+    assert mine.study("small") is mine.study("small")
+    frozen.close("small")
+    assert not mine.study("small").is_open
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # six lines close no files
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(tmp_path, monkeypatch, capsys):
+    text = (Path(__file__).parents[3] / "docs" / "study.md").read_text(encoding="utf-8")
+    lines = text.split("```python\n")[1].split("```")[0]
+    folder = Folder(tmp_path / "data" / "studies")
+    folder.create(small("pilot", title="Größe"))
+    folder.freeze("pilot")
+    study = folder.close("pilot")
+    monkeypatch.chdir(tmp_path)
+    exec(lines, {})
+    assert json.loads(capsys.readouterr().out) == study.seeds()[:3]
+    (folder.path("pilot") / "closed.json").write_text(json.dumps({"secret": "00" * 32}))
+    with pytest.raises(AssertionError):
+        exec(lines, {})
+
+
+def thaw(folder):
+    path = folder.path("small") / "protocol.json"
+    path.write_text(path.read_text().replace('"ranked": 3', '"ranked": 4'))
+
+
+def lose_the_secret(folder):
+    (folder.path("small") / "secret").unlink()
+
+
+def swap_the_secret(folder):
+    (folder.path("small") / "secret").write_text("00" * 32)
+
+
+def break_the_file(folder):
+    (folder.path("small") / "frozen.json").write_text("{")
+
+
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (thaw, "thawed protocol"),
+        (lose_the_secret, "damaged"),
+        (swap_the_secret, "is not the one committed to"),
+        (break_the_file, "is not JSON"),
+    ],
+)
+def test_a_frozen_study_that_was_touched_is_refused(frozen, harm, said):
+    assert frozen.study("small").is_open
+    harm(frozen)
+    with pytest.raises(StudyError, match=said):
+        frozen.study("small")
+
+
+def test_spaces_and_the_order_of_keys_are_no_thaw(frozen):
+    path = frozen.path("small") / "protocol.json"
+    path.write_text(json.dumps(dict(reversed(json.loads(path.read_text()).items()))))
+    assert frozen.study("small").protocol == small()
+
+
+def test_mistakes_are_said_in_one_sentence(frozen):
+    for act, said in (
+        (lambda: frozen.study("none"), r"no study 'none' in .*; there are: small"),
+        (lambda: frozen.path("a/b"), "a study's name is"),
+        (lambda: frozen.create(small()), "there is a study 'small' already"),
+        (lambda: frozen.freeze("small"), "is frozen already"),
+    ):
+        with pytest.raises(StudyError, match=said):
+            act()
+    frozen.close("small")
+    with pytest.raises(StudyError, match="is closed already, since"):
+        frozen.close("small")
+    frozen.create(small("older", core_version="0"))
+    with pytest.raises(StudyError, match="for core version 0, this is version 1"):
+        frozen.freeze("older")
+    frozen.create(small("odd", policies=("ppo9",)))
+    with pytest.raises(StudyError, match="policy 'ppo9' cannot be loaded"):
+        frozen.freeze("odd")
+    assert frozen.status("odd") == "draft"
+    (frozen.root / "other").mkdir()
+    (frozen.root / "other" / "protocol.json").write_text((frozen.path("small") / "protocol.json").read_text())
+    with pytest.raises(StudyError, match="names the study 'small'"):
+        frozen.draft("other")
+
+
+def test_a_freeze_cut_short_leaves_a_draft(folder, monkeypatch):
+    folder.create(small())
+    monkeypatch.setattr("app.study.folder.version", lambda name: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        folder.freeze("small")
+    monkeypatch.undo()
+    assert folder.status("small") == "draft"
+    assert folder.freeze("small").is_open
+
+
+def test_the_protocol_of_a_study_is_a_plain_model():
+    assert Protocol.model_json_schema()["properties"]["ranked"]["default"] == 30
+
+
+def run(capsys, *args):
+    with pytest.raises(SystemExit) as end:
+        main(["study", *args])
+    out = capsys.readouterr()
+    return end.value.code, out.out, out.err
+
+
+def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
+    at = ["--studies", str(tmp_path / "studies")]
+    short = ["--size", "7x9", "--warm-up", "2", "--ranked", "3", "--players", "2", "--outside-id", "PID"]
+    code, out, err = run(capsys, "new", "mine", *short, *at)
+    assert (code, err) == (0, "")
+    assert "study freeze mine" in out
+    code, out, _ = run(capsys, "show", "mine", *at)
+    assert code == 0
+    assert "draft" in out
+    code, out, _ = run(capsys, "freeze", "mine", *at)
+    assert code == 0
+    study = Folder(tmp_path / "studies").study("mine")
+    assert (study.protocol.outside_ids, study.protocol.ranked) == (("PID",), 3)
+    assert study.commitment in out
+    assert study.secret.hex() not in out
+    assert study.secret.hex() not in run(capsys, "show", "mine", *at)[1]
+    code, out, _ = run(capsys, "close", "mine", "--yes", "--database", str(tmp_path / "none.db"), *at)
+    assert code == 0
+    assert study.secret.hex() in out
+    assert not (tmp_path / "none.db").exists()
+    code, out, _ = run(capsys, "list", *at)
+    assert [word for word in ("mine", "closed") if word not in out] == []
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "said"),
+    [
+        (["freeze", "none"], 2, "no study 'none'"),
+        (["show", "none"], 2, "no study 'none'"),
+        (["new", "Bad Name"], 2, "a study's name is 1 to 40 small letters"),
+        (["new", "x", "--ranked", "0"], 2, "ranked"),
+        (["new", "x", "--level", "9-9-9"], 2, "no level '9-9-9'"),
+        (["new", "x", "--size", "200"], 2, "at most 128 cells a side"),
+        (["new", "x", "--size", "wide"], 2, "expected a side like 21"),
+        (["list", "--sort"], 2, "No such option"),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_one_sentence(tmp_path, capsys, args, code, said):
+    result = run(capsys, *args, "--studies", str(tmp_path / "studies"))
+    assert (result[0], said in result[2], result[2].count("\n")) == (code, True, 1), result[2]
+
+
+def test_power_says_how_many_players_a_width_takes(tmp_path, capsys):
+    spread = ["--player-sd", "0.02", "--episode-sd", "0.05"]
+    code, out, _ = run(capsys, "power", *spread, "--half-width", "0.01")
+    assert (code, "half-width 0.01 on average: 21 players; in 80%: 26 players" in out) == (0, True)
+    for args, said in (
+        (["--half-width", "0.01"], "expected --player-sd and --episode-sd, or --study NAME"),
+        ([*spread, "--half-width", "0"], "must be above 0"),
+        ([*spread, "--half-width", "1", "--study", "x"], "not both"),
+    ):
+        code, _, err = run(capsys, "power", *args)
+        assert (code, said in err, err.count("\n")) == (2, True, 1)
+    code, _, err = run(capsys, "power", "--half-width", "1", "--study", "x", "--database", str(tmp_path / "none.db"))
+    assert (code, "no database at" in err) == (1, True)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written_is_named(tmp_path, capsys):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    code, _, err = run(capsys, "new", "mine", "--studies", str(locked / "studies"))
+    assert (code, "cannot write" in err, "--studies" in err) == (1, True, True)
+
+
+def test_a_file_in_the_folders_place_is_named(tmp_path, capsys):
+    (tmp_path / "studies").write_text("not a folder")
+    code, _, err = run(capsys, "new", "mine", "--studies", str(tmp_path / "studies"))
+    assert (code, "cannot write" in err, err.count("\n")) == (1, True, 1)

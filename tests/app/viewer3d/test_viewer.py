@@ -1,0 +1,395 @@
+"""The 3-D view over a real socket: it follows the board, shows nothing else, and survives what it should refuse."""
+
+import asyncio
+import gc
+from contextlib import suppress
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+import zstandard
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from app.play.channel import Channel
+from app.viewer3d.camera import FOV, TILT, camera_for
+from app.viewer3d.scene import Scene, dashes
+from app.viewer3d.textures import fog, soil
+from app.viewer3d.viewer import Viewer, mirror
+from app.viewer3d.viser_transport import PROTOCOL
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from tests.support.servers import PATIENCE_S, eventually
+from tests.support.viewer3d import CAMERA
+
+
+def open_view(server, session, subprotocol=PROTOCOL):
+    url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
+    return connect(
+        url, subprotocols=[subprotocol], origin=server.url, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
+    )
+
+
+def messages(data):
+    """The messages of one batch in viser's wire format."""
+    length = int.from_bytes(data[8:16], "little")
+    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))["messages"]
+
+
+def drain(view):
+    """Read until the server is silent or gone."""
+    with suppress(ConnectionClosed, TimeoutError):
+        while True:
+            view.recv(timeout=1)
+
+
+def read_until(view, claim, seconds=20):
+    """Every message up to the first for which claim(message)."""
+    seen = []
+    while True:
+        for message in messages(view.recv(timeout=seconds)):
+            seen.append(message)
+            if claim(message):
+                return seen
+
+
+def is_named(name):
+    return lambda message: message.get("name") == name
+
+
+@pytest.fixture
+def board(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
+    return client, about
+
+
+def test_a_move_reaches_the_view_and_costs_little(server, board):
+    client, about = board
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        read_until(view, is_named("/border"))
+        sent = 0
+        frame = about["frame"]
+        for action in ("east", "west", "east"):
+            act = {"episode": frame["episode"], "step": frame["step"], "action": action}
+            frame = client.post(f"/api/sessions/{about['session']}/act", json=act).json()
+            data = b""
+            while not any(message.get("name") == "/rover" for message in (messages(data) if data else [])):
+                data = view.recv(timeout=PATIENCE_S)
+                sent += len(data)
+        assert sent < 3 * 4000
+
+
+def test_the_page_is_viser_s_client_of_the_same_version(server, board):
+    client, about = board
+    page = client.get(f"/viewer/{about['session']}/")
+    assert page.status_code == 200
+    assert "hasFocus" in page.text
+    assert client.get(f"/viewer/{about['session']}/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
+    assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
+    assert client.get("/viewer/none/").status_code == 404
+
+
+def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
+    client, about = board
+    with open_view(server, about["session"], "viser-v0.0.0") as view, pytest.raises(ConnectionClosed) as closed:
+        view.recv(timeout=PATIENCE_S)
+    assert PROTOCOL in closed.value.rcvd.reason
+    camera = msgspec.msgpack.decode(CAMERA)
+    for rubbish, code in (
+        (b"\x00\x01garbage", 1007),
+        (b"", 1007),
+        (msgspec.msgpack.encode(7), 1007),
+        (msgspec.msgpack.encode({"type": "NoSuchMessage"}), 1007),
+        (msgspec.msgpack.encode({**camera, "wxyz": "north"}), 1007),
+        (msgspec.msgpack.encode({**camera, "image_width": "wide"}), 1007),
+        ("text", 1003),
+        (b"x" * 100_000, 1009),
+    ):
+        with open_view(server, about["session"]) as view:
+            view.send(CAMERA)
+            read_until(view, is_named("/border"))
+            view.send(rubbish)
+            with pytest.raises(ConnectionClosed) as closed:
+                read_until(view, lambda _: False)
+            assert closed.value.rcvd.code == code, rubbish[:40]
+            assert "expected" in closed.value.rcvd.reason
+    assert client.get("/api/health").status_code == 200
+
+
+def test_a_viewer_cannot_ask_for_a_public_tunnel(server, board, monkeypatch):
+    asked = []
+    monkeypatch.setattr("viser._viser.ViserServer.request_share_url", lambda *_, **__: asked.append(1))
+    _, about = board
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        read_until(view, is_named("/border"))
+        view.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
+        drain(view)
+    assert asked == []
+
+
+def test_nothing_is_left_of_a_viewer_that_went(server, board):
+    _, about = board
+    for _ in range(5):
+        with open_view(server, about["session"]) as view:
+            view.send(CAMERA)
+            read_until(view, is_named("/border"))
+    viewer = server.app.state.viewer
+    eventually(lambda: viewer.clients == 0)
+    gc.collect()
+    eventually(lambda: server.app.state.lobby is not None and not viewer._mirrors)
+
+
+def test_the_fog_depends_on_what_is_known_alone():
+    """Two terrains that agree on every cell seen so far give the same picture, to the byte."""
+    one = np.zeros((9, 12), bool)
+    other = one.copy()
+    other[8, 11] = True
+    episodes = [Episode.begin(EnvConfig(rows=9, cols=12), terrain=terrain) for terrain in (one, other)]
+    assert fog(episodes[0].codes) == fog(episodes[1].codes)
+    assert (episodes[0].codes == episodes[1].codes).all()
+    assert soil(9, 12) == soil(9, 12)
+
+
+SMALL = EnvConfig(rows=9, cols=12)
+
+
+def twins():
+    """Two running episodes on terrains that differ where nobody has looked: their far corner, behind a wall."""
+    wall = np.zeros((9, 12), bool)
+    wall[:8, 5] = True
+    other = wall.copy()
+    other[0:3, 9:] = True
+    return [Episode.begin(SMALL, terrain=terrain) for terrain in (wall, other)]
+
+
+def encode(message):
+    """One message as it goes over the wire, its arrays with it."""
+    blobs = []
+    body = msgspec.msgpack.encode(message.as_serializable_dict(blobs))
+    return body + b"".join(bytes(blob) for blob in blobs)
+
+
+def record(episode, actions=()):
+    """Every message, encoded, of a scene that shows the episode and then each of the moves."""
+
+    async def run():
+        viewer, sent = Viewer(), []
+        transport = viewer._server._websock_server
+        transport.queue_message = lambda message: sent.append(encode(message))
+        picture = Scene(viewer._server.scene, episode, False)
+        for action in actions:
+            episode.step(action)
+            picture.show(episode)
+        viewer.close()
+        return sent
+
+    return asyncio.run(run())
+
+
+def test_the_scene_tells_nothing_of_what_is_hidden():
+    """Two terrains that agree on every cell seen so far give the same messages, byte for byte."""
+    one, other = twins()
+    actions = (2, 1, 1, 2, 0, 3)
+    first, second = record(one, actions), record(other, actions)
+    assert (one.terrain != other.terrain).any()
+    assert (one.codes == other.codes).all()
+    assert len(first) > 30
+    assert first == second
+
+
+def test_the_scene_never_asks_for_the_terrain():
+    episode, _ = twins()
+    blind = SimpleNamespace(
+        **{name: getattr(episode, name) for name in ("config", "codes", "position", "heading", "path", "steps")}
+    )
+    assert record(blind) == record(twins()[0])
+
+
+def test_a_new_episode_puts_the_rover_back_and_takes_old_rocks_and_trail_away(server, board):
+    client, about = board
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        read_until(view, is_named("/border"))
+        act = {"episode": about["frame"]["episode"], "step": 0, "action": "east"}
+        assert client.post(f"/api/sessions/{about['session']}/act", json=act).json()["position"] == [0, 1]
+        read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [1.0, 0.0, 0.0])
+        client.post(f"/api/sessions/{about['session']}/episodes", json={"size": [9, 12], "seed": 4})
+        seen = read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [0.0, 0.0, 0.0])
+    assert any(m["type"].startswith("Remove") and m["name"].startswith("/trail/") for m in seen)
+
+
+AMBER, TEAL = [255, 179, 71], [95, 208, 197]
+
+
+def move(client, session, action):
+    frame = client.get(f"/api/sessions/{session}").json()
+    act = {"episode": frame["episode"], "step": frame["step"], "action": action}
+    return client.post(f"/api/sessions/{session}/act", json=act).json()
+
+
+def read_all(view, name):
+    """Every message up to one about a node of that name, and all that follow until the server is silent."""
+    seen = []
+    with suppress(TimeoutError):
+        while True:
+            seen += messages(view.recv(timeout=0.5 if any(map(is_named(name), seen)) else PATIENCE_S))
+    return seen
+
+
+def is_ghost(message):
+    return str(message.get("name")).startswith("/ghost/") and not message["type"].startswith("Remove")
+
+
+def colour_of(message):
+    return list(message["props"]["color"])
+
+
+def test_the_paths_meet_in_both_views_when_the_player_has_ended_and_not_before(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    mine, other = about["session"], about["rival"]["session"]
+    with open_view(server, mine) as view, open_view(server, other) as beside:
+        for each in (view, beside):
+            each.send(CAMERA)
+            read_until(each, is_named("/border"))
+        for number, action in enumerate(("east", "west", "east"), 1):
+            assert move(client, mine, action)["outcome"] is None
+            eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] == number)  # noqa: B023
+        assert move(client, mine, "north")["outcome"] == "out_of_bounds"
+        for each, colour in ((view, TEAL), (beside, AMBER)):
+            seen = read_until(each, is_ghost)
+            assert colour_of(seen[-1]) == colour
+            ended = next(n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0)
+            assert not any(is_ghost(message) for message in seen[:ended])
+        # the rival goes on alone, and its path with it
+        steps = client.get(f"/api/sessions/{other}").json()["step"]
+        read_until(view, is_ghost)
+        assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
+        client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
+        gone = read_until(view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/ghost/"))
+        drawn = [message for message in gone if is_ghost(message)]
+        assert all(colour_of(message) == TEAL for message in drawn)
+
+
+def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_under_way(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    mine, other = about["session"], about["rival"]["session"]
+    with open_view(server, mine) as view:
+        view.send(CAMERA)
+        client.post(f"/api/sessions/{other}/pace", json={"moves_per_second": 20})
+        eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 4)
+        move(client, mine, "east")
+        seen = read_all(view, "/trail/0")
+    assert not any(is_ghost(message) for message in seen)
+
+
+def test_a_policy_that_replays_an_ended_episode_wears_the_rival_s_colour_and_leaves_its_path_there(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
+    wish = {"size": [9, 12], "seed": 3, "player": "frontier-cost", "replays": about["session"]}
+    assert client.post("/api/sessions", json=wish).status_code == 422, "it has not ended"
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        seen = read_until(view, is_named("/border"))
+        move(client, about["session"], "east")
+        assert move(client, about["session"], "north")["outcome"] == "out_of_bounds"
+        assert client.post("/api/sessions", json={**wish, "player": "human"}).status_code == 422
+        assert client.post("/api/sessions", json={**wish, "replays": "none"}).status_code == 404
+        replay = client.post("/api/sessions", json=wish).json()
+        seen += read_until(view, is_ghost)
+        assert colour_of(seen[-1]) == TEAL
+    for session, colour, ghost in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
+        with open_view(server, session) as view:
+            view.send(CAMERA)
+            seen = read_until(view, is_ghost)
+            assert colour_of(next(message for message in seen if message.get("name") == "/rover/deck")) == colour
+            assert colour_of(seen[-1]) == ghost
+
+
+def test_a_replay_on_another_terrain_leaves_no_path(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
+    move(client, about["session"], "east")
+    move(client, about["session"], "north")
+    wish = {"size": [9, 12], "seed": 4, "player": "frontier-cost", "replays": about["session"]}
+    other = client.post("/api/sessions", json=wish).json()["session"]
+    eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 2)
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        seen = read_all(view, "/trail/0")
+    assert not any(is_ghost(message) for message in seen)
+
+
+def test_a_dash_lies_over_the_middle_of_each_step_once():
+    corners, faces = dashes([(0, 0), (0, 1), (0, 0), (0, 0)])
+    assert corners.shape == (4, 3)
+    assert faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert np.allclose(sorted(map(tuple, corners[:, :2])), [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)])
+    corners, _ = dashes([(3, 2), (4, 2)])
+    assert np.allclose(corners[:, :2].mean(axis=0), (2, -3.5)), "x is the column, y the row southward"
+    assert np.ptp(corners[:, 1]) > np.ptp(corners[:, 0])
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(21, 21), (5, 40), (40, 5), (84, 84), (9, 12)])
+@pytest.mark.parametrize("aspect", [0.4, 0.83, 1.0, 1.8, 3.0])
+def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
+    """Projected by hand: each corner of the ground falls inside the view, and the outermost near its edge."""
+    y, distance = camera_for(rows, cols, aspect)
+    eye = np.array([(cols - 1) / 2, y - distance * np.cos(TILT), distance * np.sin(TILT)])
+    ahead = np.array([0, np.cos(TILT), -np.sin(TILT)])
+    up = np.array([0, np.sin(TILT), np.cos(TILT)])
+    places = []
+    for corner in ((-0.5, 0.5, 0), (cols - 0.5, 0.5, 0), (-0.5, 0.5 - rows, 0), (cols - 0.5, 0.5 - rows, 0)):
+        ray = np.array(corner) - eye
+        depth = ray @ ahead * np.tan(FOV / 2)
+        places.append((ray[0] / depth / aspect, ray @ up / depth))
+    assert np.abs(places).max() <= 1
+    assert np.abs(places).max() > 0.8
+    assert places[0][1] > places[2][1], "north is at the top"
+    assert places[0][0] < places[1][0], "west is at the left"
+
+
+def test_a_mirror_that_breaks_says_so_and_closes_its_socket(server, board, monkeypatch, caplog):
+    _, about = board
+
+    def fail(*_):
+        raise RuntimeError("no picture today")
+
+    monkeypatch.setattr("app.viewer3d.viewer.Scene.show", fail)
+    with open_view(server, about["session"]) as view:
+        view.send(CAMERA)
+        with pytest.raises(ConnectionClosed):
+            read_until(view, lambda _: False)
+    assert "no picture today" in caplog.text
+    assert eventually(lambda: server.app.state.viewer.clients == 0)
+
+
+def test_a_closed_viewer_leaves_no_task_and_no_follower():
+    async def run():
+        viewer, channel = Viewer(), Channel()
+        episode, _ = twins()
+        session = SimpleNamespace(id="s", channel=channel, episode=episode, beside=None, is_second=False)
+        channel.publish("frame")
+        client = SimpleNamespace(
+            scene=viewer._server.scene,
+            camera=SimpleNamespace(image_width=400, image_height=300, on_update=lambda _: None),
+            atomic=viewer._server.atomic,
+            flush=viewer._server.flush,
+        )
+        task = asyncio.create_task(mirror(client, session))
+        async with asyncio.timeout(20):
+            while channel.followers == 0:
+                await asyncio.sleep(0.005)
+        assert channel.followers == 1
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        viewer.close()
+        await asyncio.sleep(0)
+        return channel.followers, len(asyncio.all_tasks())
+
+    assert asyncio.run(run()) == (0, 1)

@@ -1,0 +1,223 @@
+"""Whole episodes over HTTP, each frame against the core; and what every kind of bad input gets."""
+
+import json
+
+import pytest
+
+from app.play.messages import encode_frame
+from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from tests.support.servers import eventually
+
+
+def play(client, session, frame, episode, policy):
+    """Play to the end and check every frame against an episode of our own."""
+    policy.reset(1)
+    while frame["outcome"] is None:
+        action = policy.act(episode.codes.copy())
+        body = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[action]}
+        answer = client.post(f"/api/sessions/{session}/act", json=body)
+        assert answer.status_code == 200
+        episode.step(action)
+        assert answer.text == encode_frame(frame["episode"], episode)
+        frame = answer.json()
+    return frame
+
+
+@pytest.mark.parametrize(("level", "size"), [("random", 21), ("2-1-1", [12, 17]), ("1-1-2", 15)])
+def test_a_script_plays_a_whole_episode_and_every_frame_is_the_cores(server, level, size):
+    client = server.client()
+    answer = client.post("/api/sessions", json={"level": level, "size": size, "seed": 11})
+    assert answer.status_code == 201
+    begun = answer.json()
+    assert (begun["player"], begun["level"], begun["size"], begun["counts"], begun["rival"]) == (
+        "human",
+        level,
+        size,
+        False,
+        None,
+    )
+    episode = Episode.begin(EnvConfig.of(level, size if isinstance(size, int) else tuple(size)), seed=11)
+    assert json.loads(encode_frame(begun["frame"]["episode"], episode)) == begun["frame"]
+    last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
+    assert last["outcome"] == episode.outcome == "explored"
+    kept = client.get(f"/api/episodes/{last['episode']}").json()
+    assert [ACTIONS.index(action) for action in kept["actions"]] == list(episode.actions)
+    assert (kept["seed"], kept["outcome"], kept["driver"], kept["counts"]) == (11, "explored", "script", False)
+    assert kept["trajectory_hash"] == episode.record().trajectory_hash
+    history = client.get(f"/api/sessions/{begun['session']}/history").json()
+    assert [tuple(at) for at in history["positions"]] == episode.path
+    assert history["discovered"] == episode.discoveries
+    again = client.post(f"/api/sessions/{begun['session']}/act", json={"episode": last["episode"], "step": 0, "action": "east"})
+    assert again.status_code == 409
+    assert "ended" in again.json()["detail"]
+
+
+def test_a_repeat_is_harmless(server):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
+    body = {"episode": frame["episode"], "step": 0, "action": "south"}
+    first = client.post(f"{url}/act", json=body)
+    for stale in (body, {**body, "step": 2}, {**body, "episode": "another", "step": 1}):
+        repeat = client.post(f"{url}/act", json=stale)
+        assert repeat.status_code == 409
+        assert repeat.json()["frame"] == first.json()
+    assert client.get(url).text == first.text
+
+
+def test_the_seed_of_an_unfinished_episode_is_told_to_nobody(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"rival": "random"}).json()
+    url, episode = f"/api/sessions/{begun['session']}", begun["frame"]["episode"]
+    told = [
+        client.get(path).text for path in (url, f"{url}/about", f"{url}/history", "/api/episodes", "/api/export/episodes.csv")
+    ]
+    row = server.app.state.store.resume_session(begun["session"]).episode
+    assert not any(str(row.seed) in text or row.terrain.hex() in text for text in (json.dumps(begun), *told))
+    assert client.get(f"/api/episodes/{episode}").status_code == 404
+
+
+def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"level": "3-1-1", "size": [9, 14], "seed": 5}).json()
+    url, first = f"/api/sessions/{begun['session']}", begun["frame"]["episode"]
+    client.post(f"{url}/act", json={"episode": first, "step": 0, "action": "south"})
+    answer = client.post(f"{url}/episodes")
+    assert answer.status_code == 201
+    following = answer.json()
+    assert (following["session"], following["level"], following["size"]) == (begun["session"], "3-1-1", [9, 14])
+    assert (following["frame"]["step"], following["frame"]["episode"] != first) == (0, True)
+    kept = client.get(f"/api/episodes/{first}").json()
+    assert (kept["outcome"], kept["steps"]) == ("abandoned", 1)
+    changed = client.post(f"{url}/episodes", json={"size": 6, "level": "random", "seed": 3}).json()
+    assert (changed["size"], changed["level"], changed["counts"]) == (6, "random", False)
+    assert client.get(f"{url}/about").json() == changed
+
+
+BAD = [
+    ({"level": "8-8-8"}, "no level '8-8-8'; choose one of: " + ", ".join(LEVELS)),
+    ({"size": 3}, "rows must be at least 5, got 3"),
+    ({"size": [7, 3]}, "cols must be at least 5, got 3"),
+    ({"size": 500}, "rows must be at most 128 over the API, got 500"),
+    ({"seed": -1}, "seed must be at least 0, got -1"),
+    ({"player": "ppo9"}, "no policy 'ppo9'; choose one of: human, "),
+    ({"rival": "../../etc/passwd"}, "no policy '../../etc/passwd'; choose one of: "),
+    ({"rival": "human"}, "no policy 'human'; choose one of: "),
+    ({"seeed": 1}, "unknown field 'seeed'"),
+    ({"level": "\ud800"}, "no level '\\ud800'"),
+    ([], "expected a JSON object"),
+]
+
+
+@pytest.mark.parametrize(("body", "said"), BAD)
+def test_a_bad_wish_gets_422_and_nothing_begins(server, body, said):
+    client = server.client()
+    content = json.dumps(body)
+    answer = client.post("/api/sessions", content=content, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert said in answer.json()["detail"]
+    assert client.get("/api/health").json()["sessions"] == 0
+
+
+def test_bad_bodies_get_one_sentence_and_change_nothing(server):
+    client = server.client()
+    begun = client.post("/api/sessions").json()
+    url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
+    as_json = {"Content-Type": "application/json"}
+    for content, headers, status, said in (
+        (b"{", as_json, 422, "must be JSON"),
+        (b"\xff\xfe\x00", as_json, 422, ""),
+        (b"", as_json, 422, "expected a JSON object"),
+        (b'{"step": 0}', {}, 422, "Content-Type: application/json"),
+        (b'{"episode": "e", "step": 0, "action": "up"}', as_json, 422, "action must be 'north', 'east', 'south' or 'west'"),
+        (b'{"a": "' + b"x" * 70_000 + b'"}', as_json, 413, "at most 65536 bytes"),
+    ):
+        answer = client.post(f"{url}/act", content=content, headers=headers)
+        assert answer.status_code == status, content[:40]
+        assert isinstance(answer.json()["detail"], str)
+        assert said in answer.json()["detail"]
+    endless = client.post(f"{url}/act", content=iter([b"x" * 40_000] * 3), headers=as_json)
+    assert endless.status_code == 413
+    assert client.get(url).json() == frame
+
+
+def test_unknown_things_get_404_in_words(server):
+    client = server.client()
+    for path in ("", "/about", "/history"):
+        answer = client.get(f"/api/sessions/nobody{path}")
+        assert answer.status_code == 404
+        assert "no session 'nobody'" in answer.json()["detail"]
+    assert client.post("/api/sessions/nobody/episodes").status_code == 404
+    assert client.get("/viewer/nobody/").status_code == 404
+    assert "no finished episode 'x'" in client.get("/api/episodes/x").json()["detail"]
+    for method, path, status in (("GET", "/api/session", 404), ("GET", "/static/none.js", 404), ("PUT", "/api/health", 405)):
+        answer = client.request(method, path)
+        assert (answer.status_code, f"nothing answers {method} {path}; /docs" in answer.json()["detail"]) == (status, True)
+    assert client.get("/api/export/steps.xml").status_code == 422
+    assert client.get("/api/export/steps.csv?who=me").status_code == 422
+    assert client.get("/api/episodes?limit=0").json()["detail"].startswith("limit must be at least 1")
+
+
+def test_what_can_be_chosen_is_listed(server):
+    client = server.client()
+    assert [level["name"] for level in client.get("/api/levels").json()] == list(LEVELS)
+    policies = client.get("/api/policies").json()
+    assert {"random", "frontier-cost", "frontier-utility"} <= {policy["name"] for policy in policies}
+    assert all(policy["summary"] for policy in policies)
+    health = client.get("/api/health").json()
+    assert (health["status"], health["core_version"], health["database"]) == ("ok", "1", "playground.db")
+    assert client.get("/api/human-level").json()["figures"] == []
+
+
+def test_the_documentation_needs_nothing_from_elsewhere(server):
+    client = server.client()
+    page = client.get("/docs")
+    assert page.status_code == 200
+    assert "src=" not in page.text
+    assert "https://" not in page.text
+    for path, verbs in client.get("/openapi.json").json()["paths"].items():
+        assert path in page.text
+        for call in verbs.values():
+            assert call["summary"]
+            assert call["description"]
+
+
+def test_the_page_and_its_files_are_guarded_and_revalidated(server):
+    client = server.client()
+    page = client.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "script-src 'self'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    script = client.get("/static/play/main.js")
+    assert "javascript" in script.headers["content-type"]
+    assert script.headers["cache-control"] == "no-cache"
+    assert client.get("/static/play/main.js", headers={"If-None-Match": script.headers["etag"]}).status_code == 304
+    assert client.get("/static/../server.py").status_code == 404
+
+
+def test_a_policys_session_is_driven_by_the_policy_alone(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"player": "frontier-cost", "size": 12, "seed": 5}).json()
+    url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
+    assert client.post(f"{url}/pace", json={"moves_per_second": 60}).json()["mode"] == "timed"
+    answer = client.post(
+        f"{url}/act", json={"episode": frame["episode"], "step": client.get(url).json()["step"], "action": "east"}
+    )
+    assert answer.status_code == 409
+    last = eventually(lambda: (now := client.get(url).json())["outcome"] and now)
+    kept = client.get(f"/api/episodes/{last['episode']}").json()
+    assert (last["outcome"], kept["driver"]) == ("explored", "policy:frontier-cost")
+    assert "only a rival can follow" in client.post(f"{url}/pace", json={"follow": True}).json()["detail"]
+
+
+def test_export_streams_what_was_played(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"size": 6}).json()
+    body = {"episode": begun["frame"]["episode"], "step": 0, "action": "north"}
+    assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] == "out_of_bounds"
+    rows = [json.loads(line) for line in client.get("/api/export/steps.jsonl").text.splitlines()]
+    assert [(row["episode"], row["action"], row["verified"]) for row in rows] == [(body["episode"], "north", True)]
+    assert client.get("/api/export/episodes.csv").text.count("\n") == 2
+    assert client.get("/api/export/episodes.csv?who=human").text.count("\n") == 1

@@ -1,0 +1,266 @@
+"""Nothing hidden leaks: terrains that agree on all that was seen give the same streams, byte for byte.
+
+Two servers with the same ids, clock and secret play the same moves on two terrains. Up to the first move that shows a
+difference, all that leaves them must be equal: the play socket, HTTP, and the 3-D socket once it is decompressed.
+"""
+
+import itertools
+import shutil
+import struct
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from uuid import UUID
+
+import pytest
+
+from app.play.agent import Policies
+from app.play.lobby import Sources
+from app.storage.store import Store
+from app.study.folder import Study
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from tests.support.servers import PATIENCE_S, eventually
+from tests.support.study import Person, freeze
+from tests.support.viewer3d import View
+
+FIRST_SEED = 7_000_000_000_000_001
+"""Large enough that its digits and bytes come up in no stream by chance."""
+POLICY_SEED = 5
+RIVAL = "frontier-cost"
+PATH = [1, 2] * 6
+
+
+@pytest.fixture(scope="module")
+def policies():
+    return Policies()
+
+
+def sights(config, seed):
+    """What the player knows after 0, 1, 2, ... moves along PATH, and the rival beside it; both end with the first end."""
+    player, rival = Episode.begin(config, seed=seed), Episode.begin(config, seed=seed)
+    policy = load(RIVAL)
+    policy.reset(POLICY_SEED)
+    seen = [(player.codes.tobytes(), rival.codes.tobytes())]
+    for action in PATH:
+        player.step(action)
+        rival.step(policy.act(rival.codes.copy()))
+        if player.ended or rival.ended:
+            break
+        seen.append((player.codes.tobytes(), rival.codes.tobytes()))
+    return seen
+
+
+def agreement(one, other):
+    """For how many entries two lists agree from their beginnings."""
+    return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+
+
+def twins(config, rival, at_least=4):
+    """Two seeds whose terrains look the same for the first moves, and the number of the first that tells them apart."""
+    known = {}
+    for seed in range(FIRST_SEED, FIRST_SEED + 5000):
+        seen = [sight if rival else sight[0] for sight in sights(config, seed)]
+        other_seed, other = known.setdefault(tuple(seen[:at_least]), (seed, seen))
+        moves = agreement(seen, other)
+        if at_least <= moves < min(len(seen), len(other)):
+            return other_seed, seed, moves
+    raise AssertionError(f"no twins among the seeds for {config.rows}x{config.cols}")
+
+
+@dataclass
+class Tape:
+    """All bytes that left a server, by the number of moves made when they were read."""
+
+    moments: list[list[bytes]] = field(default_factory=list)
+
+    def add(self, *data):
+        self.moments[-1] += data
+
+    @property
+    def bytes(self):
+        return b"\n".join(itertools.chain.from_iterable(self.moments))
+
+
+class Recorder:
+    """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every door of the server gives away."""
+
+    more = ()
+
+    def __init__(self, server, stack, body):
+        self.server, self.tape = server, Tape([[]])
+        self.client = server.client()
+        begun = self.begin(body)
+        self.ids = [begun["session"], *([begun["rival"]["session"]] if begun["rival"] else [])]
+        self.frame = begun["frame"]
+        self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
+        self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
+        for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
+            heard = 3 if number else 2  # frame, history, a rival's pace
+            self.tape.add(*(socket.recv(PATIENCE_S).encode() for _ in range(heard)))
+            self.tape.add(*view.read("/border", "ReplayDone"))
+        self.ask_everything()
+
+    def begin(self, body):
+        """Begin a board and return what it answers."""
+        return self.answer("POST", "/api/sessions", json=body).json()
+
+    def send(self, action):
+        """Make a move and return its frame."""
+        return self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=self.act(action)).json()
+
+    def act(self, action):
+        return {"episode": self.frame["episode"], "step": self.frame["step"], "action": ACTIONS[action]}
+
+    def answer(self, method, url, **rest):
+        response = self.client.request(method, url, **rest)
+        headers = sorted((name, value) for name, value in response.headers.items() if name != "date")
+        self.tape.add(f"{response.status_code} {headers}".encode(), response.content)
+        return response
+
+    def ask_everything(self):
+        """Ask every door that has anything to do with the sessions."""
+        for id_ in self.ids:
+            for more in ("", "/about", "/history"):
+                self.answer("GET", f"/api/sessions/{id_}{more}")
+        lists = ("episodes?limit=9", "human-level", "health", *(f"export/{table}.jsonl" for table in ("episodes", "steps")))
+        for url in (*lists, f"episodes/{self.frame['episode']}", *self.more):
+            self.answer("GET", f"/api/{url}")
+
+    def move(self, action):
+        """Make one move and keep what it sets off, a stale repeat of it included."""
+        self.tape.moments.append([])
+        act = self.act(action)
+        self.frame = self.send(action)
+        if len(self.ids) > 1:
+            rival = f"/api/sessions/{self.ids[1]}"
+            eventually(lambda: self.client.get(rival).json()["step"] == self.frame["step"])
+        for socket, view in zip(self.sockets, self.views, strict=True):
+            self.tape.add(socket.recv(PATIENCE_S).encode())
+            self.tape.add(*view.read("/trail/"))
+        assert self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=act).status_code == 409
+        self.ask_everything()
+
+
+class ParticipantRecorder(Recorder):
+    """Plays PATH in a phase of a study, over the participant's socket; asks the study's doors and a stranger's as well."""
+
+    more = ("studies", "studies/twins", "studies/twins/me", "studies/twins/debrief/0")
+
+    def begin(self, phase):
+        person = Person(self.server, "twins", self.client)
+        person.to_warm_up()
+        while (where := person.me())["stage"] != phase:
+            person.call("next")
+            person.call("give-up", {"episode": person.frame["episode"], "step": person.frame["step"]})
+        self.tape.add(str(where).encode(), str(person.call("next")).encode())
+        return person.where["about"]
+
+    def send(self, action):
+        with self.server.socket(self.ids[0], self.client) as socket:
+            before = socket.receive("frame")
+            socket.send({"kind": "act", **self.act(action), "input": "key", "client_ms": 1.0})
+            frame = socket.frame_after(before["step"])
+            event = {"kind": "keydown", "code": "KeyW", "client_ms": 1.0, "step": frame["step"]}
+            socket.send({"kind": "events", "episode": frame["episode"], "events": [event]})
+            socket.send({"kind": "history"})
+            self.tape.add(str(frame).encode(), str(socket.receive("history")).encode())
+        return frame
+
+    def ask_everything(self):
+        super().ask_everything()
+        own, self.client = self.client, self.server.client()
+        super().ask_everything()
+        self.client = own
+
+
+def sources(seed):
+    """Ids that count, one clock reading, and a draw that gives the terrain's seed first."""
+    numbers, draws = itertools.count(), itertools.chain([seed], itertools.repeat(POLICY_SEED))
+
+    def name():
+        return f"id-{next(numbers):04}"
+
+    return Sources(name, name, name, lambda: next(draws), lambda: 1_700_000_000_000, name, name)
+
+
+@pytest.fixture
+def recorded(serve, tmp_path, policies, monkeypatch):
+    """`recorded(seed, body, moves)` -> the tape of a server of its own, and its recorder."""
+    monkeypatch.setattr(Store, "secret", lambda self: "the same for all")
+
+    def run(seed, body, moves, recorder=Recorder):
+        numbers = itertools.count(1)  # viser's names for its panels
+        monkeypatch.setattr("viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96)))
+        folder = tmp_path / str(seed)
+        folder.mkdir(exist_ok=True)
+        server = serve(sources(seed), policies, database=folder / "playground.db", studies=folder / "studies")
+        with ExitStack() as stack:
+            played = recorder(server, stack, body)
+            for action in PATH[:moves]:
+                played.move(action)
+        return played
+
+    return run
+
+
+def writings(seed):
+    """The ways in which a number may stand in a stream."""
+    numbers = [struct.pack(order + kind, seed) for order in "<>" for kind in "Qd"]
+    return [str(seed).encode(), f"{seed:x}".encode(), *numbers]
+
+
+@pytest.mark.parametrize("rival", [None, RIVAL])
+@pytest.mark.parametrize("size", [(9, 14), (24, 17)])
+def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, rival):
+    config = EnvConfig.of("random", size)
+    one, other, moves = twins(config, rival is not None)
+    assert (Episode.begin(config, seed=one).terrain != Episode.begin(config, seed=other).terrain).any()
+    body = {"size": list(size), "rival": rival}
+    first, second = (recorded(seed, body, moves) for seed in (one, other))
+    for number in range(moves):
+        assert len(first.tape.moments[number]) > 20
+        assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
+    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so the tapes can tell"
+    for recorder, seed in ((first, one), (second, other)):
+        assert not [text for text in writings(seed) if text in recorder.tape.bytes]
+
+
+@pytest.fixture
+def studied(recorded, tmp_path, monkeypatch):
+    """`studied(seed, phase, moves)` -> the tape of a participant whose terrain in that phase is the seed's."""
+    frozen = []
+
+    def run(seed, phase, moves, size):
+        if not frozen:
+            freeze(tmp_path / "first", "twins", warm_up=1, ranked=1, size=size)
+            frozen.append(tmp_path / "first")
+        studies = tmp_path / str(seed) / "studies"  # the same files: protocol, hash, commitment
+        shutil.copytree(frozen[0], studies)
+        label = {"warm_up": "warm-up", "ranked": "ranked"}[phase]
+        monkeypatch.setattr(Study, "seed", lambda self, asked, i: seed if asked == label else FIRST_SEED - 1)
+        return recorded(seed, phase, moves, ParticipantRecorder)
+
+    return run
+
+
+@pytest.mark.parametrize("phase", ["warm_up", "ranked"])
+@pytest.mark.parametrize("size", [(9, 14), (17, 12)])
+def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(studied, size, phase):
+    one, other, moves = twins(EnvConfig.of("random", size), False)
+    first, second = (studied(seed, phase, moves, size) for seed in (one, other))
+    for number in range(moves):
+        assert len(first.tape.moments[number]) > 20
+        assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
+    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so the tapes can tell"
+    for recorder, seed in ((first, one), (second, other)):
+        assert not [text for text in writings(seed) if text in recorder.tape.bytes]
+
+
+def test_the_seed_is_told_once_the_episode_is_over_and_not_before(recorded):
+    """The search for a seed finds one where there is one: in what is told of a finished episode."""
+    recorder = recorded(FIRST_SEED, {"size": [9, 14]}, 2)
+    assert str(FIRST_SEED).encode() not in recorder.tape.bytes
+    recorder.client.post(f"/api/sessions/{recorder.ids[0]}/episodes")
+    assert recorder.client.get(f"/api/episodes/{recorder.frame['episode']}").json()["seed"] == FIRST_SEED

@@ -1,0 +1,83 @@
+"""Starting and stopping: a port in use, a file that is none of ours, Ctrl-C, prefixes."""
+
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from app.server import ServerError, listen, run
+from app.settings import Settings
+from app.storage.store import StoreError
+from marsexplorer.policies.network.model import save_network
+from tests.support.servers import PATIENCE_S
+
+
+def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ServerError, match=f"cannot listen on 127.0.0.1 port {port}: address already in use"):
+            run(Settings(port=port, database=tmp_path / "new.db"))
+    assert not (tmp_path / "new.db").exists()
+
+
+def test_an_address_of_another_machine_is_said():
+    with pytest.raises(ServerError, match=r"cannot listen on 203\.0\.113\.1 .*choose another with --host"):
+        listen("203.0.113.1", 0)
+    with pytest.raises(ServerError, match="cannot listen on no such host"):
+        listen("no such host", 0)
+
+
+def test_a_foreign_database_is_left_alone(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("not a database, but dear to somebody")
+    with pytest.raises(StoreError):
+        run(Settings(port=0, database=path))
+    assert path.read_text() == "not a database, but dear to somebody"
+
+
+def test_a_policy_file_that_is_none_is_said(tmp_path):
+    path = tmp_path / "model.safetensors"
+    path.write_bytes(b"no policy at all")
+    save_network(torch.nn.Linear(2, 2), tmp_path / "other.safetensors", {"summary": "of others"})
+    for source in (path, tmp_path / "absent.safetensors", tmp_path / "other.safetensors"):
+        with pytest.raises(ServerError, match=source.name):
+            run(Settings(port=0, database=tmp_path / "new.db", policies=(source,)))
+    assert not (tmp_path / "new.db").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_server_closes_cleanly_with_a_socket_open(spawn, number):
+    server = spawn()
+    client = server.client()
+    begun = client.post("/api/sessions", json={"rival": "frontier-cost"}).json()
+    with server.socket(begun["session"], client) as board:
+        board.receive("history")
+        server.process.send_signal(number)
+        server.process.wait(PATIENCE_S)
+    said = server.process.stdout.read()
+    assert "Traceback" not in said
+    assert "Error" not in said
+    server.close()
+    assert server.process.returncode in (0, -number)
+
+
+def test_settings_come_from_the_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("MARS_PORT", "9001")
+    monkeypatch.setenv("MARS_DATABASE", str(tmp_path / "lab.db"))
+    assert (Settings().port, Settings().database) == (9001, tmp_path / "lab.db")
+    assert Settings(port=1).port == 1
+
+
+def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
+    code = "import app.server, pathlib; assert not list(pathlib.Path('.').iterdir())"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
+def test_kept_alive_requests_are_answered_without_waiting_for_an_acknowledgement(server):
+    client = server.client()
+    client.get("/api/health")
+    spent = sorted(client.get("/api/health").elapsed.total_seconds() for _ in range(21))
+    assert spent[0] < 0.03, "the wait of 40 ms would be in every answer, a busy machine is in some"

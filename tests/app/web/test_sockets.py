@@ -1,0 +1,164 @@
+"""Journeys over the socket: joining, playing, refusals, bad messages, leaving."""
+
+import json
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from app.play.messages import encode_frame
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from tests.support.servers import eventually
+
+
+@pytest.fixture
+def board(server):
+    """A client, and the session it has begun."""
+    client = server.client()
+    return client, client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
+
+
+def last_words(socket):
+    """Return what still comes until the socket is closed, and the code it is closed with."""
+    messages = []
+    try:
+        while True:
+            messages.append(socket.receive())
+    except ConnectionClosed as closed:
+        return messages, closed.rcvd.code
+
+
+def test_whoever_joins_gets_frame_and_history_at_once(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket:
+        assert socket.receive() == begun["frame"]
+        history = socket.receive()
+        assert (history["kind"], history["positions"]) == ("history", [[0, 0]])
+
+
+def test_an_episode_over_the_socket_is_the_cores_frame_by_frame(server, board):
+    client, begun = board
+    episode = Episode.begin(EnvConfig("random", 9, 13), seed=5)
+    policy = load("frontier-utility")
+    policy.reset(0)
+    with server.socket(begun["session"], client) as socket, server.socket(begun["session"]) as watcher:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            action = policy.act(episode.codes.copy())
+            socket.act(frame, ACTIONS[action], input="key")
+            frame = socket.frame_after(frame["step"])
+            episode.step(action)
+            assert frame == json.loads(encode_frame(frame["episode"], episode))
+        while (seen := watcher.receive("frame"))["outcome"] is None:
+            pass
+        assert seen == frame
+        socket.send({"kind": "history"})
+        assert [tuple(at) for at in socket.receive("history")["positions"][-1:]] == episode.path[-1:]
+        client.post(f"/api/sessions/{begun['session']}/episodes")
+        assert watcher.receive()["step"] == 0
+        assert watcher.receive()["kind"] == "history"
+
+
+def test_a_stale_act_is_refused_with_the_current_frame(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        socket.act(frame, "south")
+        now = socket.frame_after(0)
+        for stale in (frame, {**now, "episode": "another"}, {**now, "step": 7}):
+            socket.act(stale, "south")
+            refused = socket.receive("refused")
+            assert refused["frame"] == now
+            assert "is not the current one" in refused["reason"]
+    assert client.get(f"/api/sessions/{begun['session']}").json() == now
+
+
+def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        socket.receive("history")
+        for message, said in (
+            ("{", "must be JSON"),
+            ("north", "must be JSON"),
+            (b"\x00\x01\x02", "JSON in a text frame, got 3 binary bytes"),
+            (json.dumps({"kind": "act"}).encode(), "binary"),
+            ({"kind": "fly"}, "kind must be"),
+            ({"kind": "act", "episode": frame["episode"], "step": 0, "action": 1}, "action must be"),
+            ("x" * 65_537, "at most 65536 bytes, got 65537"),
+        ):
+            socket.send(message)
+            error = socket.receive()
+            assert error["kind"] == "error"
+            assert said in error["detail"]
+        socket.act(frame, "south")
+        assert socket.frame_after(0)["step"] == 1
+
+
+def test_a_message_beyond_all_measure_closes_that_socket_alone(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket, server.socket(begun["session"], client) as other:
+        socket.send("x" * 2**21)
+        assert last_words(socket)[1] == 1009
+        assert other.receive("frame") == begun["frame"]
+
+
+@pytest.mark.parametrize("path", ["/ws/sessions/", "/viewer/"])
+def test_an_unknown_session_closes_with_4404(server, path):
+    with server.socket("nobody", path=path) as socket:
+        messages, code = last_words(socket)
+    assert code == 4404
+    assert all("no session 'nobody'" in message["detail"] for message in messages)
+
+
+@pytest.mark.parametrize("path", ["/ws/sessions/", "/viewer/"])
+def test_a_foreign_page_is_turned_away(server, board, path):
+    client, begun = board
+    with (
+        pytest.raises(InvalidStatus) as caught,
+        server.socket(begun["session"], client, origin="https://evil.example", path=path),
+    ):
+        pass
+    assert caught.value.response.status_code == 403
+
+
+def test_a_proxys_own_name_is_no_foreign_page(server, board):
+    client, begun = board
+    own = {"origin": "https://mars.example", "X-Forwarded-Host": "mars.example"}
+    with server.socket(begun["session"], client, **own) as socket:
+        assert socket.receive("frame") == begun["frame"]
+
+
+def test_followers_are_counted_and_leave(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket:
+        socket.receive("history")
+        channel = next(iter(server.app.state.lobby._groups.values())).player.channel
+        assert channel.followers == 1
+    eventually(lambda: channel.followers == 0)
+
+
+def test_a_server_that_stops_says_so_to_its_sockets(server, board):
+    client, begun = board
+    with server.socket(begun["session"], client) as socket:
+        socket.receive("history")
+        server.stop()
+        with pytest.raises(ConnectionClosed) as caught:
+            socket.receive()
+    assert caught.value.rcvd.code in (1001, 1012)
+
+
+def test_a_follower_that_does_not_read_skips_to_the_newest_frame(server):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"size": 128, "seed": 5}).json()
+    with server.socket(begun["session"]) as slow, server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for number in range(600):
+            socket.act(frame, ("south", "north")[number % 2])
+            frame = socket.frame_after(frame["step"])
+        seen = [slow.receive("frame")["step"]]
+        while seen[-1] < 600:
+            seen.append(slow.receive("frame")["step"])
+    assert seen == sorted(set(seen))
+    assert len(seen) < 601

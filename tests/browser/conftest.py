@@ -1,0 +1,127 @@
+"""A real Chromium in front of a real server."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, chromium_path
+from tests.support.servers import PATIENCE_S, eventually
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if "browser" in Path(item.fspath).parts:
+            item.add_marker(pytest.mark.browser)
+            if chromium_path() is None:
+                item.add_marker(
+                    pytest.mark.skip(reason="NO CHROMIUM: install it (`apt-get install chromium`) to run the browser tests")
+                )
+
+
+@pytest.fixture
+def open_browser():
+    """`open_browser(flags)` starts Chromium; every one is closed at the end."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        started = []
+
+        def start(flags=()):
+            flags = [*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])]
+            started.append(playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=flags))
+            return started[-1]
+
+        yield start
+        for browser in started:
+            browser.close()
+
+
+class Player:
+    """A person at the page: presses keys, looks at boards."""
+
+    def __init__(self, page, url):
+        self.page, self.url = page, url
+        self.errors = []
+        page.on("pageerror", lambda error: self._note(str(error)))
+
+    def _note(self, error):
+        """Keep an error of the page; viser's client complains of the policy that keeps its unused decoders from `eval`."""
+        if "Content Security Policy" not in error:
+            self.errors.append(error)
+
+    def goto(self, session=None):
+        self.page.goto(self.url + ("/" if session is None else f"/#s={session}"))
+        self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+        return self
+
+    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
+        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
+
+    def state(self, path="player.frame"):
+        return self.page.evaluate(f"() => window.mars.state.{path}")
+
+    def begin(self, **wish):
+        """Open a session of one's own (the page's cookie) and look at it."""
+        answer = self.page.request.post(f"{self.url}/api/sessions", data=wish)
+        assert answer.status == 201, answer.text()
+        about = answer.json()
+        self.page.goto("about:blank")
+        self.goto(about["session"])
+        return about
+
+    def press(self, action, wait=True):
+        self.wait("window.mars.state.link === 'open'")  # a page that is starved of time may call its server lost
+        step = self.state()["step"]
+        self.page.keyboard.press(KEY_OF[action])
+        if wait:
+            self.wait(f"window.mars.state.player.frame.step > {step}")
+
+    def explore(self, policy, until):
+        """Drive as a policy would, key by key, until `until(frame)`."""
+        policy.reset(0)
+        while not until(frame := self.state()):
+            self.press(("north", "east", "south", "west")[policy.act(codes_of(frame))])
+        return frame
+
+    def picture(self, test_id):
+        """The pixels of an element as they are on screen."""
+        return self.page.get_by_test_id(test_id).screenshot()
+
+    def still(self, test_id, looks=4):
+        """The pixels of an element once they have stayed the same for some looks in a row."""
+        seen = []
+
+        def is_still():
+            self.page.wait_for_timeout(200)
+            seen.append(self.picture(test_id))
+            return len(seen) >= looks and len(set(seen[-looks:])) == 1
+
+        eventually(is_still, 60)
+        return seen[-1]
+
+    def changes(self, test_id, before):
+        """Wait until the pixels of an element are others than those before."""
+        eventually(lambda: self.picture(test_id) != before)
+
+    def shows(self, test_id, text):
+        """Wait until an element says just that: the page paints in the frame after its state has changed."""
+        eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)
+
+
+def codes_of(frame):
+    """uint8[rows, cols] of a frame's grid."""
+    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+
+
+@pytest.fixture
+def player(open_browser):
+    """`player(server, ...)` opens the page in a fresh browser profile."""
+
+    def start(server, flags=(), width=1440, height=900, **context):
+        browser = open_browser(flags)
+        profile = browser.new_context(viewport={"width": width, "height": height}, **context)
+        profile.set_default_timeout(1000 * PATIENCE_S)
+        return Player(profile.new_page(), server if isinstance(server, str) else server.url)
+
+    return start

@@ -1,0 +1,194 @@
+"""The operator's console and the leaderboard in a real browser, while somebody plays."""
+
+import threading
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.leaderboard import boards as listing
+from tests.support.browser import NO_3D, SCREENSHOTS
+from tests.support.servers import eventually
+from tests.support.study import Person, freeze
+
+PASSWORD = "red-planet-4"
+IDLE_WORK_MS = 600_000
+"""Reports and evaluations have the lowest priority: beside other jobs they take their time."""
+pytestmark = pytest.mark.timeout(1500)
+SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
+COUNT = "[data-testid=stage-{}] td:nth-child(3)"
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Boards of three terrains: the server evaluates in seconds."""
+    monkeypatch.setattr(listing, "held_out", lambda config: tuple(range(listing.FIRST_SEED, listing.FIRST_SEED + 3)))
+
+
+@pytest.fixture
+def look():
+    """`look(page, name)` at both sizes: nothing that axe finds, nothing wider than the screen; a picture is kept."""
+
+    def at(page, name):
+        SCREENSHOTS.mkdir(exist_ok=True)
+        for size, (width, height) in SIZES.items():
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_timeout(150)
+            found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]
+            assert [f"{each['id']}: {each['nodes'][0]['html'][:120]}" for each in found] == [], f"{name}, {size}"
+            assert page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+            page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png", full_page=True)
+        page.set_viewport_size({"width": 1440, "height": 900})
+
+    return at
+
+
+def until(page, claim):
+    page.wait_for_function(f"() => Boolean({claim})", timeout=IDLE_WORK_MS)
+
+
+def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(serve, player, look, tmp_path):
+    study = freeze(tmp_path / "studies", size=(7, 9), title="Dunes of the south")
+    server = serve(admin_password=PASSWORD)
+    me = player(server, NO_3D)
+    page = me.page
+    page.goto(f"{server.url}/admin")
+    page.get_by_test_id("password").wait_for(state="visible")
+    look(page, "admin-login")
+    page.get_by_test_id("password").fill("blue-planet-4")
+    page.keyboard.press("Enter")
+    until(page, "document.getElementById('wrong').textContent.includes('not the operator')")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    until(page, "document.body.dataset.in === 'yes'")
+    assert page.get_by_test_id("title").inner_text() == "Dunes of the south"
+    assert "nobody of 2 planned" in page.get_by_test_id("summary").inner_text()
+    assert "no figure" in page.get_by_test_id("figure").inner_text()
+
+    person = Person(server)
+    until(page, f"document.querySelector('{COUNT.format('consent')}').textContent === '1'")
+    person.to_warm_up()
+    until(page, f"document.querySelector('{COUNT.format('warm_up')}').textContent === '1'")
+    assert page.locator(COUNT.format("consent")).inner_text() == "0"
+
+    person.call("next")
+    board = page.get_by_test_id(f"live-{person.where['participant']}")
+    go_on = threading.Event()
+
+    def drive():
+        with person.socket() as socket:
+            frame = socket.receive("frame")
+            for action in ("east", "south", "west", "north"):
+                socket.act(frame, action, input="key")
+                frame = socket.frame_after(frame["step"])
+                if frame["outcome"]:
+                    break
+            go_on.wait(300)
+
+    driving = threading.Thread(target=drive)
+    driving.start()
+    try:
+        board.wait_for(state="visible", timeout=IDLE_WORK_MS)
+        until(page, f"/[1-4] moves/.test(document.querySelector('[data-testid=live-{person.where['participant']}]').innerText)")
+        assert "Warm-up 1" in board.inner_text()
+        assert page.evaluate("() => document.querySelector('.boards canvas').width") > 60
+        look(page, "admin-live")
+    finally:
+        go_on.set()
+        driving.join()
+    person.me()
+    if person.where["about"]["frame"]["outcome"] is None:
+        person.play()
+    person.play_on()
+    until(page, f"document.querySelector('{COUNT.format('debrief')}').textContent === '1'")
+    row = page.get_by_test_id(f"person-{person.where['participant']}")
+    assert "3 of 3" in row.inner_text()
+    until(page, "document.querySelectorAll('#figure .measure').length === 2")
+    look(page, "admin-debrief")
+
+    page.get_by_test_id("make-report").click()
+    link = page.locator("#report a").first
+    link.wait_for(state="visible", timeout=IDLE_WORK_MS)
+    with page.expect_download() as download:
+        link.click()
+    assert download.value.suggested_filename == "small-report.html"
+    assert "Dunes of the south" in download.value.path().read_text()
+
+    assert page.get_by_test_id("make-release").is_disabled()
+    page.get_by_test_id("close").click()
+    page.get_by_test_id("typed").fill("smal")
+    assert page.get_by_test_id("close-now").is_disabled()
+    page.get_by_test_id("typed").fill("small")
+    look(page, "admin-confirm")
+    page.get_by_test_id("close-now").click()
+    until(page, "document.getElementById('status').textContent === 'closed'")
+    public = page.request.get(f"{server.url}/api/studies/small").json()
+    assert (public["status"], public["secret"]) == ("closed", study.secret.hex())
+    assert page.get_by_test_id("make-release").is_enabled()
+
+    page.get_by_test_id("logout").click()
+    page.get_by_test_id("password").wait_for(state="visible")
+    assert page.request.get(f"{server.url}/api/admin/overview").status == 401
+    assert me.errors == []
+
+
+def test_a_console_whose_server_is_gone_says_so(serve, player):
+    server = serve(admin_password=PASSWORD)
+    page = player(server, NO_3D).page
+    page.goto(f"{server.url}/admin")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    until(page, "document.body.dataset.in === 'yes'")
+    assert "No study yet" in page.get_by_test_id("title").inner_text()
+    server.stop()
+    until(page, "document.getElementById('link').dataset.link === 'lost'")
+
+
+def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, player, look, quick):
+    server = serve()
+    me = player(server, NO_3D)
+    page = me.page
+    page.goto(server.url)
+    page.get_by_test_id("leaderboard-link").click()
+    until(page, "window.mars && window.mars.state.detail")
+    assert page.url.split("#")[0] == f"{server.url}/leaderboard"
+    assert page.get_by_test_id("sentence").inner_text().startswith("Nobody has played random 21 × 21 for the human score yet")
+    assert page.get_by_test_id("rank-people").count() == 0
+    until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
+    assert page.get_by_test_id("working").is_hidden()
+    look(page, "leaderboard-empty")
+
+    client = server.client()
+    for _ in range(2):
+        play_for_the_score(server, client)
+    page.reload()
+    until(page, "window.mars && window.mars.state.detail && window.mars.state.detail.people")
+    assert "from 1 player and 2 episodes" in page.get_by_test_id("sentence").inner_text()
+    people = page.get_by_test_id("rank-people")
+    assert people.locator(".human").count() == 1, "the human level is a line"
+    steps = [float(text) for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()]
+    assert steps == sorted(steps)
+    assert page.locator("#visits canvas").count() == len(steps)
+    assert "percent after" in page.get_by_test_id("coverage").get_attribute("aria-label")
+    page.get_by_test_id("by-score").click()
+    scores = [float(text.replace("−", "-")) for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()]
+    assert scores == sorted(scores, reverse=True)
+    assert page.url.endswith("&score")
+    look(page, "leaderboard")
+    assert me.errors == []
+
+
+def play_for_the_score(server, client):
+    """A counted episode: the person's own cookie, keys, our page's Origin."""
+    from marsexplorer.config import ACTIONS
+    from marsexplorer.policies import load
+    from tests.support.study import codes
+
+    begun = client.post("/api/sessions").json()
+    policy = load("frontier-cost")
+    policy.reset(1)
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            frame = socket.frame_after(frame["step"])
+    eventually(lambda: client.get("/api/human-level").json()["figures"])

@@ -1,0 +1,211 @@
+"""What a person does with the page, in a real browser on a real server, checked against the database and the export."""
+
+import csv
+import io
+import sqlite3
+
+import pytest
+
+from marsexplorer import policies
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
+from tests.support.servers import eventually
+
+
+def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn, player, tmp_path):
+    server = spawn()
+    me = player(server, AS_A_PERSON)
+    me.goto()
+    about = me.begin(size=[9, 12])
+    me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+
+    view, matrix = me.still("stage-player"), me.still("canvas-player")
+    there, back = ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")  # a rock may be in the way
+    me.press(there)
+    me.changes("canvas-player", matrix)
+    me.changes("stage-player", view)  # the rover moves in the 3-D view
+
+    viewer = me.page.get_by_test_id("viewer-player")
+    box = viewer.bounding_box()
+    me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
+    view, matrix = me.still("stage-player"), me.still("canvas-player")
+    me.press(back)
+    assert me.state()["position"] == [0, 0]
+    me.changes("canvas-player", matrix)
+    me.changes("stage-player", view)
+
+    me.page.reload()
+    me.wait("window.mars && window.mars.state.player && window.mars.state.player.trail.length === 3")
+    assert me.state()["step"] == 2, "a reload goes on where the episode stood"
+
+    policy = policies.load("frontier-cost")
+    frame = me.explore(policy, lambda frame: frame["outcome"])
+    assert frame["outcome"] == "explored"
+    me.page.get_by_test_id("end-card").wait_for(state="visible")
+    moves = frame["step"]
+
+    exported = list(csv.DictReader(io.StringIO(me.page.request.get(f"{server.url}/api/export/steps.csv?who=human").text())))
+    assert len(exported) == moves
+    rows = sqlite3.connect(tmp_path / "playground.db").execute(
+        "select step, action, input from steps where episode_id = ? order by step", (frame["episode"],)
+    )
+    kept = rows.fetchall()
+    assert [row[0] for row in kept] == list(range(moves))
+    assert {row[2] for row in kept} == {"key"}
+    words = ["north", "east", "south", "west"]
+    assert [row["action"] for row in exported] == [words[row[1]] for row in kept]
+    assert [words[row[1]] for row in kept[:2]] == [there, back]
+    level = me.page.request.get(f"{server.url}/api/human-level").json()["figures"]
+    assert [(figure["players"], figure["episodes"]) for figure in level] == [(1, 1)]
+
+    me.page.keyboard.press("Enter")
+    me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
+    assert me.state()["step"] == 0
+    assert about["session"] == me.page.url.split("#s=")[1]
+    assert me.errors == []
+
+
+def test_a_driven_browser_is_never_human(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.begin(size=[5, 7])
+    me.press("north")
+    assert me.state()["outcome"] == "out_of_bounds"
+    assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
+    episodes = me.page.request.get(f"{server.url}/api/episodes").json()
+    drivers = {episode["driver"] for episode in episodes}
+    assert "script" in drivers
+    assert "human" not in drivers
+
+
+def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.begin(rival="frontier-cost", size=[15, 21])
+    policy = policies.load("frontier-utility")
+    me.explore(policy, lambda frame: frame["step"] == 10)
+    me.wait("window.mars.state.rival.frame.step === 10")
+    me.shows("steps-player", "10")
+    me.shows("steps-rival", "10")
+    assert "practice" in me.page.get_by_test_id("badge").inner_text().lower()
+
+    me.page.get_by_test_id("pace-timed-rival").click()
+    me.wait("window.mars.state.rival.frame.step > 14")
+    assert me.state()["step"] == 10
+    me.page.get_by_test_id("pace-paused-rival").click()
+    me.wait("window.mars.state.rival.pace.mode === 'paused'")
+    me.page.wait_for_timeout(400)
+    paused = me.state("rival.frame")["step"]
+    me.page.get_by_test_id("pace-step-rival").click()
+    me.wait(f"window.mars.state.rival.frame.step === {paused + 1}")
+    me.page.wait_for_timeout(500)
+    assert me.state("rival.frame")["step"] == paused + 1
+    assert me.errors == []
+
+
+def test_holding_a_key_moves_once_and_typing_moves_never(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.begin(size=[15, 21], seed=3, rival="frontier-cost")
+    for _ in range(4):
+        me.page.keyboard.down(KEY_OF["east"])
+    me.page.keyboard.up(KEY_OF["east"])
+    me.wait("window.mars.state.player.frame.step === 1")
+    me.page.get_by_test_id("open-settings").click()
+    me.page.get_by_test_id("seed").click()
+    me.page.keyboard.type("wasd77")
+    me.page.keyboard.press("ArrowLeft")
+    me.page.keyboard.press("Escape")
+    me.page.wait_for_timeout(300)
+    assert me.state()["step"] == 1
+
+
+def test_watching_two_policies(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.page.get_by_test_id("mode-watch").click()
+    me.wait("window.mars.state.mode === 'watch' && window.mars.state.player.frame.step > 3")
+    me.wait("window.mars.state.rival.frame.step > 3")
+    assert me.errors == []
+
+
+def test_the_ranked_game_shows_no_rival_until_its_end(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.page.get_by_test_id("mode-ranked").click()
+    me.wait("window.mars.state.mode === 'ranked' && window.mars.state.player.frame.step === 0")
+    assert me.state("rival") is None
+    me.press("north")
+    me.wait("window.mars.state.rival && window.mars.state.rival.frame.step > 2")
+    assert me.errors == []
+
+
+def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    me.begin(size=[9, 12], seed=3, rival="frontier-cost")
+    me.press("east")
+    server.kill()
+    me.page.keyboard.press("ArrowDown")
+    me.wait("window.mars.state.link === 'lost'", 2_000)
+    again = spawn(port=server.port)
+    me.wait("window.mars.state.link === 'open'")
+    assert me.state()["step"] == 1
+    me.press("east")
+    eventually(lambda: me.state()["step"] == 2)
+    again.kill()
+
+
+def test_a_second_tab_is_harmless(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D)
+    me.goto()
+    about = me.begin(size=[9, 12], seed=3)
+    tab = type(me)(me.page.context.new_page(), me.url)
+    tab.goto(about["session"])
+    me.press("east")
+    tab.wait("window.mars.state.player.frame.step === 1")
+    tab.press("west")
+    me.wait("window.mars.state.player.frame.step === 2")
+    me.press("east")
+    assert me.state()["position"] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "height", "flags"),
+    [("desktop", 1440, 900, ()), ("phone", 390, 844, ()), ("no-webgl", 1440, 900, NO_3D)],
+)
+def test_mid_episode_looks_like_a_product(spawn, player, name, width, height, flags):
+    server = spawn()
+    me = player(server, flags, width, height, device_scale_factor=2 if width < 500 else 1, has_touch=width < 500)
+    me.goto()
+    me.begin(seed=11, rival=policies.names()[0])
+    frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["coverage"] > 0.6)
+    me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
+    me.page.wait_for_timeout(2500 if flags != NO_3D else 300)
+    SCREENSHOTS.mkdir(exist_ok=True)
+    me.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+    for test_id in ("board-player", "board-rival", "chart", "steps-player", "steps-rival"):
+        box = me.page.get_by_test_id(test_id).bounding_box()
+        assert box, test_id
+        assert box["x"] >= 0, test_id
+        assert box["x"] + box["width"] <= width + 1, test_id
+        assert box["y"] + box["height"] <= height + 1, f"{test_id} needs scrolling"
+    assert me.page.evaluate("() => document.documentElement.scrollWidth") <= width
+    assert me.errors == []
+
+
+def test_touch_arrows_drive(spawn, player):
+    server = spawn()
+    me = player(server, [*NO_3D, *AS_A_PERSON], 390, 844, has_touch=True, is_mobile=True)
+    me.goto()
+    me.begin(size=[9, 12], seed=3)
+    me.page.get_by_test_id("pad-east").tap()
+    me.wait("window.mars.state.player.frame.step === 1")
+    assert me.state()["position"] == [0, 1]

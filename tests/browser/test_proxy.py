@@ -1,0 +1,82 @@
+"""The playground behind nginx: TLS and a path prefix, every socket included."""
+
+import shutil
+import subprocess
+
+import pytest
+
+from tests.support.browser import AS_A_PERSON, free_port
+from tests.support.servers import eventually
+
+CONFIG = """
+daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
+events {{ worker_connections 256; }}
+http {{
+  access_log off;
+  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
+  uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s;
+  map $http_upgrade $connection_upgrade {{ default upgrade; '' close; }}
+  server {{
+    listen 127.0.0.1:{port} ssl;
+    ssl_certificate {folder}/certificate.pem; ssl_certificate_key {folder}/key.pem;
+    location /mars/ {{
+      proxy_pass http://127.0.0.1:{upstream}/;
+      proxy_http_version 1.1;
+      proxy_set_header Upgrade $http_upgrade;
+      proxy_set_header Connection $connection_upgrade;
+      proxy_set_header Host $http_host;
+      proxy_set_header X-Forwarded-Proto $scheme;
+    }}
+  }}
+}}
+"""
+
+
+@pytest.fixture
+def proxy(tmp_path):
+    """`proxy(port)` puts nginx in front of a server and returns the page's address."""
+    if shutil.which("nginx") is None or shutil.which("openssl") is None:
+        pytest.skip("NO NGINX OR OPENSSL: install them to run the proxy test")
+    running = []
+
+    def start(upstream):
+        folder, port = tmp_path / "nginx", free_port()
+        folder.mkdir()
+        subject = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
+        files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
+        subprocess.run(["openssl", "req", *subject, *files], check=True, capture_output=True)
+        (folder / "nginx.conf").write_text(CONFIG.format(folder=folder, port=port, upstream=upstream))
+        running.append(subprocess.Popen(["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL))
+        eventually(lambda: (folder / "nginx.pid").exists())
+        return f"https://localhost:{port}/mars"
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait()
+
+
+def test_playing_behind_tls_and_a_path_prefix(spawn, player, proxy):
+    server = spawn()
+    me = player(proxy(server.port), AS_A_PERSON, ignore_https_errors=True)
+    sockets = []
+    me.page.on("websocket", lambda socket: sockets.append(socket))
+    me.goto()
+    me.begin(size=[9, 12], seed=3)
+    me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+
+    def asked():
+        return me.page.evaluate("() => 1")  # Playwright tells of sockets only while it is asked something
+
+    eventually(lambda: asked() and [s for s in sockets if "/mars/viewer/" in s.url and not s.is_closed()])
+    view = me.still("stage-player")
+    me.press("east")
+    me.changes("stage-player", view)
+    assert me.state()["position"] == [0, 1]
+    assert all(socket.url.startswith("wss://localhost") for socket in sockets)
+    cookies = me.page.context.cookies()
+    assert cookies
+    assert all(cookie["secure"] and cookie["httpOnly"] for cookie in cookies)
+    kept = me.page.request.get(f"{me.url}/api/sessions/{me.page.url.split('#s=')[1]}").json()
+    assert kept["step"] == 1
+    assert me.errors == []

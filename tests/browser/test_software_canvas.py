@@ -1,0 +1,66 @@
+"""The 3-D view where the processor draws it: on a sheet over the client's canvas; elsewhere as ever."""
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from tests.support.servers import eventually
+
+CANVAS = "[data-testid=viewer-player]"
+HIDDEN = """() => [...document.querySelectorAll('canvas')]
+  .filter((each) => getComputedStyle(each).visibility === 'hidden').length"""
+
+
+def view_of(me):
+    """The frame of the player's 3-D view, once its canvas is there."""
+    me.page.frame_locator(CANVAS).locator("canvas").first.wait_for(state="attached")
+    return next(frame for frame in me.page.frames if "/viewer/" in frame.url)
+
+
+def colours(picture):
+    """How many soil-coloured and how many amber pixels a PNG has."""
+    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), int), 2, 0)
+    soil = (red > 140) & (green > 60) & (green < 130) & (blue < 110)
+    return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
+
+
+def test_the_sheet_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(spawn, player):
+    me = player(spawn())
+    me.goto()
+    me.begin(size=[9, 12], seed=3)
+    view = view_of(me)
+    assert "&easel" in view.url
+    eventually(lambda: view.evaluate(HIDDEN) == 1)  # the client's canvas is unseen
+    eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
+    before = me.still("stage-player")
+    picture = np.asarray(Image.open(io.BytesIO(before)).convert("RGB"), int)
+    amber = np.argwhere((picture[..., 0] > 220) & (picture[..., 2] < 140))
+    assert (amber.mean(axis=0) < np.array(picture.shape[:2]) / 2).all(), "the rover stands in the north-west"
+    me.press("east")
+    me.changes("stage-player", before)
+    before = me.still("stage-player")
+    box = me.page.get_by_test_id("viewer-player").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    me.page.mouse.move(x, y)
+    me.page.mouse.down()
+    me.page.mouse.move(x + 90, y, steps=4)
+    me.page.mouse.up()
+    me.changes("stage-player", before)
+    me.page.set_viewport_size({"width": 390, "height": 844})
+    eventually(lambda: colours(me.picture("stage-player"))[0] > 300)
+    assert me.errors == []
+
+
+def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(spawn, player):
+    server = spawn()
+    me = player(server)
+    me.goto()
+    about = me.begin(size=[9, 12], seed=3)
+    me.page.goto(f"{server.url}/viewer/{about['session']}/")
+    me.page.locator("canvas").first.wait_for()
+    assert me.page.evaluate("() => requestAnimationFrame.toString().includes('native code')")
+    assert me.page.locator("canvas").first.is_visible()
+    options = me.page.evaluate("() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()")
+    assert options["antialias"]
+    eventually(lambda: colours(me.page.screenshot())[0] > 500)

@@ -1,0 +1,562 @@
+"""A participant's way through a study in a real browser: keyboard alone, with reloads, a second tab and a killed server."""
+
+import json
+import sqlite3
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.study.folder import Folder
+from app.study.protocol import default_protocol
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
+from tests.support.servers import PATIENCE_S, eventually
+
+ACTIONS = ("north", "east", "south", "west")
+RIGHT = [0, 1, 1]
+LISTEN = """const ask = window.fetch;
+window.fetch = async (...how) => {
+  const answer = await ask(...how);
+  answer.clone().text().then(window.marsHears, () => {});
+  return answer;
+};"""
+COLOURFUL = ("consent", "settings", "tutorial", "questions-wrong", "ranked-end", "debrief")
+"""Screens that between them wear every colour."""
+SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
+
+
+@pytest.fixture
+def studies(tmp_path):
+    """`studies(...)` freezes the study "tiny", with a protocol as asked for, and returns the folder."""
+
+    def make(size=(6, 8), **rest):
+        folder = Folder(tmp_path / "studies")
+        config = EnvConfig.of("random", size)
+        rest = {"warm_up": 1, "ranked": 2, "break_every": 1, "return_url": "https://example.org/done?cc={code}", **rest}
+        folder.create(default_protocol("tiny", config, title="A tiny study", **rest))
+        folder.freeze("tiny")
+        return str(folder.root)
+
+    return make
+
+
+class Participant:
+    """A person on the study's page, with hands on the keyboard; `told` is everything that came over the wire."""
+
+    def __init__(self, page, url, query=""):
+        self.page, self.url, self.query = page, url, query
+        self.keys = KEY_OF
+        self.errors, self.told = [], []
+        self.policy = policies.load("frontier-cost")
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("websocket", lambda socket: socket.on("framereceived", lambda text: self._hear(text)))
+        page.expose_function("marsHears", self._hear)
+        page.add_init_script(LISTEN)
+
+    def _hear(self, text):
+        self.told.append(json.loads(text))
+
+    def goto(self):
+        self.page.goto(f"{self.url}/study/tiny{self.query}")
+        self.wait("window.marsStudy && !['loading'].includes(window.marsStudy.screen)")
+        return self
+
+    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
+        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
+
+    def stands(self, screen):
+        """Wait for a screen, painted."""
+        self.wait(f"window.marsStudy.screen === '{screen}' && document.body.dataset.screen === '{screen}'")
+
+    def state(self, path):
+        return self.page.evaluate(f"() => window.marsStudy.state.{path}")
+
+    @property
+    def frame(self):
+        return self.state("table.player.frame")
+
+    def tab_to(self, test_id):
+        """Move the focus with Tab alone."""
+        for _ in range(60):
+            if self.page.evaluate("() => document.activeElement?.dataset.testid") == test_id:
+                return
+            self.page.keyboard.press("Tab")
+        raise AssertionError(f"Tab never reaches {test_id}")
+
+    def choose(self, test_id):
+        self.tab_to(test_id)
+        self.page.keyboard.press("Enter")
+
+    def press(self, action):
+        self.wait("window.marsStudy.state.table.link === 'open'")
+        step = self.frame["step"]
+        self.page.keyboard.press(self.keys[action])
+        self.wait(f"window.marsStudy.painted?.table.player.frame.step > {step}")  # the next key tells the step on the screen
+
+    def wake(self):
+        """Go on, if stillness has paused the board meanwhile."""
+        self.page.keyboard.press("Shift")
+        if self.state("isPaused"):
+            self.page.keyboard.press("ArrowRight")
+            self.wait("!window.marsStudy.state.isPaused")
+
+    def next_action(self):
+        return ACTIONS[self.policy.act(codes_of(self.frame))]
+
+    def explore(self):
+        """Drive until the episode ends."""
+        self.policy.reset(0)
+        self.wake()
+        while self.frame["outcome"] is None:
+            self.press(self.next_action())
+        self.page.get_by_test_id("end-card").wait_for(state="visible")
+        self.wait("window.marsStudy.state.where.about.frame.outcome")
+        return self.frame
+
+    def driving(self):
+        """Wait until a board takes keys."""
+        self.stands("play")
+        self.wait("window.marsStudy.state.table.player.frame.outcome === null && window.marsStudy.state.table.link === 'open'")
+
+    def to_questions(self):
+        """Walk from the consent to the questions."""
+        self.stands("consent")
+        self.choose("agree")
+        self.stands("instructions")
+        self.choose("to-tutorial")
+        self.driving()
+        self.explore()
+        self.page.keyboard.press("Enter")
+        self.stands("questions")
+
+    def answer(self, answers):
+        """Choose with Tab, the arrows and space, then check."""
+        for number, answer in enumerate(answers):
+            self.page.locator(f"[name=q{number}]").first.focus()
+            self.page.keyboard.press("Space")
+            for _ in range(answer):
+                self.page.keyboard.press("ArrowDown")
+            assert self.page.locator(f"[name=q{number}]").nth(answer).is_checked()
+        self.choose("answer")
+
+    def to_ranked(self):
+        """Walk from the consent to the first ranked terrain."""
+        self.to_questions()
+        self.answer(RIGHT)
+        self.stands("ready")
+        self.page.keyboard.press("Enter")
+        self.driving()
+        self.explore()
+        self.page.keyboard.press("Enter")
+        self.stands("ready")
+        self.page.keyboard.press("Enter")
+        self.driving()
+
+
+def codes_of(frame):
+    """uint8[rows, cols] of a frame's grid."""
+    import numpy as np
+
+    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+
+
+def frames_in(message):
+    """Every frame anywhere in a message."""
+    if isinstance(message, dict):
+        if message.get("kind") == "frame":
+            yield message
+        for value in message.values():
+            yield from frames_in(value)
+    elif isinstance(message, list):
+        for value in message:
+            yield from frames_in(value)
+
+
+@pytest.fixture
+def participant(open_browser):
+    """`participant(server, ...)` opens the study's page in a fresh browser profile."""
+
+    def start(server, flags=(*NO_3D, *AS_A_PERSON), size="desktop", query="", **context):
+        width, height = SIZES[size]
+        browser = open_browser(list(flags))
+        context = browser.new_context(viewport={"width": width, "height": height}, **context)
+        return Participant(context.new_page(), server.url, query).goto()
+
+    return start
+
+
+def rows(tmp_path, query, *values):
+    with sqlite3.connect(tmp_path / "playground.db") as connection:
+        return connection.execute(query, values).fetchall()
+
+
+def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_restart(spawn, studies, participant, tmp_path):
+    folder = studies(pause_after_s=900)  # a slow machine may restart for longer than a minute
+    server = spawn(studies=folder)
+    me = participant(server, query="?PROLIFIC_PID=p-77&unknown=1")
+    me.to_questions()
+    me.answer([0, 0, 1])
+    me.page.get_by_text("One answer is not right yet.").wait_for()
+    assert "the rover need not drive everywhere" in me.page.locator("[data-testid=question-1] .verdict").inner_text()
+    me.answer(RIGHT)
+    me.stands("ready")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    warm_up = me.explore()
+    assert warm_up["score"] is not None
+    assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text(), "warm-up shows the score"
+    me.page.keyboard.press("Enter")
+    me.stands("ready")
+    me.page.keyboard.press("Enter")
+    me.driving()
+
+    first = me.frame["episode"]
+    me.policy.reset(0)
+    me.press(me.next_action())
+    kept = me.frame
+    me.page.reload()
+    me.driving()
+    assert me.frame == kept, "a reload goes on in the same episode at the same step"
+
+    tab = Participant(me.page.context.new_page(), me.url)
+    tab.goto().driving()
+    assert tab.frame == kept
+    tab.press(tab.next_action())
+    me.wait(f"window.marsStudy.state.table.player.frame.step === {kept['step'] + 1}")
+    tab.page.close()
+    assert me.explore()["episode"] == first
+    assert "Score" not in me.page.get_by_test_id("end-figures").inner_text()
+
+    me.page.keyboard.press("Enter")
+    me.stands("break")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    second = me.frame["episode"]
+    me.policy.reset(0)
+    me.press(me.next_action())
+    kept = me.frame
+    server.kill()
+    me.wait("window.marsStudy.state.table.link === 'lost'", 3_000)
+    eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
+    server = spawn(studies=folder, port=server.port)
+    me.driving()
+    assert me.frame == kept, "a restarted server goes on in the same episode at the same step"
+    hidden_until = len(me.told)
+    me.explore()
+    me.page.keyboard.press("Enter")
+
+    me.stands("debrief")
+    assert me.page.get_by_test_id("own-score").inner_text().startswith("0.")
+    me.page.get_by_test_id("replay").wait_for(state="visible")
+    me.choose("replay-step")
+    me.wait("window.marsStudy.state.replay.step === 1")
+    me.choose("replay-play")
+    me.wait("window.marsStudy.state.replay.step > 3")
+    me.page.reload()
+    me.stands("debrief")
+    me.choose("finish")
+    me.stands("complete")
+    code = me.page.get_by_test_id("code").inner_text()
+    assert [code] == [row[0] for row in rows(tmp_path, "select completion_code from participants")]
+    assert me.page.get_by_test_id("return").get_attribute("href") == f"https://example.org/done?cc={code}"
+    me.page.reload()
+    me.stands("complete")
+    assert me.page.get_by_test_id("code").inner_text() == code
+
+    ranked = [
+        f for message in [*me.told[:hidden_until], *tab.told] for f in frames_in(message) if f["episode"] in (first, second)
+    ]
+    assert len(ranked) > 10
+    assert {(f["reward"], f["return"], f["score"]) for f in ranked} == {(None, None, None)}
+    check_database(tmp_path, first, second)
+    assert me.errors == []
+    assert tab.errors == []
+
+
+def check_database(tmp_path, first, second):
+    """Everything a report needs was kept: one human, no terrain twice, every key that drove."""
+    assert rows(tmp_path, "select kind, stage from participants") == [("human", "complete")]
+    assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
+    played = rows(tmp_path, "select phase, trial, driver from study_episodes join episodes on id = episode_id order by number")
+    assert played == [("tutorial", 0, "human"), ("warm_up", 0, "human"), ("ranked", 0, "human"), ("ranked", 1, "human")]
+    for episode in (first, second):
+        moves = rows(tmp_path, "select step from steps where episode_id = ? and input = 'key'", episode)
+        events = rows(
+            tmp_path,
+            "select kind, code, repeat, trusted, client_ms, step, round_trip_ms from input_events where episode_id = ?"
+            " order by number",
+            episode,
+        )
+        down = [event for event in events if event[0] == "keydown"]
+        assert len(down) >= len(moves)
+        assert {event[3] for event in down} == {1}
+        assert {event[1] for event in down} <= set(KEY_OF.values())
+        assert any(event[6] is not None and 0 < event[6] < 5_000 for event in down)
+        assert {event[5] for event in down} >= set(range(len(moves)))
+        assert sum(event[0] == "keyup" for event in events) >= len(moves) - 1, "the key that ended it comes up after the end"
+    (settings,) = rows(tmp_path, "select settings from participants")
+    assert json.loads(settings[0])["modality"] == "keyboard"
+
+
+def test_remapped_keys_drive_and_colours_change_and_both_are_kept(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies())
+    me = participant(server)
+    me.choose("agree")
+    me.stands("instructions")
+    me.choose("open-settings")
+    me.choose("key-east-0")
+    me.page.keyboard.press("Tab")
+    me.tab_to("key-east-0")
+    me.page.keyboard.press("Enter")
+    me.page.keyboard.press("F5")
+    assert "cannot drive" in me.page.get_by_test_id("key-told").inner_text()
+    me.page.keyboard.press("l")
+    assert me.page.get_by_test_id("key-east-0").inner_text() == "L"
+    ground = me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+    me.tab_to("palette-mars")
+    me.page.keyboard.press("ArrowUp")
+    assert me.page.evaluate("() => document.documentElement.dataset.palette") == "high-contrast"
+    me.page.keyboard.press("Escape")
+    assert me.page.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(0, 0, 0)" != ground
+    me.choose("to-tutorial")
+    me.driving()
+    me.page.keyboard.press("ArrowRight")
+    me.keys = {**KEY_OF, "east": "l"}
+    me.press("east")
+    assert (me.frame["step"], me.frame["position"]) == (1, [0, 1]), "the old key drives no more, the new one does"
+    eventually(lambda: chosen(tmp_path) == ("high-contrast", ["KeyL", "KeyD"]))
+    pixel = "() => [...document.querySelector('#board').getContext('2d').getImageData(3, 3, 1, 1).data].slice(0, 3)"
+    assert me.page.evaluate(pixel) == [0x6E, 0x6E, 0x6E], "the board wears the palette"
+    assert me.errors == []
+
+
+def chosen(tmp_path):
+    """The palette and the keys to the east that the server keeps."""
+    (settings,) = rows(tmp_path, "select settings from participants")[0]
+    kept = json.loads(settings)
+    return kept.get("palette"), (kept.get("keys") or {}).get("east")
+
+
+def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies())
+    me = participant(server)
+    held = []
+    me.page.route("**/settings", lambda route: held.append(route) if not held else route.continue_())
+    me.choose("open-settings")
+    me.tab_to("palette-mars")
+    me.page.keyboard.press("ArrowDown")
+    eventually(lambda: me.page.evaluate("() => 1") and held)
+    me.page.keyboard.press("ArrowDown")
+    me.page.wait_for_timeout(600)
+    assert chosen(tmp_path)[0] != "high-contrast", "one call at a time"
+    held[0].continue_()
+    eventually(lambda: me.page.evaluate("() => 1") and chosen(tmp_path)[0] == "high-contrast")
+    me.page.unroute("**/settings")
+    me.page.keyboard.press("ArrowDown")
+    me.page.goto("about:blank")
+    eventually(lambda: chosen(tmp_path)[0] == "mars")
+    assert me.errors == []
+
+
+def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies(pause_after_s=3))
+    me = participant(server)
+    me.choose("agree")
+    me.stands("instructions")
+    me.choose("to-tutorial")
+    me.driving()
+    me.page.get_by_test_id("pause").wait_for(state="visible")
+    me.page.reload()
+    me.stands("play")
+    assert me.page.get_by_test_id("pause").is_visible(), "a reload finds it paused"
+    me.page.keyboard.press("ArrowRight")
+    me.page.get_by_test_id("pause").wait_for(state="hidden")
+    assert me.frame["step"] == 0
+    me.wake()
+    me.press("east")
+    assert me.frame["position"] == [0, 1]
+    kinds = "select kind from input_events where kind in ('pause', 'resume') order by number"
+    eventually(lambda: [row[0] for row in rows(tmp_path, kinds)][:2] == ["pause", "resume"])
+    assert me.errors == []
+
+
+def test_giving_up_asks_first_and_leaving_ends_it(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies(ranked=3, break_every=10))
+    me = participant(server)
+    me.to_ranked()
+    me.choose("open-give-up")
+    assert "never cheaper" in me.page.get_by_test_id("give-up").inner_text()
+    me.page.keyboard.press("ArrowRight")
+    me.page.keyboard.press("Escape")
+    assert (me.frame["outcome"], me.frame["step"]) == (None, 0), "keys do not drive behind a question"
+    me.choose("open-give-up")
+    me.choose("give-up-now")
+    me.wait("window.marsStudy.state.table.player.frame.outcome === 'abandoned'")
+    assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [("abandoned",)]
+    me.page.get_by_test_id("end-card").wait_for(state="visible")
+    me.wait("window.marsStudy.state.where.about.frame.outcome")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    assert me.frame["step"] == 0
+    me.choose("open-leave")
+    me.choose("leave-now")
+    me.stands("withdrawn")
+    assert rows(tmp_path, "select stage from participants") == [("withdrawn",)]
+    assert me.errors == []
+
+
+def test_fingers_drive_on_a_phone(spawn, studies, participant, tmp_path):
+    server = spawn(studies=studies())
+    me = participant(server, size="phone", has_touch=True, is_mobile=True)
+    me.page.get_by_test_id("agree").tap()
+    me.page.get_by_test_id("to-tutorial").tap()
+    me.driving()
+    me.page.get_by_test_id("pad-east").tap()
+    me.wait("window.marsStudy.state.table.player.frame.step === 1")
+    query = "select kind, code from input_events where kind like 'touch%' order by number"
+    eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
+    eventually(lambda: json.loads(rows(tmp_path, "select settings from participants")[0][0])["modality"] == "touch")
+    assert me.errors == []
+
+
+def test_a_closed_and_an_unknown_study_say_so(spawn, studies, participant):
+    folder = studies()
+    server = spawn(studies=folder)
+    me = participant(server)
+    me.choose("agree")
+    me.stands("instructions")
+    Folder(folder).close("tiny")
+    me.choose("to-tutorial")
+    me.stands("problem")
+    assert "closed" in me.page.get_by_test_id("problem").inner_text()
+    me.page.reload()
+    me.stands("problem")
+    assert "closed" in me.page.get_by_test_id("problem").inner_text()
+    me.page.goto(f"{server.url}/study/nowhere")
+    me.page.get_by_test_id("problem").wait_for(state="visible")
+    assert "no such study" in me.page.get_by_test_id("problem").inner_text()
+
+
+def violations(page, **options):
+    """What axe finds on the page as it stands: "rule: what it is (first place)"."""
+    found = Axe().run(page, options={"resultTypes": ["violations"], **options}).response["violations"]
+    return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
+
+
+def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participant):
+    server = spawn(studies=studies(size=(9, 12), pause_after_s=5, break_every=1))
+    me = participant(server, reduced_motion="reduce")
+    found, seen = {}, []
+    SCREENSHOTS.mkdir(exist_ok=True)
+
+    def look(name):
+        """Judge a screen at both sizes, and its colours in the other palettes."""
+        seen.append(name)
+        for size in ("phone", "desktop"):
+            width, height = SIZES[size]
+            me.page.set_viewport_size({"width": width, "height": height})
+            found[f"{name}, {size}"] = violations(me.page)
+            me.page.screenshot(path=SCREENSHOTS / f"study-{name}-{size}.png")
+            assert me.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+        for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
+            me.page.evaluate(f"() => {{ document.documentElement.dataset.palette = '{palette}' }}")
+            if palette != "mars":
+                found[f"{name}, {palette}"] = violations(me.page, runOnly=["color-contrast"])
+
+    def dialog(name):
+        me.wake()
+        me.page.get_by_test_id(f"open-{name}").click()
+        look(name)
+        me.page.keyboard.press("Escape")
+
+    look("consent")
+    me.choose("agree")
+    me.stands("instructions")
+    look("instructions")
+    dialog("settings")
+    dialog("leave")
+    me.choose("to-tutorial")
+    me.driving()
+    look("tutorial")
+    dialog("map")
+    me.page.get_by_test_id("pause").wait_for(state="visible")
+    look("paused")
+    me.explore()
+    look("tutorial-end")
+    me.page.keyboard.press("Enter")
+    me.stands("questions")
+    look("questions")
+    me.answer([1, 0, 0])
+    me.page.get_by_text("answers are not right yet").wait_for()
+    look("questions-wrong")
+    me.answer(RIGHT)
+    me.stands("ready")
+    look("warm-up-ready")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    look("warm-up")
+    me.explore()
+    look("warm-up-end")
+    me.page.keyboard.press("Enter")
+    me.stands("ready")
+    look("ranked-ready")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    me.wake()
+    me.press("east" if me.frame["grid"][0][1] == "." else "south")
+    look("ranked")
+    dialog("give-up")
+    me.explore()
+    look("ranked-end")
+    me.page.keyboard.press("Enter")
+    me.stands("break")
+    look("break")
+    me.page.keyboard.press("Enter")
+    me.driving()
+    me.explore()
+    me.page.keyboard.press("Enter")
+    me.stands("debrief")
+    me.page.get_by_test_id("replay").wait_for(state="visible")
+    look("debrief")
+    me.page.get_by_test_id("finish").click()
+    me.stands("complete")
+    look("complete")
+    other = Participant(me.page.context.browser.new_context().new_page(), server.url).goto()
+    other.choose("disagree")
+    other.choose("leave-now")
+    other.stands("withdrawn")
+    found["withdrawn"] = violations(other.page)
+    assert {place: problems for place, problems in found.items() if problems} == {}
+    assert len(seen) == 20
+    assert me.errors == []
+
+
+def test_axe_finds_nothing_on_the_playground_and_its_documents(spawn, player):
+    server = spawn()
+    me = player(server, NO_3D, reduced_motion="reduce")
+    me.goto()
+    found = {}
+
+    def look(name):
+        for size, (width, height) in SIZES.items():
+            me.page.set_viewport_size({"width": width, "height": height})
+            found[f"{name}, {size}"] = violations(me.page)
+
+    for mode in ("watch", "ranked", "practice"):
+        me.page.get_by_test_id(f"mode-{mode}").click()
+        me.wait(f"window.mars.state.mode === '{mode}' && window.mars.state.player.frame.outcome === null")
+        look(mode)
+    eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
+    look("end")
+    me.page.get_by_test_id("open-settings").click()
+    look("sheet")
+    me.page.goto(f"{server.url}/docs")
+    look("docs")
+    me.page.goto(f"{server.url}/leaderboard")
+    me.page.wait_for_load_state("networkidle")
+    look("leaderboard")
+    other = player(server, reduced_motion="reduce").goto()
+    other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+    found["3-D"] = violations(other.page)
+    assert {place: problems for place, problems in found.items() if problems} == {}

@@ -1,0 +1,63 @@
+"""Watching a network think: its wedges and value, the switch that hides them, both paths after the end, another policy."""
+
+from tests.support.browser import NO_3D
+
+FIRST = "window.mars.state.rival.thought && window.mars.state.rival.thought.step === window.mars.state.rival.frame.step"
+
+
+def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(spawn, player):
+    me = player(spawn(), NO_3D)
+    me.goto()
+    me.begin(rival="ppo", size=[9, 12], seed=5)
+    me.wait(FIRST)
+    shares = me.state("rival.thought.probabilities")
+    assert abs(sum(shares) - 1) < 1e-3
+    assert shares[0] == shares[3] == 0, "north and west of the corner lies nothing"
+    me.wait("window.mars.state.rival.values.length === 1")
+    switch = me.page.get_by_test_id("show-thoughts")
+    assert switch.is_checked()
+    shown, curve = me.still("canvas-rival"), me.still("chart")
+    switch.uncheck()
+    me.changes("canvas-rival", shown)
+    me.changes("chart", curve)
+    plain = me.still("canvas-rival")
+    me.page.reload()
+    me.wait(f"window.mars && window.mars.state.rival && {FIRST}")
+    assert not me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
+    assert me.still("canvas-rival") == plain
+    assert me.errors == []
+
+
+def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the_end(spawn, player):
+    me = player(spawn(), NO_3D)
+    me.goto()
+    about = me.begin(size=[5, 7])
+    assert about["counts"]
+    me.page.wait_for_timeout(500)
+    assert me.state("player.thought") is None
+    assert me.state("rival") is None
+    before = me.still("canvas-player")
+    with me.page.expect_request(lambda request: request.url.endswith("/api/sessions") and request.method == "POST") as asked:
+        me.press("north")
+    assert me.state()["outcome"] == "out_of_bounds"
+    assert asked.value.post_data_json["replays"] == about["session"], "so that the 3-D views show the paths as well"
+    me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
+    me.page.get_by_test_id("fold-player").click()
+    me.changes("canvas-player", before)  # the policy's path is drawn under the player's
+    assert me.page.get_by_test_id("end-line-player").is_hidden()
+    me.page.keyboard.press("Enter")
+    me.wait("window.mars.state.rival === null")
+    assert me.errors == []
+
+
+def test_any_policy_can_be_given_to_either_board(spawn, player):
+    me = player(spawn(), NO_3D)
+    me.goto()
+    me.begin(player="frontier-cost", rival="ppo", size=[9, 12])
+    for seat, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
+        session, kept = me.state("player.session"), me.state(f"{other}.name")
+        me.page.get_by_test_id(f"pick-{seat}").select_option(name)
+        me.wait(f"window.mars.state.player.session !== '{session}' && window.mars.state.rival")
+        assert me.state(f"{seat}.name") == name
+        assert me.state(f"{other}.name") == kept
+    assert me.errors == []

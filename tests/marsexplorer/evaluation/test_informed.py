@@ -1,0 +1,73 @@
+"""The yardstick: walks that do what they say, near the shortest there is where that can be known."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.informed import Search, informed_walk
+from marsexplorer.terrain import generate
+from tests.support.reference import visible
+
+
+def steps_of(config, terrain, actions):
+    """Moves until explored, played by the rules; the walk must end there."""
+    episode = Episode.begin(config, terrain=terrain)
+    for action in actions:
+        episode.step(action)
+    assert episode.outcome == "explored"
+    return episode.steps
+
+
+def fewest_moves(config, terrain):
+    """The length of the shortest walk, by breadth-first search over (cell, cells discovered) with literal sight."""
+    views = {
+        (row, col): sum(1 << int(cell) for cell in np.flatnonzero(visible(terrain, row, col, config.sensor_radius)))
+        for row, col in np.argwhere(~terrain).tolist()
+    }
+    layer, length = {((0, 0), views[0, 0])}, 0
+    met = set(layer)
+    while not any(known.bit_count() >= config.target for _, known in layer):
+        near = [
+            ((row + dr, col + dc), known)
+            for ((row, col), known), (dr, dc) in product(layer, ((-1, 0), (0, 1), (1, 0), (0, -1)))
+            if (row + dr, col + dc) in views
+        ]
+        layer = {(cell, known | views[cell]) for cell, known in near} - met
+        met |= layer
+        length += 1
+    return length
+
+
+@pytest.mark.parametrize("level", ["random", "1-1-1", "3-2-1"])
+@pytest.mark.parametrize("size", [(21, 21), (9, 30), (30, 9)])
+def test_the_rules_say_that_the_walk_explores_the_terrain(level, size):
+    config = EnvConfig.of(level, size)
+    for seed in range(3):
+        terrain = generate(config, seed)
+        assert steps_of(config, terrain, informed_walk(config, terrain, seed, Search(20_000, 1))) < config.n / 2
+
+
+def test_on_small_terrains_no_walk_is_shorter():
+    config = EnvConfig("random", 5, 7, sensor_radius=2)
+    for seed in range(6):
+        terrain = generate(config, seed)
+        assert steps_of(config, terrain, informed_walk(config, terrain, 0)) == fewest_moves(config, terrain), seed
+
+
+def test_a_terrain_has_one_answer_and_a_mirrored_one_a_walk_as_long():
+    config = EnvConfig("random", 9, 9, sensor_radius=3)
+    terrain = generate(config, 5)
+    walk = informed_walk(config, terrain, 5)
+    assert informed_walk(config, terrain, 5) == walk
+    assert len(informed_walk(config, np.ascontiguousarray(terrain.T), 5)) == len(walk)
+
+
+def test_a_budget_too_small_and_a_grid_too_large_are_refused():
+    config = EnvConfig()
+    with pytest.raises(ValueError, match="no walk found in 1 x 2 changes"):
+        informed_walk(config, generate(config, 0), 0, Search(2, 1))
+    with pytest.raises(ValueError, match="up to 16384 cells, got 200x200"):
+        informed_walk(EnvConfig.of("random", 200), np.zeros((200, 200), np.bool_), 0)

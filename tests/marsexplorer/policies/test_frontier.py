@@ -1,0 +1,120 @@
+"""The frontier rules are the literal ones, and always see all that can be seen."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies.kernels.visibility import Outlook
+from tests.support import reference_frontier, strategies
+
+
+def board(text):
+    """uint8 codes from rows of `?` unknown, `.` free, `@` rover, `#` obstacle."""
+    return np.array([["?.@#".index(cell) for cell in row] for row in text.split()], np.uint8)
+
+
+def steps_through(terrain, radius, name, limit=400):
+    """Yield (codes, visited, position, heading, action) along an episode."""
+    config = EnvConfig("random", *terrain.shape, sensor_radius=radius, beta=1.0, max_steps=limit)
+    episode, policy = Episode.begin(config, terrain=terrain), policies.load(name, radius)
+    policy.reset(0)
+    heading = 1
+    while not episode.ended:
+        codes = episode.codes.copy()
+        action = policy.act(episode.observation())
+        yield codes, set(episode.path), episode.position, heading, action
+        episode.step(action)
+        heading = action
+
+
+@settings(max_examples=60, deadline=None)
+@given(strategies.terrains(max_side=9, max_density=0.4), st.integers(1, 5), st.sampled_from(["cost", "utility"]))
+def test_the_compiled_rules_are_the_literal_ones(terrain, radius, rule):
+    for codes, visited, position, heading, action in steps_through(terrain, radius, f"frontier-{rule}"):
+        expected = reference_frontier.decide(codes.tolist(), visited, position, heading, radius, rule)
+        if expected is None:
+            return
+        assert action == expected, codes
+
+
+@settings(max_examples=80, deadline=None)
+@given(strategies.terrains(max_side=70, max_density=0.4), st.integers(1, 31), st.data())
+def test_expected_gain_is_the_literal_count(terrain, radius, data):
+    rows, cols = terrain.shape
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    codes = np.where(terrain, 3, 1).astype(np.uint8)
+    codes[rng.random((rows, cols)) < 0.4] = 0
+    outlook = Outlook((rows, cols), radius)
+    outlook.fill(codes)
+    row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    codes[row, col] = 1
+    outlook.fill(codes)
+    assert outlook.gain(row, col) == reference_frontier.gain(codes.tolist(), row, col, radius)
+
+
+@settings(max_examples=40, deadline=None)
+@given(strategies.terrains(max_side=16, max_density=0.5), st.integers(1, 8), st.sampled_from(["cost", "utility"]))
+def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terrain, radius, rule):
+    """Unsolvable terrains included: what some reachable free cell sees is seen before the rule runs out of candidates."""
+    n = terrain.size
+    seen = None
+    for codes, visited, position, heading, _action in steps_through(terrain, radius, f"frontier-{rule}", limit=n * n):
+        if reference_frontier.decide(codes.tolist(), visited, position, heading, radius, rule) is None:
+            seen = codes
+            break
+    if seen is None or radius == 1:
+        return  # all of it was explored (or corners stay dark, as they must)
+    truth = np.where(terrain, 3, 1)
+    reach = reference_frontier.ways(truth.tolist(), (0, 0))
+    for row, col in reach:
+        for r in range(max(0, row - 1), min(terrain.shape[0], row + 2)):
+            for c in range(max(0, col - 1), min(terrain.shape[1], col + 2)):
+                assert seen[r, c] != 0, (row, col)
+
+
+def test_straight_on_wins_a_tie():
+    """Frontier cells two moves east and two moves south: east at first, south once the rover came from the north."""
+    before, codes = board("....?.. .@..?.. ....?.. ....?.. ????..."), board("....?.. .@..?.. ....?.. ....?.. ????...")
+    before[1, 1], before[0, 1] = 1, 2
+    policy = policies.load("frontier-cost")
+    policy.reset(0)
+    assert policy.act(codes) == 1
+    policy.reset(0)
+    policy.act(before)
+    assert policy.act(codes) == 2
+
+
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility"])
+def test_a_cell_that_shows_nothing_is_left_alone(name):
+    """With a radius of 1 nobody sees round the corner: the rover beside it goes for what can be seen."""
+    codes = board("?#..... #...... .@..... ....... ......?")
+    policy = policies.load(name, 1)
+    policy.reset(0)
+    assert policy.act(codes) in (1, 2)
+
+
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "planner"])
+def test_with_nothing_left_to_see_the_moves_stay_valid(name):
+    codes = board("?##.... ##..... .@..... ####### ???????")
+    codes[0, 0] = 0
+    policy = policies.load(name, 3)
+    policy.reset(3)
+    for _ in range(3):
+        assert policy.act(codes) in (1, 3)
+
+
+@pytest.mark.parametrize("level", ["random", "2-2-1"])
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility"])
+def test_every_terrain_is_explored(name, level):
+    config = EnvConfig(level, 21, 33)
+    policy = policies.load(name)
+    for seed in range(30):
+        episode = Episode.begin(config, seed=seed)
+        policy.reset(seed)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        assert episode.outcome == "explored", seed

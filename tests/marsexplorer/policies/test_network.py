@@ -1,0 +1,216 @@
+"""Networks from files: what they decide, what they are shown, and what is refused."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies.network.features import PLANES, RINGS, Perception
+from marsexplorer.policies.network.model import FORMAT, Net, save_network
+from marsexplorer.policies.network.paper_model import FORMAT as PAPER_FORMAT
+from marsexplorer.policies.network.paper_model import PaperNet
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """An untrained network: it wanders, which is what the guard is for."""
+    torch.manual_seed(5)
+    path = tmp_path_factory.mktemp("policies") / "wanderer.safetensors"
+    save_network(Net(), path, {"summary": "Wanders."})
+    return path
+
+
+def play(policy, config, seed, floats=False):
+    episode = Episode.begin(config, seed=seed)
+    policy.reset(seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.observation() if floats else episode.codes))
+    return episode
+
+
+def test_a_network_is_named_after_its_file_and_is_a_policy(file):
+    policy = policies.load(file)
+    assert policy.name == "wanderer"
+    assert isinstance(policy, policies.Policy)
+    assert policies.describe(str(file)) == "Wanders."
+
+
+@pytest.mark.parametrize(("size", "radius"), [((5, 6), 6), ((9, 31), 3), ((12, 33), 6)])
+def test_even_an_untrained_network_finishes_every_size_thanks_to_the_guard(file, size, radius):
+    config = EnvConfig("random", *size, sensor_radius=radius, max_steps=100_000)
+    policy = policies.load(file, radius)
+    for seed in range(2):
+        assert play(policy, config, seed).outcome == "explored"
+
+
+def test_floats_and_codes_give_the_same_moves_whatever_the_seed(file):
+    policy, config = policies.load(file), EnvConfig("random", 11, 16)
+    first = bytes(play(policy, config, 4).actions)
+    assert bytes(play(policy, config, 4, floats=True).actions) == first
+    assert bytes(play(policies.load(file), config, 4).actions) == first
+
+
+def test_thoughts_are_probabilities_that_leave_invalid_moves_out(file):
+    policy = policies.load(file)
+    policy.reset(0)
+    policy.act(Episode.begin(EnvConfig("random", 9, 14), seed=1).codes)
+    probabilities, value = policy.thought()
+    assert probabilities.sum() == pytest.approx(1)
+    assert probabilities[0] == probabilities[3] == 0  # north and west of the corner lies nothing
+    assert np.isfinite(value)
+
+
+def perceived(episode, place, visited=None):
+    """The pictures of one board as arrays [PLANES, side, side], and the numbers of its moves."""
+    rows, cols = episode.codes.shape
+    visited = np.zeros((1, rows * cols), np.uint8) if visited is None else visited
+    planes, moves = Perception(1, rows, cols, 6)(episode.codes[None], np.array([place]), visited, np.array([1]))
+    cuts = np.cumsum([side * side for side, _ in RINGS])[:-1]
+    parts = np.split(planes[0], cuts, axis=1)
+    return [part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, RINGS, strict=True)], moves[0]
+
+
+def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_blocks():
+    """Against the definition, cell by cell, on a board that is wider than the finest picture."""
+    episode = Episode.begin(EnvConfig("random", 15, 34), seed=5)
+    for action in (1, 1, 2, 2, 1):
+        if not episode.ended:
+            episode.step(action)
+    row, col = episode.position
+    pictures, moves = perceived(episode, row * 34 + col)
+    for (side, size), picture in zip(RINGS, pictures, strict=True):
+        share = 255 // (size * size)
+        for i in range(side):
+            for j in range(side):
+                top, left = row - side * size // 2 + i * size, col - side * size // 2 + j * size
+                cells = [
+                    episode.codes[r, c] if 0 <= r < 15 and 0 <= c < 34 else 3
+                    for r in range(top, top + size)
+                    for c in range(left, left + size)
+                ]
+                assert picture[0, i, j] == share * cells.count(0), (side, i, j)
+                assert picture[1, i, j] == share * cells.count(3), (side, i, j)
+    near = pictures[0]
+    assert near[3, 5, 5] == 255  # no way is shorter than none
+    assert near[2].max() > 0
+    assert moves[:, 10].tolist() == [0, 1, 0, 0]
+
+
+def test_the_coarse_pictures_show_the_greatest_gain_and_nearness_of_their_blocks():
+    episode = Episode.begin(EnvConfig("random", 11, 11), terrain=np.zeros((11, 11), bool), start=(5, 5))
+    (near, middle, _), _ = perceived(episode, 5 * 11 + 5)
+    for plane in (2, 3):
+        blocks = [near[plane][1 + 3 * i : 4 + 3 * i, 1 + 3 * j : 4 + 3 * j].max() for i in range(3) for j in range(3)]
+        assert middle[plane][4:7, 4:7].flatten().tolist() == blocks
+
+
+def test_a_stack_of_boards_is_perceived_as_each_alone():
+    config = EnvConfig("random", 13, 22)
+    episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
+    codes = np.stack([episode.codes for episode in episodes])
+    visited, places, headings = np.zeros((3, config.n), np.uint8), np.zeros(3, np.int64), np.array([1, 2, 1])
+    visited[:, 0] = 1
+    together = [part.copy() for part in Perception(3, 13, 22, 6)(codes, places, visited, headings)]
+    alone = Perception(1, 13, 22, 6)
+    for i in range(3):
+        planes, moves = alone(codes[i : i + 1], places[:1], visited[i : i + 1], headings[i : i + 1])
+        assert np.array_equal(planes[0], together[0][i])
+        assert np.array_equal(moves[0], together[1][i])
+
+
+def test_what_is_kept_of_a_board_changes_nothing_that_is_seen():
+    """Eyes that follow several episodes, meet others without notice and come back see what fresh eyes see."""
+    config = EnvConfig("2-2-1", 17, 70)
+    rng, eyes = np.random.default_rng(3), Perception(1, 17, 70, 6)
+    episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
+    visited = np.zeros((3, config.n), np.uint8)
+    for step in range(240):
+        which = step // 20 % 3
+        episode = episodes[which]
+        if episode.ended:
+            continue
+        place = np.array([episode.position[0] * 70 + episode.position[1]])
+        visited[which, place] = 1
+        board = episode.codes[None], place, visited[which : which + 1], np.array([step % 4])
+        seen, fresh = eyes(*board), Perception(1, 17, 70, 6)(*board)
+        assert np.array_equal(seen[0], fresh[0])
+        assert np.array_equal(seen[1], fresh[1])
+        valid = np.flatnonzero(seen[1][0, :, 0])
+        forward = valid[seen[1][0, valid, 7] > 0]
+        episode.step(int(rng.choice(forward if len(forward) and rng.random() < 0.8 else valid)))
+    assert all(episode.steps > 40 for episode in episodes)
+
+
+def written(path, tensors, card=None):
+    save_file(tensors, path, metadata={"card": json.dumps({"format": FORMAT} if card is None else card)})
+    return path
+
+
+def spoilt(kind):
+    tensors = dict(Net().state_dict())
+    name = next(iter(tensors))
+    if kind == "one missing":
+        del tensors[name]
+    elif kind == "one too many":
+        tensors["more"] = torch.zeros(1)
+    elif kind == "another shape":
+        tensors[name] = torch.zeros(2, 2)
+    elif kind == "another type":
+        tensors[name] = tensors[name].double()
+    elif kind == "not a number":
+        tensors[name] = torch.full_like(tensors[name], float("nan"))
+    return {name: tensor.contiguous() for name, tensor in tensors.items()}
+
+
+@pytest.mark.parametrize("kind", ["one missing", "one too many", "another shape", "another type", "not a number"])
+def test_weights_that_are_not_the_networks_are_refused(kind, tmp_path):
+    path = written(tmp_path / "bad.safetensors", spoilt(kind))
+    with pytest.raises(policies.PolicyFileError, match=r"is no policy: expected .*, got .*; "):
+        policies.load(path)
+
+
+def test_a_network_of_another_format_is_refused_by_name(tmp_path):
+    path = written(tmp_path / "old.safetensors", spoilt("nothing"), {"format": "marsexplorer-network-0"})
+    with pytest.raises(policies.PolicyFileError, match=rf"expected the format {FORMAT}, got 'marsexplorer-network-0'"):
+        policies.load(path)
+
+
+def paper_file(path, **card):
+    torch.manual_seed(6)
+    save_network(PaperNet(9, 14), path, {"summary": "As in the paper.", "size": [9, 14], **card}, PAPER_FORMAT)
+    return path
+
+
+def test_the_papers_network_draws_its_moves_by_the_seed_and_plays_its_own_size_alone(tmp_path):
+    policy, config = policies.load(paper_file(tmp_path / "paper.safetensors")), EnvConfig("random", 9, 14)
+    played = [bytes(play(policy, config, seed).actions) for seed in (1, 1, 2, 3)]
+    assert played[0] == played[1]
+    assert len(set(played)) == 3
+    assert bytes(play(policy, config, 2, floats=True).actions) == played[2]
+    with pytest.raises(ValueError, match=r"was made for 9x14 .*cannot play 9x15"):
+        policy.act(Episode.begin(EnvConfig("random", 9, 15), seed=0).codes)
+
+
+@pytest.mark.parametrize("size", [None, [9], [9, 20], [3, 14], ["9", 14], [9, 14.0], [9, 10**9]])
+def test_a_paper_file_whose_card_has_no_fitting_size_is_refused(tmp_path, size):
+    with pytest.raises(policies.PolicyFileError, match="is no policy"):
+        policies.load(paper_file(tmp_path / "paper.safetensors", size=size))
+
+
+def test_a_file_cut_short_is_refused(file, tmp_path):
+    path = tmp_path / "cut.safetensors"
+    path.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(policies.PolicyFileError, match="is no policy"):
+        policies.load(path)
+
+
+def test_torch_is_imported_only_when_a_network_is_loaded():
+    code = "import sys; from marsexplorer import policies; policies.load('planner'); sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

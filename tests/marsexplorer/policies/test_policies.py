@@ -1,0 +1,221 @@
+"""Policies by name, what they take in, and what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies.base import Memory, decode, draw, mix
+from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.random_policy import RandomPolicy
+
+BUILT_IN = ["frontier-utility", "frontier-cost", "planner", "random"]
+CONFIG = EnvConfig("random", 9, 14, sensor_radius=4)
+
+
+def play(policy, seed, config=CONFIG, floats=False):
+    episode = Episode.begin(config, seed=seed)
+    policy.reset(seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.observation() if floats else episode.codes))
+    return episode
+
+
+def test_names_come_best_default_first_and_all_load():
+    assert policies.names()[-4:] == BUILT_IN
+    for name in policies.names():
+        policy = policies.load(name)
+        assert policy.name == name
+        assert isinstance(policy, policies.Policy)
+        assert policies.describe(name).endswith(".")
+    if len(policies.names()) > 4:
+        assert policies.names()[0] == "ppo"
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_floats_and_codes_give_the_same_moves_and_a_reset_gives_them_again(name):
+    policy = policies.load(name, CONFIG.sensor_radius)
+    first = play(policy, 5)
+    assert bytes(play(policy, 5, floats=True).actions) == bytes(first.actions)
+    assert bytes(play(policies.load(name, CONFIG.sensor_radius), 5).actions) == bytes(first.actions)
+    assert first.outcome in ("explored", "timed_out")
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_one_policy_serves_boards_of_any_size(name):
+    policy = policies.load(name)
+    for size in ((5, 6), (21, 21), (7, 80), (84, 84)):
+        episode = Episode.begin(EnvConfig("random", *size), seed=1)
+        policy.reset(1)
+        for _ in range(3):
+            if not episode.ended:
+                episode.step(policy.act(episode.codes))
+        assert episode.outcome in ("running", "explored")
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_memory_is_rebuilt_by_replaying_the_observations(name):
+    policy, twin = policies.load(name), policies.load(name)
+    episode = Episode.begin(EnvConfig("random", 12, 20), seed=8)
+    policy.reset(8)
+    observations = []
+    for _ in range(12):
+        observations.append(episode.observation())
+        episode.step(policy.act(observations[-1]))
+    twin.reset(8)
+    for observation in observations:
+        twin.act(observation)
+    assert policy.act(episode.codes) == twin.act(episode.codes)
+
+
+def test_observations_of_another_kind_are_refused_in_words():
+    with pytest.raises(ValueError, match="2 dimensions"):
+        decode(np.zeros((1, 5, 7), np.float32))
+    with pytest.raises(TypeError, match="float32"):
+        decode(np.zeros((5, 7), np.int64))
+    with pytest.raises(ValueError, match="exactly one rover"):
+        policies.load("random").act(np.zeros((5, 7), np.uint8))
+
+
+def test_decode_reads_equation_6():
+    assert decode(np.array([[0, 0.3, 0.6, 1]], np.float32)).tolist() == [[0, 1, 2, 3]]
+
+
+def test_random_is_uniform_over_valid_moves():
+    codes = np.array([[1, 1, 1], [3, 2, 1], [1, 1, 1]], np.uint8)
+    policy = RandomPolicy()
+    policy.reset(11)
+    counts = np.bincount([policy.act(codes) for _ in range(3000)], minlength=4)
+    assert counts[3] == 0
+    assert np.all(np.abs(counts[:3] - 1000) < 130)
+
+
+def test_random_without_a_valid_move_goes_north():
+    assert RandomPolicy().act(np.array([[3, 3, 3], [3, 2, 3], [3, 3, 3]], np.uint8)) == 0
+
+
+def test_the_generator_never_changes():
+    assert mix(0) == 0xE220A8397B1DCDAF  # splitmix64's published first output for seed 0
+    assert [draw(7, k, 4) for k in range(12)] == [draw(7, k, 4) for k in range(12)]
+    assert {draw(3, k, 4) for k in range(50)} == {0, 1, 2, 3}
+
+
+def test_memory_knows_the_heading_from_positions_alone():
+    memory = Memory()
+    codes = np.ones((5, 7), np.uint8)
+    for cell, heading in (((2, 2), 1), ((1, 2), 0), ((1, 1), 3), ((1, 1), 3), ((2, 1), 2)):
+        board = codes.copy()
+        board[cell] = 2
+        memory.take(board)
+        assert (memory.position, memory.heading) == (cell, heading)
+    assert memory.visited.sum() == 4
+
+
+def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
+    class Circles:
+        """Goes east and west for ever, and never looks."""
+
+        def __init__(self):
+            self.memory, self.guard, self.moves = Memory(), Guard(6), 0
+
+        def reset(self, seed):
+            self.memory.forget()
+            self.guard.reset()
+
+        def act(self, observation):
+            self.memory.take(observation)
+            self.moves += 1
+            guarded = self.guard.overrule(self.memory)
+            if guarded is not None:
+                return guarded
+            return 3 if self.memory.position[1] and self.moves % 2 else 1 if self.memory.position[1] < 29 else 3
+
+    policy = Circles()
+    terrain = np.zeros((21, 30), bool)
+    episode = Episode.begin(EnvConfig("random", 21, 30), terrain=terrain)
+    policy.reset(0)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    assert episode.outcome == "explored"
+    assert policy.guard.overruled > 0
+
+
+def test_an_unknown_policy_is_named_with_the_way_out(tmp_path):
+    with pytest.raises(policies.PolicyNotFound, match=r'no policy "ppo2" in data/policies; choose one of: .*random, or give'):
+        policies.load("ppo2")
+    with pytest.raises(policies.PolicyNotFound, match="no policy file at"):
+        policies.load(tmp_path / "none.safetensors")
+    with pytest.raises(policies.PolicyNotFound):
+        policies.describe("ppo2")
+    with pytest.raises(ValueError, match=r"sensor_radius must be in 1\.\.31, got 0"):
+        policies.load("random", 0)
+
+
+class Bomb:
+    """Unpickling this would create a file."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        import pathlib
+
+        return pathlib.Path.touch, (self.marker,)
+
+
+def header(document):
+    text = document if isinstance(document, bytes) else json.dumps(document).encode()
+    return len(text).to_bytes(8, "little") + text
+
+
+def broken_files(marker):
+    import io
+    import pickle
+    import zipfile
+
+    pickled = pickle.dumps(Bomb(marker))
+    zipped = io.BytesIO()
+    with zipfile.ZipFile(zipped, "w") as archive:
+        archive.writestr("data.pkl", pickled)
+        archive.writestr("policy.pth", pickled)
+    card = json.dumps({"format": "other"})
+    return {
+        "empty": b"",
+        "text": b"not a policy at all",
+        "pickle": pickled,
+        "zip": zipped.getvalue(),
+        "huge header": (2**62).to_bytes(8, "little") + b"{}",
+        "broken json": header(b"{" * 50),
+        "deep json": header(b"[" * 200_000),
+        "list": header([1, 2]),
+        "no card": header({"__metadata__": {}}),
+        "odd metadata": header({"__metadata__": [1]}),
+        "card is no json": header({"__metadata__": {"card": "{"}}),
+        "card is a number": header({"__metadata__": {"card": "1"}}),
+        "card of another": header({"__metadata__": {"card": card}}),
+        "format only": header({"__metadata__": {"card": json.dumps({"format": "marsexplorer-network-1"})}}),
+        "format, wild offsets": header(
+            {
+                "__metadata__": {"card": json.dumps({"format": "marsexplorer-network-1"})},
+                "w": {"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]},
+            }
+        ),
+    }
+
+
+@pytest.mark.parametrize("kind", broken_files(None))
+def test_a_file_that_is_no_policy_is_refused_and_never_run(kind, tmp_path):
+    marker = tmp_path / "marker"
+    path = tmp_path / "bad.safetensors"
+    path.write_bytes(broken_files(marker)[kind])
+    with pytest.raises(policies.PolicyFileError, match=r"is no policy: expected .*, got .*; "):
+        policies.load(path)
+    assert not marker.exists()
+
+
+def test_a_folder_is_no_policy(tmp_path):
+    with pytest.raises((policies.PolicyFileError, policies.PolicyNotFound)):
+        policies.load(tmp_path)

@@ -1,0 +1,88 @@
+"""The compiled lidar sees what the definition says, cell for cell."""
+
+import numpy as np
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.lidar import hides
+from marsexplorer.world import Worlds
+from tests.support import reference
+
+
+def grid(*lines):
+    return np.array([[glyph == "#" for glyph in line] for line in lines])
+
+
+def seen_from(terrain, row, col, radius):
+    rows, cols = terrain.shape
+    worlds = Worlds(EnvConfig(rows=rows, cols=cols, sensor_radius=radius))
+    worlds.start_on(0, terrain, (row, col))
+    return worlds.codes[0] != 0
+
+
+def differing_cells(terrain, radius):
+    """How many (free cell, other cell) pairs the compiled and the literal lidar see differently."""
+    rows, cols = terrain.shape
+    literal = reference.visible_from_everywhere(terrain, radius)
+    worlds = Worlds(EnvConfig(rows=rows, cols=cols, sensor_radius=radius))
+    wrong = 0
+    for row, col in zip(*np.nonzero(~terrain), strict=True):
+        worlds.start_on(0, terrain, (row, col))
+        wrong += int(((worlds.codes[0] != 0) != literal[row, col]).sum())
+    return wrong
+
+
+@pytest.mark.parametrize("radius", range(1, 9))
+def test_every_cell_is_seen_as_defined_from_every_free_cell(radius):
+    rng = np.random.default_rng(radius)
+    for _ in range(260):
+        rows, cols = rng.integers(5, 41), rng.integers(5, 41)
+        terrain = rng.random((rows, cols)) < rng.uniform(0, 0.5)
+        assert differing_cells(terrain, radius) == 0, f"radius {radius}, terrain\n{terrain.astype(int)}"
+
+
+def test_the_two_literal_lidars_agree():
+    terrain = np.random.default_rng(0).random((9, 12)) < 0.3
+    everywhere = reference.visible_from_everywhere(terrain, 4)
+    for row, col in np.ndindex(terrain.shape):
+        assert (reference.visible(terrain, row, col, 4) == everywhere[row, col]).all()
+
+
+def test_a_wall_is_seen_and_not_seen_through():
+    terrain = grid(".....#.", ".....#.", ".....#.", ".....#.", ".....#.")
+    expected = grid("######.", "######.", "######.", "######.", "######.")
+    assert (seen_from(terrain, 2, 0, 8) == expected).all()
+
+
+def test_touching_a_corner_does_not_block():
+    terrain = grid(".#...", "#....", ".....", ".....", ".....", ".....")
+    seen = seen_from(terrain, 0, 0, 3)
+    assert seen[1, 1]
+    assert seen[2, 2]
+    assert not seen[0, 2]
+
+
+@pytest.mark.parametrize("radius", [1, 4, 6, 8, 13, 20, 31])
+def test_an_open_field_is_a_disc_at_every_radius(radius):
+    terrain = np.zeros((70, 75), bool)
+    row, col = np.indices(terrain.shape)
+    assert (seen_from(terrain, 33, 36, radius) == ((row - 33) ** 2 + (col - 36) ** 2 <= radius**2)).all()
+
+
+def test_sight_between_free_cells_is_symmetric():
+    rng = np.random.default_rng(5)
+    terrain = rng.random((11, 14)) < 0.25
+    worlds = Worlds(EnvConfig(rows=11, cols=14, sensor_radius=6))
+    seen = {}
+    for cell in zip(*np.nonzero(~terrain), strict=True):
+        worlds.start_on(0, terrain, cell)
+        seen[cell] = worlds.codes[0] != 0
+    assert all(seen[a][b] == seen[b][a] for a in seen for b in seen)
+
+
+def test_hides_agrees_with_fractions():
+    reach = range(-8, 9)
+    for q in ((r, c) for r in reach for c in reach):
+        for b in ((r, c) for r in reach for c in reach):
+            literal = b not in ((0, 0), q) and reference.crosses_interior(q, b)
+            assert hides(*b, *q) == literal, (b, q)

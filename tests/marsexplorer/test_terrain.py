@@ -1,0 +1,113 @@
+"""Terrains: a pure function of the seed, as documented, always solvable."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from marsexplorer import terrain as terrains
+from marsexplorer.config import LEVELS, MAX_SEED, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.terrain import attempts, generate, next_seed
+from tests.support import reference, strategies
+
+
+@settings(max_examples=120, deadline=None)
+@given(strategies.configs(max_side=26), strategies.seeds)
+def test_the_compiled_generator_draws_what_the_documentation_says(config, seed):
+    literal = reference.terrain_of(config.level, config.rows, config.cols, seed, config.sensor_radius, config.beta)
+    if literal is None:
+        with pytest.raises(ValueError, match="no solvable terrain"):
+            generate(config, seed)
+    else:
+        assert (generate(config, seed) == literal).all()
+
+
+@pytest.mark.parametrize("level", sorted(LEVELS))
+@pytest.mark.parametrize("size", [(21, 21), (42, 42), (70, 84)])
+def test_every_terrain_is_solvable_at_the_sizes_of_the_paper(level, size):
+    for seed in range(3 if size[0] > 42 else 12):
+        terrain = generate(EnvConfig.of(level, size), seed)
+        assert reference.is_solvable(terrain, 6, 0.99)
+
+
+@pytest.mark.parametrize("radius", [1, 2, 3])
+def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
+    rng = np.random.default_rng(radius)
+    agreed = {True: 0, False: 0}
+    for _ in range(600):
+        rows, cols = rng.integers(5, 12), rng.integers(5, 12)
+        config = EnvConfig(rows=int(rows), cols=int(cols), sensor_radius=radius, beta=float(rng.choice([0.8, 0.9, 0.97])))
+        terrain = rng.random((rows, cols)) < rng.choice([0.05, 0.2, 0.35])
+        bits = terrains.pack(terrain, config)
+        found = bool(solvable_now(bits, np.zeros_like(bits), config))
+        assert found == reference.is_solvable(terrain, radius, config.beta)
+        agreed[found] += 1
+    assert min(agreed.values()) > 20
+
+
+def solvable_now(bits, reach, config):
+    return _solvable(bits, reach, terrains.shape_of(config), terrains.row_masks(config))
+
+
+def _compile():
+    from marsexplorer.compiled import kernel
+
+    solvable = terrains.solvable
+
+    def alone(bits, reach, shape, masks):
+        return solvable(bits, 0, reach, 0, shape, masks)
+
+    return kernel(alone)
+
+
+_solvable = _compile()
+
+
+def test_the_bonus_does_not_enter_the_draw():
+    for t in "123":
+        for m in "12":
+            pair = [generate(EnvConfig.of(f"{t}-{m}-{b}", 21), 9) for b in "12"]
+            assert (pair[0] == pair[1]).all()
+
+
+def test_terrains_stay_the_same_for_ever():
+    digest = hashlib.sha256()
+    for level in sorted(LEVELS):
+        for size in ((21, 21), (13, 70), (84, 30)):
+            for seed in (0, 7, MAX_SEED):
+                digest.update(np.packbits(generate(EnvConfig.of(level, size), seed)).tobytes())
+    assert digest.hexdigest() == "66983179ff197e579b51bd3239ba5880efdf2886ea3f3d765118a9eb2c11a14d"
+
+
+def test_no_solvable_draw_is_a_clear_error():
+    config = EnvConfig.of("3-2-1", (60, 84), beta=1.0)
+    assert attempts(config, 1) == 0
+    with pytest.raises(ValueError, match="choose another seed, a smaller size or a lower beta"):
+        generate(config, 1)
+    with pytest.raises(ValueError, match="with seed 1,"):
+        Episode.begin(config, seed=1)
+
+
+def test_seeds_follow_one_another_within_range():
+    seed, seen = 0, set()
+    for _ in range(1000):
+        seed = next_seed(seed)
+        assert 0 <= seed <= MAX_SEED
+        seen.add(seed)
+    assert len(seen) == 1000
+    assert next_seed(0) == reference.mix(reference.GOLDEN) >> 11
+
+
+@pytest.mark.parametrize(("seed", "error"), [(-1, ValueError), (2**53, ValueError), (1.5, TypeError), (True, TypeError)])
+def test_a_bad_seed_is_refused(seed, error):
+    with pytest.raises(error, match="seed must be"):
+        generate(EnvConfig(), seed)
+
+
+def test_packing_is_undone_by_unpacking():
+    for size, radius in (((5, 9), 1), ((21, 21), 6), ((7, 70), 8), ((12, 200), 31)):
+        config = EnvConfig.of("random", size, sensor_radius=radius)
+        cells = np.random.default_rng(1).random(size) < 0.5
+        assert (terrains.unpack(terrains.pack(cells, config), config) == cells).all()

@@ -1,0 +1,94 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { apply, initialState, modeOf, withFrame } from "../../static/common/game_state.js";
+
+/** @param {object} [changes] */
+export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
+  discovered: 3, coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0.4, outcome: null, ...changes });
+const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
+  rival: { session: "r1", policy: "frontier-cost", pace: { kind: "pace", mode: "follow", moves_per_second: 4 }, frame: frame({ episode: "x" }) }, ...changes });
+const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });
+const receive = (state, message, seat = "player") => apply(state, { kind: "received", seat, message });
+
+test("a session beside a policy fills both seats", () => {
+  const state = begun();
+  assert.equal(state.mode, "practice");
+  assert.equal(state.player.name, "You");
+  assert.equal(state.rival.name, "frontier-cost");
+  assert.equal(state.rival.pace.mode, "follow");
+  assert.deepEqual(state.player.trail, [[0, 0]]);
+});
+
+test("the mode is told by who plays and who stands beside", () => {
+  assert.equal(modeOf(about({ rival: null })), "ranked");
+  assert.equal(modeOf(about({ player: "frontier-cost" })), "watch");
+});
+
+test("each step lengthens trail and curve, and the state before is left as it was", () => {
+  const before = begun();
+  const after = receive(before, frame({ step: 1, position: [0, 1], discovered: 4 }));
+  assert.deepEqual(after.player.trail, [[0, 0], [0, 1]]);
+  assert.deepEqual(after.player.discovered, [3, 4]);
+  assert.deepEqual(before.player.trail, [[0, 0]]);
+  assert.equal(after.rival, before.rival);
+});
+
+test("the same frame twice, or an older one, changes no trail", () => {
+  const one = receive(begun(), frame({ step: 1, position: [0, 1] }));
+  const twice = receive(one, frame({ step: 1, position: [0, 1] }));
+  assert.equal(twice.player.trail.length, 2);
+  assert.equal(receive(one, frame()).player.frame.step, 1);
+});
+
+test("a skipped step leaves a gap, which the history fills", () => {
+  const gap = receive(begun(), frame({ step: 2, position: [1, 1] }));
+  assert.equal(gap.player.hasGap, true);
+  const whole = receive(gap, { kind: "history", episode: "e1", positions: [[0, 0], [0, 1], [1, 1]], discovered: [3, 4, 5] });
+  assert.equal(whole.player.hasGap, false);
+  assert.deepEqual(whole.player.discovered, [3, 4, 5]);
+});
+
+test("a history older than the frame leaves the gap open, one of another episode is ignored", () => {
+  const gap = receive(begun(), frame({ step: 2, position: [1, 1] }));
+  assert.equal(receive(gap, { kind: "history", episode: "e1", positions: [[0, 0], [0, 1]], discovered: [3, 4] }).player.hasGap, true);
+  assert.equal(receive(gap, { kind: "history", episode: "other", positions: [[0, 0]], discovered: [1] }).player, gap.player);
+});
+
+test("a history ahead of its frame is kept, and the frame then changes nothing in it", () => {
+  const ahead = receive(begun(), { kind: "history", episode: "e1", positions: [[0, 0], [0, 1]], discovered: [3, 4] });
+  assert.deepEqual(receive(ahead, frame({ step: 1, position: [0, 1] })).player.trail, [[0, 0], [0, 1]]);
+});
+
+test("a new episode begins a new trail", () => {
+  const next = receive(receive(begun(), frame({ step: 1, position: [0, 1] })), frame({ episode: "e2" }));
+  assert.deepEqual(next.player.trail, [[0, 0]]);
+});
+
+test("joining mid-episode asks for the history", () => {
+  assert.equal(begun({ frame: frame({ step: 7 }) }).player.hasGap, true);
+});
+
+test("a refusal repaints what the server holds", () => {
+  const state = receive(begun(), { kind: "refused", reason: "stale", frame: frame({ step: 1, position: [0, 1] }) });
+  assert.equal(state.player.frame.step, 1);
+});
+
+test("a policy's run stays beside a ranked episode until the next one begins, told by either side first", () => {
+  const ended = receive(begun({ rival: null }), frame({ step: 1, outcome: "collided" }));
+  const replay = apply(ended, { kind: "replay", about: about({ session: "p1", player: "ppo", rival: null }) });
+  assert.equal(replay.rival.isReplay, true);
+  assert.equal(receive(replay, frame({ step: 1, outcome: "collided" })).rival.session, "p1");
+  assert.equal(receive(replay, frame({ episode: "e2" })).rival, null);
+  assert.equal(apply(replay, { kind: "begun", about: about({ rival: null, frame: frame({ episode: "e2" }) }) }).rival, null);
+});
+
+test("an error becomes a sentence that can be dismissed, once however often it is said", () => {
+  const one = receive(receive(begun(), { kind: "error", detail: "no" }), { kind: "error", detail: "no" });
+  assert.equal(one.notices.length, 1);
+  assert.equal(apply(one, { kind: "dismiss", id: one.notices[0].id }).notices.length, 0);
+});
+
+test("withFrame is pure", () => {
+  const board = Object.freeze({ ...begun().player, trail: Object.freeze([[0, 0]]), discovered: Object.freeze([3]) });
+  assert.equal(withFrame(board, frame({ step: 1 })).trail.length, 2);
+});

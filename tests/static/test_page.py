@@ -1,0 +1,142 @@
+"""The page's pure modules under node's own runner, and what can be said about its files without a browser."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from app.play import messages
+from marsexplorer.config import ACTIONS, OUTCOMES
+
+ROOT = Path(__file__).parent.parent.parent
+STATIC = ROOT / "static"
+MODULES = sorted(STATIC.rglob("*.js"))
+PAGES = sorted(STATIC.glob("*/index.html"))
+
+
+def test_the_pure_modules_pass_under_node():
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("NO NODE: the page's pure modules were not tested; install node 20 or newer")
+    done = subprocess.run(
+        [node, "--test", *map(str, sorted(Path(__file__).parent.glob("*.test.mjs")))],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    if "bad option: --test" in done.stderr:
+        pytest.skip("OLD NODE: the page's pure modules were not tested; install node 20 or newer")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"# pass [1-9]", done.stdout)
+
+
+def name_of(path):
+    return str(path.relative_to(STATIC))
+
+
+def page_of(module):
+    """The page a module is written for: the one in its folder, else the playground."""
+    return STATIC / ("play" if module.parent.name in ("common", "viewer") else module.parent.name) / "index.html"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_a_module_is_checked_small_and_alone(path):
+    text = path.read_text()
+    assert text.startswith("// @ts-check\n")
+    assert len(text.splitlines()) <= 250
+    for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
+        assert (path.parent / name).is_file(), f"{path.name} imports {name}: the page runs from its own files"
+    if path.name != "main.js":
+        assert "main.js" not in re.findall(r'from "\./([^"]+)"', text)
+
+
+def test_the_page_asks_nobody_but_us():
+    for path in [*PAGES, *STATIC.rglob("*.css"), *MODULES]:
+        strange = set(re.findall(r"https?://[\w.]+", path.read_text())) - {"http://www.w3.org"}  # the name of SVG
+        assert not strange, f"{path.name} names {strange}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_the_addresses_in_a_page_are_relative(page):
+    found = re.findall(r'(?:href|src|action)="([^"]*)"', page.read_text())
+    assert found
+    assert not [url for url in found if url.startswith("/")]
+
+
+def test_every_id_the_page_looks_up_is_there():
+    for path in MODULES:
+        ids = set(re.findall(r'\bid="([^"]+)"', page_of(path).read_text()))
+        asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"\)', path.read_text()))
+        assert asked <= ids, f"{path.name} looks for {asked - ids}"
+
+
+def luminance(colour):
+    """The relative luminance of "#rrggbb" (WCAG 2)."""
+    parts = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(one, other):
+    bright, dark = sorted([luminance(one), luminance(other)], reverse=True)
+    return (bright + 0.05) / (dark + 0.05)
+
+
+def palette(name):
+    """The colours of a palette: those of style.css, and what study.css puts in their place."""
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "common/style.css").read_text()))
+    changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study/study.css").read_text(), re.S)
+    return colours | dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else ""))
+
+
+@pytest.mark.parametrize(("name", "least"), [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)])
+@pytest.mark.parametrize("ink", ["text", "muted", "accent", "rival", "alarm"])
+@pytest.mark.parametrize("ground", ["night", "panel", "raised"])
+def test_text_stands_out_from_its_ground(ink, ground, name, least):
+    colours = palette(name)
+    assert contrast(colours[ink], colours[ground]) >= least
+
+
+def test_the_board_reads_in_greyscale():
+    board = (STATIC / "common/board.js").read_text()
+    unknown, free, obstacle = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', board).group(1) for mark in "?.#")
+    style = (STATIC / "common/style.css").read_text()
+    rover = re.search(r"--accent: (#[0-9a-f]{6})", style).group(1)
+    order = [luminance(colour) for colour in (unknown, free, rover, obstacle)]
+    assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
+    assert all(
+        contrast(dark, bright) > 1.35 for dark, bright in zip([unknown, free, rover], [free, rover, obstacle], strict=True)
+    )
+
+
+@pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])
+def test_the_boards_of_the_study_read_in_greyscale(name, least):
+    block = (STATIC / "study/palettes.js").read_text().split(f'"{name}": {{')[1]
+    unknown, free, rock = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#")
+    rover = palette(name)["accent"]
+    assert contrast(unknown, free) > least
+    assert contrast(free, rover) > least
+    assert contrast(free, rock) > least
+
+
+def listed(name):
+    """The strings of an exported list in static/common/messages.js."""
+    text = (STATIC / "common/messages.js").read_text()
+    return re.findall(r'"([^"]+)"', re.search(rf"export const {name} = .*?\[(.*?)\]", text, re.S).group(1))
+
+
+def test_the_page_and_the_server_name_the_same_messages():
+    assert listed("FRAME_FIELDS") == [field.alias or name for name, field in messages.Frame.model_fields.items()]
+    assert listed("THOUGHT_FIELDS") == list(messages.Thought.model_fields)
+    assert listed("KEPT_FIELDS") == list(messages.Kept.model_fields)
+    told = [get_args(model.model_fields["kind"].annotation)[0] for model in (messages.Thought, messages.Kept)]
+    assert listed("FROM_SERVER")[-2:] == told
+    assert listed("ACTIONS") == list(ACTIONS)
+    assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
+    sent = [messages.Act.model_fields["kind"].default, *get_args(messages.AskHistory.model_fields["kind"].annotation)]
+    sent += get_args(messages.Events.model_fields["kind"].annotation)
+    assert listed("TO_SERVER") == sent
+    act = (STATIC / "common/messages.js").read_text()
+    for name in messages.Act.model_fields:
+        assert re.search(rf"\b{name}\b", act), f"an act carries {name}"

@@ -1,0 +1,29 @@
+"""What the browser tests share: where Chromium is, how it is started, where pictures go."""
+
+import random
+import shutil
+import socket
+from contextlib import suppress
+from pathlib import Path
+
+SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
+KEY_OF = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
+QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--no-sandbox"]
+SOFTWARE_3D = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+NO_3D = ["--disable-gpu", "--disable-3d-apis"]
+AS_A_PERSON = ["--disable-blink-features=AutomationControlled"]
+"""The page never calls a driven browser's keys human; tests of what a person's keys do take that mark away."""
+
+
+def chromium_path():
+    """Return where Chromium is, or None."""
+    return shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+
+
+def free_port():
+    """Return a port nobody listens on, below those that the system hands out meanwhile."""
+    while True:
+        port = random.randrange(20_000, 32_000)
+        with socket.socket() as sock, suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            return port

@@ -1,0 +1,84 @@
+"""Real episodes put into a store the way the server does it, for the tests of what stands on it."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Sequence
+
+from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+
+SMALL = EnvConfig("random", 5, 7, sensor_radius=2)
+NOW = int(time.time() * 1000)
+_numbers = itertools.count()
+
+
+def add_session(store: Store, player: str | None = "ada", driver: str = "human", rival_of: str | None = None) -> str:
+    """Return the id of a new session."""
+    if player is not None:
+        store.add_player(player, NOW)
+    session = f"session-{next(_numbers)}"
+    store.add_session(SessionRow(session, player, driver, rival_of, "follow", 2.0, NOW))
+    return session
+
+
+def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMALL, number: int = 0, **rest):
+    """Return the row of a new open episode and the episode itself."""
+    episode = Episode.begin(config, seed=seed)
+    given = {"seed_chosen": False, "driver": "human", "assisted": False, "started_ms": NOW + next(_numbers), **rest}
+    row = EpisodeRow(
+        id=f"episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
+        terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
+    )  # fmt: skip
+    store.open_episode(row)
+    return row, episode
+
+
+def add_steps(store: Store, row: EpisodeRow, episode: Episode, actions: Sequence[int], driver: str = "human") -> None:
+    """Return with the moves made and stored, up to the ending; the ending closes the episode."""
+    for action in actions:
+        if episode.ended:
+            return
+        reward = episode.step(action)
+        at = NOW + 10 * episode.steps
+        hand = "key" if driver == "human" else None
+        step = StepRow(
+            row.id, episode.steps - 1, action, reward, episode.discovered, at, at + 0.5, 1.25, 80.5, hand, driver
+        )  # fmt: skip
+        store.add_step(step, episode.record() if episode.ended else None)
+
+
+def tour(episode: Episode) -> list[int]:
+    """Return actions that explore an episode's terrain: nearest frontier by what is true."""
+    from marsexplorer.policies import load
+
+    policy, twin = load("frontier-cost", episode.config.sensor_radius), Episode.begin(episode.config, seed=episode.seed)
+    policy.reset(0)
+    while not twin.ended:
+        twin.step(policy.act(twin.observation()))
+    return list(twin.actions)
+
+
+def play(
+    store: Store, seed: int, player: str | None = "ada", explore: bool = False, config: EnvConfig = SMALL, **rest
+) -> EpisodeRow:
+    """Return the row of a finished episode in a session of its own: a tour, or two moves and abandoned."""
+    session = add_session(store, player)
+    row, episode = open_episode(store, session, seed, config, **rest)
+    driver = rest.get("driver", "human")
+    add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
+    if not episode.ended:
+        episode.abandon()
+        store.close_episode(row.id, episode.record(), NOW + 1000)
+    return row
+
+
+def free_moves(episode: Episode) -> list[int]:
+    """Return a move to a free neighbour and back, some times over."""
+    row, col = episode.start
+    if not episode.terrain[row, col + 1]:
+        return [1, 3] * 5
+    assert not episode.terrain[row + 1, col]
+    return [2, 0] * 5

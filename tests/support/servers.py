@@ -1,0 +1,172 @@
+"""Servers for the tests: the real thing on a real port, each with its own app and database."""
+
+import http.cookiejar
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import httpx
+import pytest
+import uvicorn
+from websockets.sync.client import connect
+
+PATIENCE_S = 60.0
+"""How long anything in a test may take before it counts as never."""
+
+
+def eventually(claim, seconds=PATIENCE_S):
+    """Return the first true value of `claim()`; fail after `seconds`."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = claim()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f"not within {seconds} s: {claim}")
+
+
+def forged(cookie):
+    """Return a signed cookie with another signature (not its last character: two of that one's bits say nothing)."""
+    body, sign = cookie[:-8], cookie[-8:]
+    return body + ("A" if sign[0] != "A" else "B") + sign[1:]
+
+
+class Socket:
+    """A websocket client that speaks JSON and sorts what comes."""
+
+    def __init__(self, connection):
+        self.connection = connection
+
+    def send(self, message):
+        self.connection.send(message if isinstance(message, str | bytes) else json.dumps(message))
+
+    def receive(self, kind=None, seconds=PATIENCE_S):
+        """Return the next message, the next of a kind when one is named."""
+        while True:
+            message = json.loads(self.connection.recv(timeout=seconds))
+            if kind in (None, message["kind"]):
+                return message
+
+    def act(self, frame, action, **rest):
+        self.send({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, **rest})
+
+    def frame_after(self, step):
+        """Return the first frame with more moves than `step`."""
+        while (frame := self.receive("frame"))["step"] <= step:
+            pass
+        return frame
+
+
+class Running:
+    """A server at `url`, and clients for it."""
+
+    def __init__(self, port):
+        self.port, self.url = port, f"http://127.0.0.1:{port}"
+        self.app = None
+        self._clients = []
+
+    def client(self, **rest):
+        client = httpx.Client(base_url=self.url, timeout=PATIENCE_S, trust_env=False, **rest)
+        self._clients.append(client)
+        return client
+
+    @contextmanager
+    def socket(self, session_id, client=None, origin=True, path="/ws/sessions/", **headers):
+        """Yield a Socket with the client's cookie and the page's Origin, as a browser would."""
+        if client is not None and (cookie := "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)):
+            headers["Cookie"] = cookie
+        own = self.url if origin is True else origin or None
+        url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
+        with connect(
+            url, origin=own, additional_headers=headers, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
+        ) as connection:
+            yield Socket(connection)
+
+    def close(self):
+        for client in self._clients:
+            client.close()
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
+    from app.server import create_app, listen, uvicorn_config
+    from app.settings import Settings
+
+    running = []
+
+    def start(sources=None, policies=None, **settings):
+        settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", **settings}
+        sock = listen("127.0.0.1", 0)
+        server = Running(sock.getsockname()[1])
+        server.app = create_app(Settings(**settings), sources, policies)
+        engine = uvicorn.Server(uvicorn_config(server.app))
+        thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
+        thread.start()
+        eventually(lambda: engine.started or not thread.is_alive(), 240)  # the rules are compiled first, perhaps
+        assert engine.started
+
+        def stop():
+            if thread.is_alive():
+                engine.should_exit = True
+                thread.join(PATIENCE_S)
+                assert not thread.is_alive(), "the server did not stop"
+            sock.close()
+            server.close()
+
+        server.stop = stop
+        running.append(server)
+        return server
+
+    yield start
+    for server in running:
+        server.stop()
+
+
+@pytest.fixture
+def server(serve):
+    """One server with the defaults."""
+    return serve()
+
+
+@pytest.fixture
+def spawn(tmp_path):
+    """`spawn()` starts a server in a process of its own that can be killed; the same database every time."""
+    processes = []
+
+    def start(**settings):
+        settings = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies"), "port": 0, **settings}
+        code = f"from app.server import run; from app.settings import Settings; run(Settings(**{settings!r}))"
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ
+        )
+        processes.append(process)
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if "is open at" in line:
+                break
+        assert said, "the server said nothing"
+        assert "is open at" in said[-1], "".join(said)
+        server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
+        server.process, server.said = process, said
+        server.kill = lambda: (process.send_signal(signal.SIGKILL), process.wait(), process.stdout.close(), server.close())
+        return server
+
+    yield start
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+
+@pytest.fixture
+def no_cookies():
+    """A cookie policy for clients that keep none: a script without a jar."""
+    return http.cookiejar.DefaultCookiePolicy(allowed_domains=[])

@@ -1,0 +1,160 @@
+"""Small studies in real databases: what a server would have kept, written with the store and plain inserts."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+
+from app.storage import digests
+from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from app.study.folder import Folder
+from app.study.protocol import default_protocol
+from app.study.seeds import TUTORIAL_SEED, order
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+
+_fields = itertools.count()
+CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
+BEGAN = 1_790_000_000_000
+IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-session-{}"}
+"""What must never be found in a release, by participant."""
+
+
+def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
+    """Return a frozen study of 2 + 3 episodes, closed unless told otherwise."""
+    folder = Folder(root)
+    known = {"warm_up": 2, "ranked": 3, "players": 3, "policies": ("random",), "debrief_policy": "random", **rest}
+    folder.create(default_protocol(name, config, **known))
+    study = folder.freeze(name)
+    return folder.close(name) if close else study
+
+
+class Field:
+    """A store in which participants play a study."""
+
+    def __init__(self, path, study):
+        self.path, self.study = path, study
+        self.store = Store(path)
+        self.conn = self.store.connection
+        self.clock = BEGAN
+        self.random = random.Random(next(_fields))
+        self.store.secret()
+        protocol = json.dumps(study.protocol.model_dump(mode="json"))
+        revealed = None if study.is_open else study.secret.hex()
+        told = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
+        self.insert("studies", study.name, protocol, *told)
+
+    def insert(self, table, *values):
+        self.conn.execute(f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values)
+
+    def tick(self, ms=100):
+        self.clock += ms
+        return self.clock
+
+    def token(self):
+        return self.random.randbytes(16).hex()
+
+    def join(self, number, kind="human", stage="complete", consent=True, outside=IDENTITIES):
+        """Return a participant's id, with an identity, stage events and a session."""
+        participant, player, session = self.token(), f"player-{self.token()}", f"session-{self.token()}"
+        now = self.tick(1000)
+        self.store.add_player(player, now)
+        self.store.add_session(SessionRow(session, player, "human", None, "follow", 2.0, now))
+        done = stage in ("debrief", "complete")
+        self.insert("participants", participant, self.study.name, player, session, kind,
+                    "noisy-frontier" if kind == "script" else None, stage, "1" if consent else None,
+                    now + 1 if consent else None, now, now + 9 if done else None, f"CODE-{number}-{self.token()[:6]}",
+                    json.dumps({"modality": "keyboard"}))  # fmt: skip
+        for name, value in outside.items():
+            self.insert("identities", participant, name, value.format(number))
+        for event, kind_of in enumerate(("joined", "stage", "answers")):
+            self.insert("stage_events", participant, event, now + event, kind_of, json.dumps({"session": session, "n": event}))
+        digests.seal(self.conn, "participant", participant)
+        return participant
+
+    def play(self, participant, phase, trial, how="tour"):
+        """Return the id of an episode played to its end: a tour, `crash`, `abandon` after two moves, `idle` or left `open`."""
+        study = self.study
+        if phase == "tutorial":
+            terrain, seed = 0, TUTORIAL_SEED
+        elif phase == "warm_up":
+            terrain, seed = trial, study.seed("warm-up", trial)
+        else:
+            terrain = order(study.secret, study.protocol_hash, participant, study.protocol.ranked)[trial]
+            seed = study.seed("ranked", terrain)
+        (session, kind) = self.conn.execute(
+            "SELECT session_id, kind FROM participants WHERE id = ?", [participant]
+        ).fetchone()  # fmt: skip
+        driver = "human" if kind == "human" else "script"
+        (number,) = self.conn.execute("SELECT count(*) FROM episodes WHERE session_id = ?", [session]).fetchone()
+        config = study.protocol.env_config
+        episode = Episode.begin(config, seed=seed)
+        ident = f"episode-{self.token()[:12]}"
+        self.store.open_episode(
+            EpisodeRow(ident, session, number, config, seed, False, episode.record().terrain, episode.start, 3, driver, False,
+                       self.tick())
+        )  # fmt: skip
+        self.insert("study_episodes", ident, participant, phase, trial, terrain)
+        self._events(ident, 0, 0)
+        for action in self._actions(episode, how):
+            reward = episode.step(action)
+            hand = "key" if driver == "human" else None
+            self._events(ident, 2 * episode.steps, episode.steps)
+            step = StepRow(ident, episode.steps - 1, action, reward, episode.discovered, self.tick(), self.clock / 7,
+                           self.clock / 7 - 1.5, self.clock / 7 + 80.25, hand, driver)  # fmt: skip
+            self.store.add_step(step, episode.record() if episode.ended else None)
+        if how in ("abandon", "idle") and not episode.ended:
+            episode.abandon()
+            self.store.close_episode(ident, episode.record(), self.tick())
+        self._events(ident, 1000, episode.steps)
+        return ident
+
+    def _events(self, ident, number, step):
+        for extra, kind in enumerate(("keydown", "keyup")):
+            row = (ident, number + extra, kind, "ArrowUp", 0, 1, self.clock / 7 + extra, step, 12.5, self.clock)
+            self.insert("input_events", *row)
+        digests.extend_events(self.conn, ident, number)
+
+    def _actions(self, episode, how):
+        if how == "idle":
+            return []
+        if how in ("abandon", "open"):
+            return _there_and_back(episode)
+        if how == "crash":
+            return [0]
+        return _tour(episode)
+
+    def close(self):
+        self.store.close()
+
+
+def _there_and_back(episode):
+    return [1, 3] if not episode.terrain[0, 1] else [2, 0]
+
+
+def _tour(episode):
+    from marsexplorer.policies import load
+
+    config = episode.config
+    policy, twin = load("frontier-cost", config.sensor_radius), Episode.begin(config, seed=episode.seed)
+    policy.reset(0)
+    while not twin.ended:
+        twin.step(policy.act(twin.observation()))
+    return list(twin.actions)
+
+
+def play_study(path, study, kinds=("human", "human", "script"), first=0):
+    """Return the participants' ids of a study played to its end by a few, with every sort of ending, in a closed file."""
+    field = Field(path, study)
+    people = []
+    for number, kind in enumerate(kinds, first):
+        person = field.join(number, kind)
+        people.append(person)
+        field.play(person, "tutorial", 0, "idle" if number == 1 else "abandon")
+        for trial in range(study.protocol.warm_up):
+            field.play(person, "warm_up", trial, "crash" if trial else "tour")
+        for trial in range(study.protocol.ranked):
+            field.play(person, "ranked", trial, "abandon" if number == trial == 0 else "tour")
+    field.close()
+    return people
