@@ -23,23 +23,23 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from app.play.agent import Policies
-from app.play.lobby import Lobby, Sources, UnknownSession
+from app.play.lobby import Lobby, Sources, UnknownSessionError
 from app.play.validation import NO_BODY, sentence
 from app.settings import ROOT, Settings
 from app.storage.store import Store, StoreError
 from app.study.debrief import Debriefs
 from app.study.folder import Folder
-from app.study.progress import Flow
+from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
 from app.web import api, api_docs, sockets
 from app.web.access import enter
-from app.web.admin import Console
+from app.web.admin import AdminServices
 from app.web.admin import router as admin_routes
-from app.web.admin_login import Door
-from app.web.cookies import Players, has_own_origin
+from app.web.admin_login import AdminLogin
+from app.web.cookies import PlayerCookies, has_own_origin
 from app.web.leaderboard import Leaderboard
 from app.web.leaderboard import router as leaderboard_routes
-from app.web.middleware import Guard
+from app.web.middleware import SecurityHeaders
 from app.web.study import router as study_routes
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
@@ -68,11 +68,11 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         lobby = Lobby(store, on_offer, sources or Sources(), settings.idle_s)
         viewer = Viewer()
         app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
-        app.state.players = Players(store.secret())
-        app.state.flow, app.state.debriefs = Flow(lobby, Folder(settings.studies)), Debriefs(store)
+        app.state.players = PlayerCookies(store.secret())
+        app.state.progress, app.state.debriefs = ParticipantProgress(lobby, Folder(settings.studies)), Debriefs(store)
         app.state.leaderboard = Leaderboard(store.path, on_offer.offers())
         if app.state.door:
-            app.state.console = Console(app.state.door, app.state.flow, settings.studies)
+            app.state.console = AdminServices(app.state.door, app.state.progress, settings.studies)
         sweeper = asyncio.create_task(lobby.sweep(), name="sweep")
         gc.collect()
         gc.freeze()  # what is loaded stays: collections that walk it would hold a move up for tens of milliseconds
@@ -91,9 +91,9 @@ def create_app(settings: Settings, sources: Sources | None = None, policies: Pol
         title="MarsExplorer Playground", version=CORE_VERSION, description=DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    app.state.door = Door.of(settings)
+    app.state.door = AdminLogin.of(settings)
     app.state.is_admin = app.state.door.admits if app.state.door else lambda connection: False
-    app.add_middleware(Guard)
+    app.add_middleware(SecurityHeaders)
     _add_errors(app)
     app.include_router(api.router)
     app.include_router(study_routes)
@@ -130,7 +130,7 @@ def _add_errors(app: FastAPI) -> None:
         return JSONResponse({"detail": detail}, error.status_code, error.headers)
 
     app.add_exception_handler(HTTPException, http_error)
-    app.add_exception_handler(UnknownSession, answer(404))
+    app.add_exception_handler(UnknownSessionError, answer(404))
     app.add_exception_handler(StoreError, answer(503))
     app.add_exception_handler(RequestValidationError, bad_input)
 
@@ -149,7 +149,7 @@ def _add_viewer(app: FastAPI) -> None:
             return
         try:
             session = await enter(websocket, session_id)
-        except UnknownSession:
+        except UnknownSessionError:
             await websocket.accept()
             await websocket.close(sockets.UNKNOWN_SESSION, "unknown session")
             return
@@ -222,7 +222,7 @@ def _policy_errors() -> Iterator[None]:
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C; ServerError or StoreError before anything starts when it cannot."""
     try:
-        Door.of(settings)
+        AdminLogin.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
     with listen(settings.host, settings.port) as sock:

@@ -24,7 +24,7 @@ _KEPT = 500
 """Characters of a failed command's sentence."""
 
 
-class NotNow(Exception):  # noqa: N818 - says what it is
+class ExportRunningError(Exception):
     """The export cannot begin; the message says why."""
 
 
@@ -60,9 +60,9 @@ class Exports:
         return {what: making and making.to_dict() for what, making in made.items()}
 
     def begin(self, study: str, what: What, authors: tuple[str, ...] = ()) -> None:
-        """Begin an export; NotNow while any is being made."""
+        """Begin an export; ExportRunningError while any is being made."""
         if any(making.state == "making" for making in self._made.values()):
-            raise NotNow("another export is being made: wait until it is done")
+            raise ExportRunningError("another export is being made: wait until it is done")
         if old := self._made.pop((study, what), None):
             shutil.rmtree(old.folder, ignore_errors=True)
         if self._root is None:

@@ -9,7 +9,7 @@ from typing import Any
 from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
-from app.study.records import Records, label
+from app.study.records import Records, participant_label
 
 MOST = 60
 """Boards in a list."""
@@ -19,14 +19,14 @@ def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
     """Return the boards that somebody sits at now, a person or a script, participants' first; no player's id."""
     found = []
     live = [session for session in lobby.sessions() if session.is_human and session.channel.followers]
-    for session in sorted(live, key=lambda session: session.seat is None)[:MOST]:
+    for session in sorted(live, key=lambda session: session.participation is None)[:MOST]:
         participant = records.seated_at(session.id)
         trial = next((each for each in records.trials(participant.id)[::-1]), None) if participant else None
         found.append(
             {
                 "session": session.id,
                 "study": participant and participant.study,
-                "label": participant and label(participant.id),
+                "label": participant and participant_label(participant.id),
                 "kind": participant.kind if participant else session.current.driver,
                 "phase": trial and trial.phase,
                 "trial": trial and trial.trial,

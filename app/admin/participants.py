@@ -18,7 +18,7 @@ from app.report import live_figure
 from app.storage.reader import Reader, config_of
 from app.study.data import load
 from app.study.protocol import StudyError
-from app.study.records import Stage, label
+from app.study.records import Stage, participant_label
 from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
@@ -52,7 +52,7 @@ def participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]
         found.append(
             {
                 **row,
-                "label": label(row["id"]),
+                "label": participant_label(row["id"]),
                 "last_ms": last_ms,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
                 "left_at": left.get(row["id"]),
@@ -113,7 +113,11 @@ class Figures:
         found = [(name, trial.participant) for trial in data.trials if trial.participant in people for name in trial.labels]
         counts = Counter(name for name, _ in found)
         by_label = [
-            {"label": name, "episodes": number, "participants": sorted({label(who) for each, who in found if each == name})}
+            {
+                "label": name,
+                "episodes": number,
+                "participants": sorted({participant_label(who) for each, who in found if each == name}),
+            }
             for name, number in counts.most_common()
         ]
         return {"figure": live_figure(data), "labels": by_label}

@@ -120,7 +120,7 @@ def _places(json_path: Path | None, csv_path: Path | None, plots: Path | None) -
 def _evaluated(request: Request) -> Table:
     from marsexplorer.evaluation import evaluate as measure
     from marsexplorer.evaluation.cluster import ClusterError
-    from marsexplorer.policies import PolicyFileError, PolicyNotFound
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     with progress("playing") as advance:
         try:
@@ -137,7 +137,7 @@ def _evaluated(request: Request) -> Table:
             )
         except ClusterError as error:
             raise click.ClickException(str(error)) from error
-        except (PolicyNotFound, PolicyFileError, ValueError) as error:
+        except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
             raise click.UsageError(str(error)) from error
         except OSError as error:
             raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error

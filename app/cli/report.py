@@ -82,14 +82,14 @@ def _made(name: str, database: Path, studies: Path, synthetic: bool, with_polici
 
 def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
     from app.report.policies import play
-    from marsexplorer.policies import PolicyFileError, PolicyNotFound
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     protocol = data.protocol
     names = list(dict.fromkeys((*protocol.policies, "random")))
     with progress("policies on the same terrains") as advance:
         try:
             return interruptible(lambda: play(names, protocol.env_config, seeds, protocol.ranked, advance))
-        except (PolicyNotFound, PolicyFileError) as error:
+        except (PolicyNotFoundError, PolicyFileError) as error:
             raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
 
 

@@ -67,9 +67,9 @@ def simulate(
     import asyncio
 
     from app.simulate.outcome_log import Tally
-    from app.simulate.participant import Over
+    from app.simulate.participant import StudyOverError
     from app.simulate.persona import deal
-    from app.simulate.run import NotReady, Plan, check, simulate
+    from app.simulate.run import Plan, StudyNotReadyError, check, simulate
 
     tally, url = Tally(), url.rstrip("/")
     try:
@@ -77,9 +77,9 @@ def simulate(
         plan = Plan(url, study, deal(kinds, count), population, seed, speed, patience, state)
         with progress(f"{count} players") as advance:
             asyncio.run(simulate(plan, tally, advance))
-    except NotReady as error:
+    except StudyNotReadyError as error:
         raise click.UsageError(str(error)) from error
-    except Over as error:
+    except StudyOverError as error:
         _print(tally)
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:

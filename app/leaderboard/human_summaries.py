@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from app.leaderboard.worker import of_episode
-from app.statistics.summaries import Played, curve, trials, visits
+from app.statistics.summaries import EpisodeSummary, curve, trials, visits
 from app.storage.reader import Reader, record_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
@@ -31,7 +31,7 @@ class People:
 
 def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
     rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
-    people: dict[str, list[Played]] = {}
+    people: dict[str, list[EpisodeSummary]] = {}
     for row in rows[-MOST:]:
         try:
             episode = replay(record_of(row, reader.steps(row["id"])))

@@ -12,7 +12,7 @@ import numpy as np
 from app.report import live_figure
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.group_summaries import of_groups
-from app.statistics.summaries import Played, trials
+from app.statistics.summaries import EpisodeSummary, trials
 from app.storage.reader import Reader
 from app.study.data import StudyData, load
 from app.study.seeds import seed
@@ -54,7 +54,9 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     cohort = people_of(data)
     rules = data.protocol.exclusion.get(figure["set"], {})
     ranked = [cohort.ranked[person] for person in members(cohort, rules)]
-    groups = [[Played(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ()) for each in own] for own in ranked]
+    groups = [
+        [EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ()) for each in own] for own in ranked
+    ]
     completed = float(np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups]))
     pictures = of_groups(reader, data, synthetic=False).get("people", {})
     plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}

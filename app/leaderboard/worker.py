@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Any
 
-from app.statistics.summaries import Played, figure
+from app.statistics.summaries import EpisodeSummary, figure
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -33,17 +33,17 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
     """Return the figure of a job, telling of each episode on the way."""
     config = EnvConfig(**job["config"])
     policy = policies.load(job["policy"], config.sensor_radius)
-    groups: list[list[Played]] = []
+    groups: list[list[EpisodeSummary]] = []
     for seed in job["seeds"]:
         groups.append([of_episode(drive(policy, config, seed))])
         tell({"done": len(groups)})
     return figure(config, groups)
 
 
-def of_episode(episode: Episode) -> Played:
+def of_episode(episode: Episode) -> EpisodeSummary:
     """Return what figures need of a finished episode."""
     steps = steps_to_target(episode.config, episode.outcome, episode.steps)
-    return Played(episode.outcome, episode.score, steps, episode.discoveries, episode.path)
+    return EpisodeSummary(episode.outcome, episode.score, steps, episode.discoveries, episode.path)
 
 
 def tell(message: dict[str, Any]) -> None:

@@ -17,13 +17,13 @@ from functools import partial
 
 from app.play.agent import ALONE_PER_SECOND, Agent, Decisions, Policies
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
-from app.play.session import HUMAN, Seat, Session, resume
+from app.play.session import HUMAN, Participation, Session, resume
 from app.storage.store import EpisodeRow, SessionRow, Store, StoreError
 from marsexplorer.config import MAX_SEED, EnvConfig
 from marsexplorer.episode import Episode
 
 
-class UnknownSession(LookupError):  # noqa: N818 - says what it is
+class UnknownSessionError(LookupError):
     """No session goes by this id, or none that is the asker's to see."""
 
     def __init__(self, session_id: str, why: str | None = None) -> None:
@@ -68,11 +68,11 @@ Within = Callable[[EpisodeRow], AbstractContextManager[None]]
 
 
 class Lobby:
-    """All sessions of one server; `seat_of` gives the participant's seat of a session's id, None outside of studies."""
+    """All sessions of one server; `participation_of` gives a session's participation in a study by its id."""
 
     def __init__(self, store: Store, policies: Policies, sources: Sources, idle_s: float) -> None:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
-        self.seat_of: Callable[[str], Seat | None] = lambda session_id: None
+        self.participation_of: Callable[[str], Participation | None] = lambda session_id: None
         self._groups: dict[str, Group] = {}
         self._waking = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "policies")
@@ -106,12 +106,12 @@ class Lobby:
         self._open(boards, episodes, seed, wanted.seed is not None)
         player = self._admit(boards).player
         if shown is not None:
-            player.is_second, player.beside, shown.beside = True, shown, player
+            player.is_second, player.paired_with, shown.paired_with = True, shown, player
             shown.channel.nudge()
         return player
 
     async def get(self, session_id: str) -> Session:
-        """Return the session, brought back to memory if it slept; UnknownSession when there is none."""
+        """Return the session, brought back to memory if it slept; UnknownSessionError when there is none."""
         group = self._groups.get(session_id) or await self._wake(session_id)
         session = next(board for board in group.boards if board.id == session_id)
         session.touched = time.monotonic()
@@ -133,13 +133,13 @@ class Lobby:
             self.policies.check_size((board.row.driver_name for board in group.boards), config)
             seed, episodes = await self._draw(config, wanted.seed, len(group.boards))
             self._open(group.boards, episodes, seed, wanted.seed is not None)
-            group.player.beside = group.rival  # a replay belonged to the episode before
+            group.player.paired_with = group.rival  # a replay belonged to the episode before
 
-    def new_board(self, player_id: str, seat: Seat) -> Session:
+    def new_board(self, player_id: str, participation: Participation) -> Session:
         """Return a participant's board, known to nobody before `begin` opens its first episode."""
         id_, now = self.sources.session_id(), self.sources.clock_ms()
         row = SessionRow(id_, player_id, HUMAN, None, "paused", ALONE_PER_SECOND, now)
-        return Session(row, self.store, self.sources.clock_ms, seat)
+        return Session(row, self.store, self.sources.clock_ms, participation)
 
     async def begin(self, board: Session, config: EnvConfig, seed: int, within: Within) -> None:
         """Return with the next episode of a participant's board begun, on the terrain of a seed that the study fixed."""
@@ -192,7 +192,7 @@ class Lobby:
         session = await self.get(session_id)
         if driver == HUMAN:
             raise ValueError("only a policy replays another session's episode; name one as player")
-        if session.seat is not None or not session.episode.ended:
+        if session.participation is not None or not session.episode.ended:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
@@ -240,7 +240,7 @@ class Lobby:
         player, rival = boards[0], boards[1] if len(boards) > 1 else None
         group = Group(player, rival, asyncio.Lock(), {})
         if rival is not None:
-            player.beside, rival.beside = rival, player
+            player.paired_with, rival.paired_with = rival, player
         for board in boards:
             self._groups[board.id] = group
             if not board.is_human:
@@ -257,16 +257,16 @@ class Lobby:
             ids = [player_id, self._rivals.get(player_id)]
             rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
             if found is None or rows[0] is None:
-                raise UnknownSession(session_id)
+                raise UnknownSessionError(session_id)
             kept = [row for row in rows if row is not None]
             try:
                 clock = self.sources.clock_ms
                 boards = [await asyncio.to_thread(resume, row, self.store, clock) for row in kept]
             except ValueError as error:
-                raise UnknownSession(session_id, f"session {session_id!r} cannot be resumed: {error}") from error
+                raise UnknownSessionError(session_id, f"session {session_id!r} cannot be resumed: {error}") from error
             for board in boards:
-                board.seat = self.seat_of(board.id)
-                if board.seat is not None:
+                board.participation = self.participation_of(board.id)
+                if board.participation is not None:
                     board.tell()
             return self._admit(boards)
 

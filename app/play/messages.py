@@ -38,7 +38,7 @@ PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class BadMessage(ValueError):  # noqa: N818 - the word of the protocol
+class BadMessageError(ValueError):
     """A message that is none of ours; its text is the sentence for whoever sent it."""
 
 
@@ -217,14 +217,14 @@ _CLIENT: TypeAdapter[Act | AskHistory | Events] = TypeAdapter(ClientMessage)
 
 
 def parse(text: str) -> Act | AskHistory | Events:
-    """Return the message a socket sent; BadMessage with one sentence when it is none."""
+    """Return the message a socket sent; BadMessageError with one sentence when it is none."""
     size = len(text.encode())
     if size > MAX_BYTES:
-        raise BadMessage(f"a message must be at most {MAX_BYTES} bytes, got {size}")
+        raise BadMessageError(f"a message must be at most {MAX_BYTES} bytes, got {size}")
     try:
         return _CLIENT.validate_json(text)
     except ValidationError as error:
-        raise BadMessage(sentence(error.errors(include_url=False))) from None
+        raise BadMessageError(sentence(error.errors(include_url=False))) from None
 
 
 def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:

@@ -12,12 +12,12 @@ from marsexplorer.episode import Episode
 
 def player_of(session: Session) -> Session:
     """Return the player's of the two boards: the session itself unless it is the second."""
-    return session.beside if session.is_second and session.beside is not None else session
+    return session.paired_with if session.is_second and session.paired_with is not None else session
 
 
 def ghost_of(session: Session) -> Episode | None:
     """Return the episode whose path belongs under the board's own: the other's, once the player's has ended on that terrain."""
-    other = session.beside
+    other = session.paired_with
     if other is None or not player_of(session).episode.ended:
         return None
     here, there = session.current, other.current
@@ -37,9 +37,9 @@ class Neighbour:
 
     def attend(self) -> None:
         """Return with the present neighbour heard, and no other."""
-        if self._session.beside is not self._heard:
+        if self._session.paired_with is not self._heard:
             self._leave()
-            self._heard = self._session.beside
+            self._heard = self._session.paired_with
             self._leave = self._heard.channel.listen(self._tell) if self._heard is not None else lambda: None
 
     def _tell(self) -> None:

@@ -20,11 +20,11 @@ from marsexplorer.episode import Episode, Record, replay
 HUMAN, SCRIPT = "human", "script"
 
 
-class Refused(Exception):  # noqa: N818 - the word of the protocol
+class RefusedError(Exception):
     """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
 
 
-class NotNow(Refused):
+class StudyUnavailableError(RefusedError):
     """The study cannot go on at the moment; whoever asks again later may be answered otherwise."""
 
 
@@ -42,8 +42,8 @@ class Move:
     client_ms: float | None = None
 
 
-class Seat(Protocol):
-    """What a study asks of a participant's board: a board without a seat is anybody's who knows its id."""
+class Participation(Protocol):
+    """What a study asks of a participant's board: a board without one is anybody's who knows its id."""
 
     @property
     def driver(self) -> str:
@@ -53,7 +53,7 @@ class Seat(Protocol):
         """Return whether frames of the episode keep reward, return and score to themselves."""
 
     def check(self) -> None:
-        """Return when moves may be made; Refused when the study is closed."""
+        """Return when moves may be made; RefusedError when the study is closed."""
 
     def note_script(self, episode_id: str) -> None:
         """Note that a person's episode has become a script's, in the transaction of the move that made it so."""
@@ -62,7 +62,7 @@ class Seat(Protocol):
         """Note that an episode has ended, in the transaction that ends it."""
 
     def take(self, events: Events) -> None:
-        """Keep input events; Refused when they are of no episode of this seat."""
+        """Keep input events; RefusedError when they are of no episode of this participation."""
 
 
 class Session:
@@ -70,7 +70,7 @@ class Session:
 
     pace      how the policy at the controls moves, None for a person's board
     number    of the current episode, counting from 1; 0 before the first
-    seat      a participant's, in a study; else None
+    participation  a participant's, in a study; else None
     fault     one sentence when the policy at the controls has failed, else None
     thought   what the policy at the controls makes of the newest frame, encoded; "" when it says nothing
     beside    the board shown beside it on the same terrain (a rival's, its player's, a replay's), else None
@@ -78,16 +78,18 @@ class Session:
     touched   monotonic seconds of the last access
     """
 
-    def __init__(self, row: SessionRow, store: Store, clock: Callable[[], int], seat: Seat | None = None) -> None:
+    def __init__(
+        self, row: SessionRow, store: Store, clock: Callable[[], int], participation: Participation | None = None
+    ) -> None:
         self.id = row.id
-        self.seat = seat
+        self.participation = participation
         self.row = row
         self.channel = Channel()
         self.pace = None if self.is_human else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
         self.number = 0
         self.fault: str | None = None
         self.thought = ""
-        self.beside: Session | None = None
+        self.paired_with: Session | None = None
         self.is_second = row.rival_of is not None
         self.touched = time.monotonic()
         self.current: EpisodeRow
@@ -109,30 +111,30 @@ class Session:
     def counts(self) -> bool:
         """Whether the episode, as far as can be said while it runs, counts for the human score."""
         row = self.current
-        mine = self.is_human and self.seat is None
+        mine = self.is_human and self.participation is None
         return mine and row.driver == HUMAN and not row.assisted and not row.seed_chosen
 
     @property
     def driver(self) -> str:
         """Who an episode is driven by at its start: "human", "script" or "policy:NAME"."""
-        if self.seat is not None:
-            return self.seat.driver
+        if self.participation is not None:
+            return self.participation.driver
         return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
 
     def act(self, move: Move) -> None:
-        """Return when the move is committed and told; Refused or StoreError otherwise, and then nothing has changed."""
+        """Return when the move is committed and told; RefusedError or StoreError otherwise, and then nothing has changed."""
         self._check_current(move.episode, move.step)
         if not self.is_human and move.driver in (HUMAN, SCRIPT):
-            raise Refused(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
+            raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
         reward = self.episode.step(move.action)
         is_deviation = move.driver == SCRIPT and self.current.driver == HUMAN
         try:
             with self._store.transaction():
-                if is_deviation and self.seat is not None:
-                    self.seat.note_script(self.current.id)
+                if is_deviation and self.participation is not None:
+                    self.participation.note_script(self.current.id)
                 self._store.add_step(self._step_row(move, reward), self.episode.record() if self.episode.ended else None)
-                if self.episode.ended and self.seat is not None:
-                    self.seat.note_end()
+                if self.episode.ended and self.participation is not None:
+                    self.participation.note_end()
         except BaseException:
             self.rewind(move.step)
             raise
@@ -148,8 +150,8 @@ class Session:
                 self._store.close_episode(*self.give_up())
                 if note is not None:
                     note()
-                if self.seat is not None:
-                    self.seat.note_end()
+                if self.participation is not None:
+                    self.participation.note_end()
         except BaseException:
             self.rewind(step)
             raise
@@ -183,7 +185,7 @@ class Session:
 
     def tell_thought(self, thought: str) -> None:
         """Return with the policy's thought about the newest frame told; RuntimeError on a board that a person plays."""
-        if self.is_human or self.seat is not None:
+        if self.is_human or self.participation is not None:
             raise RuntimeError("a policy's thoughts about a person's board are nobody's business")
         self.thought = thought
         self.channel.nudge()
@@ -191,18 +193,18 @@ class Session:
     def tell(self) -> None:
         """Publish the frame as it stands, encoded once."""
         self.thought = ""
-        hides_scores = self.seat is not None and self.seat.hides_scores(self.current.id)
+        hides_scores = self.participation is not None and self.participation.hides_scores(self.current.id)
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 
     def _check_current(self, episode: str, step: int) -> None:
-        if self.seat is not None:
-            self.seat.check()
+        if self.participation is not None:
+            self.participation.check()
         if episode != self.current.id:
-            raise Refused(f"episode {episode!r} is not the current one, which is {self.current.id!r}")
+            raise RefusedError(f"episode {episode!r} is not the current one, which is {self.current.id!r}")
         if self.episode.ended:
-            raise Refused(f"the episode has ended ({self.episode.outcome}); begin the next one")
+            raise RefusedError(f"the episode has ended ({self.episode.outcome}); begin the next one")
         if step != self.episode.steps:
-            raise Refused(f"step {step} is not the current one, which is {self.episode.steps}")
+            raise RefusedError(f"step {step} is not the current one, which is {self.episode.steps}")
 
     def _step_row(self, move: Move, reward: float) -> StepRow:
         return StepRow(

@@ -16,7 +16,7 @@ from app.release.errors import ReleaseError
 from app.release.join import TRAJECTORY, person_hashes, trajectory_hash
 from app.storage import digests
 from app.storage.database import StoreError, open_database, take_lock, transaction
-from app.study.records import label
+from app.study.records import participant_label
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
 def _found(conn: sqlite3.Connection, database: Path, who: str, study: str | None) -> dict[str, Any]:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
         WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
-    conn.create_function("label", 1, label, deterministic=True)
+    conn.create_function("label", 1, participant_label, deterministic=True)
     found = rows(conn, sql, who, study)
     if not found:
         where = f"the study {study!r} of {database}" if study else str(database)

@@ -18,7 +18,7 @@ import numpy as np
 
 import marsexplorer  # noqa: F401  # registers the environment
 from app.release.errors import library
-from app.release.tables import Played
+from app.release.tables import ReleasedEpisode
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -40,12 +40,12 @@ class MinariWriter:
         library("h5py")
         self._root, self._study, self._version = root, study, version
         self._about = f"{title} Data licence: {licence}."
-        self._waiting: dict[str, list[Played]] = {}
+        self._waiting: dict[str, list[ReleasedEpisode]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
         self.without_moves = 0
 
-    def __call__(self, each: Played) -> None:
+    def __call__(self, each: ReleasedEpisode) -> None:
         """Take one episode; one without a move cannot be kept by Minari and is counted."""
         if not each.episode.actions:
             self.without_moves += 1
@@ -99,7 +99,7 @@ def environment(config: EnvConfig) -> dict[str, Any]:
     return {"level": config.level, "size": (config.rows, config.cols), **rest, "observation": "uint8"}
 
 
-def observations(each: Played) -> list[np.ndarray]:
+def observations(each: ReleasedEpisode) -> list[np.ndarray]:
     """Return what was seen before each move and after the last: uint8[rows, cols]."""
     episode = Episode.begin(each.episode.config, terrain=each.episode.terrain, start=each.episode.start)
     found = [episode.codes.copy()]
@@ -109,7 +109,7 @@ def observations(each: Played) -> list[np.ndarray]:
     return found
 
 
-def _buffer(minari: Any, each: Played) -> Any:
+def _buffer(minari: Any, each: ReleasedEpisode) -> Any:
     moves = len(each.episode.actions)
     outcome = each.header["outcome"]
     terminated = outcome in ("explored", "collided", "out_of_bounds")
@@ -124,7 +124,7 @@ def _buffer(minari: Any, each: Played) -> Any:
     )
 
 
-def _metadata(each: Played) -> dict[str, Any]:
+def _metadata(each: ReleasedEpisode) -> dict[str, Any]:
     return {name: each.header[name] for name in (*KEPT, *TOTALS) if each.header[name] is not None}
 
 

@@ -29,7 +29,7 @@ GROUP = 20_000
 
 
 @dataclass(frozen=True)
-class Played:
+class ReleasedEpisode:
     """One episode of a release: its rows as the tables hold them, and its replay."""
 
     header: Row
@@ -43,7 +43,7 @@ class Played:
         return [ACTIONS[action] for action in self.episode.actions]
 
 
-def played(conn: sqlite3.Connection) -> Iterator[Played]:
+def played(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
     """Return every episode of a release's database, oldest first."""
     for row in rows(conn, _PLAYED):
         steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", row["id"])
@@ -51,7 +51,7 @@ def played(conn: sqlite3.Connection) -> Iterator[Played]:
         episode = replay(record_of(row, steps))
         header = _header(row)
         who = {"participant": row["participant"], "episode": row["id"]}
-        yield Played(header, _steps(who, steps, episode), [{**who, **_event(event)} for event in events], episode)
+        yield ReleasedEpisode(header, _steps(who, steps, episode), [{**who, **_event(event)} for event in events], episode)
 
 
 def _header(row: Row) -> Row:
@@ -90,14 +90,14 @@ class Writers:
 
     def __init__(self, folder: Path) -> None:
         self._stack = ExitStack()
-        self._add: list[Callable[[Played], None]] = []
+        self._add: list[Callable[[ReleasedEpisode], None]] = []
         self._folder = folder
         self.rows: dict[str, int] = {}
 
     def __enter__(self) -> Writers:
         folder = self._folder
         (folder / "parquet").mkdir()
-        kinds: tuple[tuple[str, tuple[Column, ...], Callable[[Played], list[Row]]], ...] = (
+        kinds: tuple[tuple[str, tuple[Column, ...], Callable[[ReleasedEpisode], list[Row]]], ...] = (
             ("parquet/episodes.parquet", EPISODES, lambda each: [each.header]),
             ("parquet/steps.parquet", STEPS, lambda each: each.steps),
             ("parquet/input_events.parquet", INPUT_EVENTS, lambda each: each.events),
@@ -111,17 +111,17 @@ class Writers:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def __call__(self, each: Played) -> None:
+    def __call__(self, each: ReleasedEpisode) -> None:
         """Write one episode to every file."""
         for add in self._add:
             add(each)
 
-    def _parquet(self, name: str, columns: tuple[Column, ...], rows_of: Callable[[Played], list[Row]]) -> None:
+    def _parquet(self, name: str, columns: tuple[Column, ...], rows_of: Callable[[ReleasedEpisode], list[Row]]) -> None:
         table = ParquetTable(self._folder / name, columns)
         self._stack.callback(table.close)
         self.rows[name] = 0
 
-        def add(each: Played) -> None:
+        def add(each: ReleasedEpisode) -> None:
             found = rows_of(each)
             table.add(found)
             self.rows[name] += len(found)
@@ -132,7 +132,7 @@ class Writers:
         file = self._stack.enter_context((self._folder / name).open("w", encoding="utf-8"))
         self.rows[name] = 0
 
-        def add(each: Played) -> None:
+        def add(each: ReleasedEpisode) -> None:
             file.write(json.dumps({**each.header, "actions": each.actions}, ensure_ascii=False) + "\n")
             self.rows[name] += 1
 
@@ -144,7 +144,7 @@ class Writers:
         table.writeheader()
         self.rows[name] = 0
 
-        def add(each: Played) -> None:
+        def add(each: ReleasedEpisode) -> None:
             table.writerow(each.header)
             self.rows[name] += 1
 

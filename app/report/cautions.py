@@ -9,7 +9,7 @@ from app.report.markup import percent
 from app.statistics import coverage_table
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.intervals import TAIL, Estimate
-from app.study.data import StudyData, Trial
+from app.study.data import StudyData, StudyEpisode
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
 from marsexplorer.config import CORE_VERSION
@@ -81,7 +81,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     ]
     found = []
 
-    def note(trials: list[Trial], what: str) -> None:
+    def note(trials: list[StudyEpisode], what: str) -> None:
         if trials:
             count, people = len(trials), len({trial.participant for trial in trials})
             one = f"{count} ranked episode{'s' * (count != 1)} of {people} participant{'s' * (people != 1)}"

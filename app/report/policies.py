@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.statistics.intervals import Floats
-from app.statistics.summaries import Played, curve, visits
+from app.statistics.summaries import EpisodeSummary, curve, visits
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.play import Result, chunks_of, played
@@ -64,7 +64,7 @@ def _run(name: str, config: EnvConfig, results: Mapping[int, Result], terrains: 
     return PolicyRun(name, score, steps, outcomes, pictures)
 
 
-def _pictured(result: Result, config: EnvConfig) -> Played:
+def _pictured(result: Result, config: EnvConfig) -> EpisodeSummary:
     assert result.trace is not None
     path = [divmod(cell, config.cols) for cell in result.trace.path]
-    return Played(result.outcome, result.score, result.steps_to_99, result.trace.discovered, path)
+    return EpisodeSummary(result.outcome, result.score, result.steps_to_99, result.trace.discovered, path)

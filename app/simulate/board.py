@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from app.simulate.client import Lost, Page, Refusal
+from app.simulate.client import ConnectionLostError, Page, RequestRefusedError
 from app.simulate.decisions import Minds
 from app.simulate.persona import Nature
 from marsexplorer.config import ACTIONS
@@ -45,7 +45,7 @@ class Board:
         self._minds: Minds | None = None
 
     async def show(self, session: str, rule: Rule) -> None:
-        """Return with the newest frame of an episode on the board and its path known; Lost when it does not come."""
+        """Return with the newest frame of an episode on the board and its path known; ConnectionLostError when none comes."""
         self._rule, episode = rule, rule.episode
         if not self.page.is_open or self.page.session != session:
             await self.page.open(session)
@@ -67,12 +67,12 @@ class Board:
         return (time.perf_counter() - began) * 1000
 
     async def tell(self, events: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to input events; Refusal when the study is closed."""
+        """Return the answer to input events; RequestRefusedError when the study is closed."""
         await self.page.send(events)
         while (answer := await self._take())["kind"] != "kept":
             pass
         if "closed" in (answer["reason"] or ""):
-            raise Refusal(409, answer["reason"])
+            raise RequestRefusedError(409, answer["reason"])
         return answer
 
     def decide(self, nature: Nature) -> str:
@@ -98,12 +98,12 @@ class Board:
         if message["kind"] == "refused":
             self.is_refused = True
             if "closed" in message["reason"]:
-                raise Refusal(409, message["reason"])
+                raise RequestRefusedError(409, message["reason"])
             self._see(message["frame"])
         elif message["kind"] == "frame":
             self._see(message)
         elif message["kind"] == "error":
-            raise Lost(message["detail"])
+            raise ConnectionLostError(message["detail"])
         return message
 
     def _see(self, frame: dict[str, Any]) -> None:

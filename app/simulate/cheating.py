@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 from websockets.exceptions import ConnectionClosed
 
-from app.simulate.client import Lost, Page, hang_up
+from app.simulate.client import ConnectionLostError, Page, hang_up
 from app.simulate.outcome_log import Tally
 
 EVERY = 40
@@ -110,7 +110,7 @@ async def peep(path: str, session: str | None, heist: Heist) -> str | None:
         return None
     try:
         socket = await heist.page.dial(f"{path}/{session}")
-    except Lost:
+    except ConnectionLostError:
         return None
     try:
         said = await socket.recv()

@@ -1,7 +1,7 @@
 """The page of a synthetic player: the same HTTP calls and the same socket as a browser's, and the player's cookie.
 
-Nothing is retried here. Whatever loses the server is a `Lost`, whatever the server declines a `Refusal`; the participant
-takes its bearings from `GET me` and goes on.
+Nothing is retried here. A lost server is a `ConnectionLostError`, a request that the server declines a `RequestRefusedError`;
+the participant asks `GET me` where it stands and goes on.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ AWAY = (502, 503, 504)
 """What a proxy says while the server behind it is away."""
 
 
-class Lost(Exception):  # noqa: N818 - what has happened
+class ConnectionLostError(Exception):
     """The server is away, or the connection has broken."""
 
 
-class Refusal(Exception):  # noqa: N818 - what has happened
+class RequestRefusedError(Exception):
     """The server declined: `status` and its sentence."""
 
     def __init__(self, status: int, detail: str) -> None:
@@ -52,13 +52,13 @@ class Page:
         self.session: str | None = None
 
     async def ask(self, method: str, path: str, body: Any = None) -> httpx.Response:
-        """Return the answer to any call, refused or not; Lost when there is none."""
+        """Return the answer to any call, refused or not; ConnectionLostError when there is none."""
         try:
             answer = await self._http.request(method, f"{self.url}/{path}", json=body)
         except httpx.TransportError as error:
-            raise Lost(str(error) or type(error).__name__) from error
+            raise ConnectionLostError(str(error) or type(error).__name__) from error
         if answer.status_code in AWAY:
-            raise Lost(f"{answer.status_code} {answer.reason_phrase}")
+            raise ConnectionLostError(f"{answer.status_code} {answer.reason_phrase}")
         return answer
 
     async def call(self, verb: str, body: Any = None) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class Page:
         path = f"api/studies/{self.study}" + (f"/{verb}" if verb else "")
         answer = await self.ask("GET" if body is None else "POST", path, body)
         if answer.is_error:
-            raise Refusal(answer.status_code, detail_of(answer))
+            raise RequestRefusedError(answer.status_code, detail_of(answer))
         found: dict[str, Any] = answer.json()
         return found
 
@@ -94,7 +94,7 @@ class Page:
                 open_timeout=PATIENCE_S, close_timeout=1.0,
             )  # fmt: skip
         except (OSError, TimeoutError, InvalidHandshake, InvalidMessage, EOFError, ConnectionClosed) as error:
-            raise Lost(str(error) or type(error).__name__) from error
+            raise ConnectionLostError(str(error) or type(error).__name__) from error
 
     @property
     def is_open(self) -> bool:
@@ -104,21 +104,21 @@ class Page:
     async def send(self, message: dict[str, Any]) -> None:
         """Send a message over the socket."""
         if self._socket is None:
-            raise Lost("the socket is closed")
+            raise ConnectionLostError("the socket is closed")
         try:
             await self._socket.send(json.dumps(message))
         except (ConnectionClosed, OSError) as error:
-            raise Lost(str(error)) from error
+            raise ConnectionLostError(str(error)) from error
 
     async def receive(self) -> dict[str, Any]:
         """Return the next message of the socket."""
         if self._socket is None:
-            raise Lost("the socket is closed")
+            raise ConnectionLostError("the socket is closed")
         try:
             async with asyncio.timeout(PATIENCE_S):
                 found: dict[str, Any] = json.loads(await self._socket.recv())
         except (ConnectionClosed, OSError, TimeoutError) as error:
-            raise Lost(str(error) or f"no message within {PATIENCE_S:.0f} s") from error
+            raise ConnectionLostError(str(error) or f"no message within {PATIENCE_S:.0f} s") from error
         return found
 
     async def close_socket(self) -> None:

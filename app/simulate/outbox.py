@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from app.simulate.board import Board, Fault
-from app.simulate.client import Lost
+from app.simulate.client import ConnectionLostError
 
 MOST_EVENTS = 200
 """In a batch."""
@@ -30,7 +30,7 @@ class Outbox:
             self._batches.append({"kind": "events", "episode": episode, "events": batch})
 
     async def tell(self, board: Board) -> None:
-        """Return when every batch is kept; Lost when the line breaks, and then the rest is told over the next one."""
+        """Return when every batch is kept; ConnectionLostError when the connection breaks: the next one takes the rest."""
         while self._batches:
             batch = self._batches[0]
             answer = await board.tell(batch)
@@ -38,5 +38,5 @@ class Outbox:
             if reason is not None:
                 self._fault(f"input events of episode {batch['episode']} are not kept: {reason}")
             elif count != len(batch["events"]):
-                raise Lost("the server cannot keep input events now")
+                raise ConnectionLostError("the server cannot keep input events now")
             self._batches.pop(0)

@@ -12,7 +12,7 @@ from typing import Any
 
 from app.simulate.board import Board, Rule
 from app.simulate.cheating import Cheats
-from app.simulate.client import Lost, Page, Refusal
+from app.simulate.client import ConnectionLostError, Page, RequestRefusedError
 from app.simulate.keyboard import BATCH, Clock, Hands
 from app.simulate.outbox import Outbox
 from app.simulate.outcome_log import Line, Tally
@@ -27,7 +27,7 @@ STEPS_BEFORE_LEAVING = 3
 """Moves that a player makes in the episode which it leaves for ever."""
 
 
-class Over(Exception):  # noqa: N818 - what has happened
+class StudyOverError(Exception):
     """The study cannot go on for anybody; one sentence."""
 
 
@@ -73,18 +73,18 @@ class Participant:
         self._load_page()
 
     async def play(self) -> None:
-        """Return when the player is done, as far as its kind goes; Over when nobody can go on."""
+        """Return when the player is done, as far as its kind goes; StudyOverError when nobody can go on."""
         try:
             while not self.line.is_done:
                 try:
                     where = await self._where()
                     await self._tell_rest()
                     await self._turn(where)
-                except Lost as error:
+                except ConnectionLostError as error:
                     self._tally.lost += 1
                     self._set_back(str(error))
                     await self._find_server()
-                except Refusal as refusal:
+                except RequestRefusedError as refusal:
                     await self._refused(refusal)
         finally:
             await self._page.close()
@@ -260,7 +260,7 @@ class Participant:
         self._board = Board(self._page, self.place.radius, self._tally.fault)
 
     async def _find_server(self) -> None:
-        """Return on a fresh page once the server answers; Over when it stays away."""
+        """Return on a fresh page once the server answers; StudyOverError when it stays away."""
         waited, pause = 0.0, FIRST_RETRY_S
         await self._page.close()
         while True:
@@ -270,25 +270,27 @@ class Participant:
             try:
                 await self._page.ask("GET", "api/health")
                 return
-            except Lost as error:
+            except ConnectionLostError as error:
                 await self._page.close()
                 if waited > self.place.patience_s:
-                    raise Over(
+                    raise StudyOverError(
                         f"the server at {self.place.url} has been away for {waited:.0f} s ({error}); start it again, and go on "
                         "with the same --state FILE if you gave one"
                     ) from error
 
-    async def _refused(self, refusal: Refusal) -> None:
+    async def _refused(self, refusal: RequestRefusedError) -> None:
         """Take a refusal: the study was closed, or things stand otherwise than thought (after a lost answer)."""
         if "closed" in refusal.detail:
-            raise Over(f"the study {self.place.study!r} cannot go on: {refusal.detail}")
+            raise StudyOverError(f"the study {self.place.study!r} cannot go on: {refusal.detail}")
         self._set_back(refusal.detail)
         if refusal.status in (404, 422):
-            raise Over(f"the server refused player {self.persona.number} at stage {self.line.stage!r}: {refusal.detail}")
+            raise StudyOverError(
+                f"the server refused player {self.persona.number} at stage {self.line.stage!r}: {refusal.detail}"
+            )
         await asyncio.sleep(0.05)
 
     def _set_back(self, why: str) -> None:
-        """Count a refusal or a lost connection; Over after SETBACKS of them without any progress."""
+        """Count a refusal or a lost connection; StudyOverError after SETBACKS of them without any progress."""
         self._setbacks += 1
         if self._setbacks >= SETBACKS:
-            raise Over(f"player {self.persona.number} gets no further at stage {self.line.stage!r}: {why}")
+            raise StudyOverError(f"player {self.persona.number} gets no further at stage {self.line.stage!r}: {why}")

@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from app.simulate.client import Lost, Page, detail_of
+from app.simulate.client import ConnectionLostError, Page, detail_of
 from app.simulate.outcome_log import Tally
-from app.simulate.participant import Over, Participant, Place, Seat
+from app.simulate.participant import Participant, Place, Seat, StudyOverError
 from app.simulate.persona import persona
 from app.simulate.population import POPULATIONS
 from app.storage.export import whole_file
@@ -25,7 +25,7 @@ JOIN_EVERY_MS = 500.0
 Progress = Callable[[int, int], None]
 
 
-class NotReady(Exception):  # noqa: N818 - says what it is
+class StudyNotReadyError(Exception):
     """The study cannot be played: no server, no such study, or a closed one; one sentence."""
 
 
@@ -51,29 +51,33 @@ class Plan:
 
 
 async def check(url: str, name: str) -> dict[str, Any]:
-    """Return what the server says of the study; NotReady when it cannot be played."""
+    """Return what the server says of the study; StudyNotReadyError when it cannot be played."""
     try:
         page = Page(url, name)
     except ValueError as error:
-        raise NotReady(f"--url must be like http://127.0.0.1:8000, got {url!r}") from error
+        raise StudyNotReadyError(f"--url must be like http://127.0.0.1:8000, got {url!r}") from error
     try:
         answer = await page.ask("GET", f"api/studies/{name}")
         if answer.is_error:
-            raise NotReady(f"the server at {url} declined: {detail_of(answer)}")
+            raise StudyNotReadyError(f"the server at {url} declined: {detail_of(answer)}")
         found: dict[str, Any] = answer.json()
         if found["status"] == "closed":
-            raise NotReady(f"the study {name!r} is closed: nobody can take part any more")
-    except Lost as error:
-        raise NotReady(f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url") from error
+            raise StudyNotReadyError(f"the study {name!r} is closed: nobody can take part any more")
+    except ConnectionLostError as error:
+        raise StudyNotReadyError(
+            f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url"
+        ) from error
     except (ValueError, KeyError, TypeError) as error:
-        raise NotReady(f"what answers at {url} is no MarsExplorer Playground: expected a study, got something else") from error
+        raise StudyNotReadyError(
+            f"what answers at {url} is no MarsExplorer Playground: expected a study, got something else"
+        ) from error
     finally:
         await page.close()
     return found
 
 
 async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, total: None) -> None:
-    """Return when every player is done, `tally` up to date all the time; NotReady or Over when that cannot be.
+    """Return when every player is done, `tally` up to date all the time; StudyNotReadyError or StudyOverError otherwise.
 
     progress  called with (episodes ended, episodes in all)
     """
@@ -83,7 +87,7 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
         seats.write()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        raise NotReady(f"cannot write {plan.state}: {why}; name another file with --state") from error
+        raise StudyNotReadyError(f"cannot write {plan.state}: {why}; name another file with --state") from error
     place = Place(plan.url, plan.study, study["config"]["sensor_radius"], plan.speed, plan.patience_s)
     people: list[Participant] = []
     for number, kind in enumerate(plan.kinds):
@@ -95,7 +99,7 @@ async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, t
             for number, each in enumerate(people):
                 group.create_task(_arrive(each, JOIN_EVERY_MS * number / 1000 / plan.speed))
     except ExceptionGroup as errors:
-        over = errors.subgroup(Over)
+        over = errors.subgroup(StudyOverError)
         raise first_of(over or errors) from None
     finally:
         watch.cancel()
@@ -133,7 +137,7 @@ class Seats:
 
     @classmethod
     def read(cls, plan: Plan) -> Seats:
-        """Return the seats of a plan, from its file if that is there; NotReady when it belongs to another plan."""
+        """Return the seats of a plan, from its file if that is there; StudyNotReadyError when it belongs to another plan."""
         run = secrets.token_hex(4)
         fresh = [Seat(outside_ids={"PROLIFIC_PID": f"simulated-{run}-{number}"}) for number in range(len(plan.kinds))]
         if plan.state is None or not plan.state.exists():
@@ -143,10 +147,12 @@ class Seats:
             told = {name: kept[name] for name in cls._head(plan)}
             seats = [Seat(**seat) for seat in kept["seats"]]
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise NotReady(f"{plan.state} is no state of a simulation ({error}); name another file with --state") from error
+            raise StudyNotReadyError(
+                f"{plan.state} is no state of a simulation ({error}); name another file with --state"
+            ) from error
         for name, value in cls._head(plan).items():
             if told[name] != value:
-                raise NotReady(
+                raise StudyNotReadyError(
                     f"{plan.state} belongs to a simulation with {name} {told[name]!r}, not {value!r}; "
                     "give the same options as then, or another file with --state"
                 )

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.report.markup import percent
 from app.statistics.intervals import Floats
-from app.study.data import Person, StudyData, Trial
+from app.study.data import Person, StudyData, StudyEpisode
 
 MetricName = Literal["score", "steps"]
 METRICS: tuple[MetricName, ...] = ("score", "steps")
@@ -28,8 +28,8 @@ class Cohort:
     name: str
     kind: str
     people: tuple[Person, ...]
-    ranked: Mapping[str, tuple[Trial, ...]]
-    warm_up: Mapping[str, tuple[Trial, ...]]
+    ranked: Mapping[str, tuple[StudyEpisode, ...]]
+    warm_up: Mapping[str, tuple[StudyEpisode, ...]]
     terrains: int
     practice: int
 
@@ -53,7 +53,7 @@ class Cohort:
         return found
 
 
-def value(trial: Trial, metric: MetricName) -> float:
+def value(trial: StudyEpisode, metric: MetricName) -> float:
     """Return a finished trial's normalized score or its steps to 99 %."""
     found = trial.score if metric == "score" else trial.steps_to_99
     assert found is not None
@@ -78,9 +78,9 @@ def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Coho
     return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
 
 
-def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> dict[str, tuple[Trial, ...]]:
+def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> dict[str, tuple[StudyEpisode, ...]]:
     """Return each one's finished episodes of a phase that they drove themselves."""
-    found: dict[str, list[Trial]] = {person.id: [] for person in people}
+    found: dict[str, list[StudyEpisode]] = {person.id: [] for person in people}
     for trial in data.trials:
         if trial.participant in found and trial.phase == phase and trial.ended_ms is not None and trial.driver == kind:
             found[trial.participant].append(trial)

@@ -7,7 +7,7 @@ from typing import Any
 
 from app.leaderboard.worker import of_episode
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
-from app.statistics.summaries import Played, curve, visits
+from app.statistics.summaries import EpisodeSummary, curve, visits
 from app.storage.reader import Reader
 from app.study.data import StudyData, records
 from marsexplorer.config import CORE_VERSION
@@ -35,7 +35,7 @@ def of_groups(reader: Reader, data: StudyData, synthetic: bool, progress: Progre
 
 
 def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable[[], None]) -> dict[str, Any]:
-    groups: list[Sequence[Played]] = []
+    groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
         own = []
         for trial, record in records(reader, cohort.ranked[person]):

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Played:
+class EpisodeSummary:
     """One finished episode, as far as figures need it.
 
     score        normalized
@@ -40,7 +40,7 @@ class Played:
     path: Sequence[tuple[int, int]]
 
 
-Group = Sequence[Played]
+Group = Sequence[EpisodeSummary]
 
 
 def figure(config: EnvConfig, groups: Sequence[Group]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.storage.reader import Reader, config_of
-from app.study.plausibility import labels, pause_share
+from app.study.plausibility import pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, checked
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
@@ -45,7 +45,7 @@ class Person:
 
 
 @dataclass(frozen=True)
-class Trial:
+class StudyEpisode:
     """An episode of a study, finished or still running (`outcome` None, and no totals).
 
     kind         the participant's
@@ -92,7 +92,7 @@ class StudyData:
     closed_ms: int | None
     secret: str | None = field(repr=False)
     people: tuple[Person, ...]
-    trials: tuple[Trial, ...] = field(repr=False)
+    trials: tuple[StudyEpisode, ...] = field(repr=False)
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
@@ -114,7 +114,7 @@ def load(source: Reader | Path | str, study: str) -> StudyData:
         reader.close()
 
 
-def records(reader: Reader, trials: Iterable[Trial]) -> Iterator[tuple[Trial, Record]]:
+def records(reader: Reader, trials: Iterable[StudyEpisode]) -> Iterator[tuple[StudyEpisode, Record]]:
     """Yield each finished trial with its cause, ready to be replayed."""
     for trial in trials:
         if trial.ended_ms is not None:
@@ -155,7 +155,7 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-def _trials(reader: Reader, study: str, kinds: dict[str, Kind]) -> tuple[Trial, ...]:
+def _trials(reader: Reader, study: str, kinds: dict[str, Kind]) -> tuple[StudyEpisode, ...]:
     rows = reader.query(
         """SELECT x.*, e.* FROM study_episodes x JOIN participants p ON p.id = x.participant_id
         JOIN episodes e ON e.id = x.episode_id WHERE p.study = ? ORDER BY e.started_ms, e.id""",
@@ -164,17 +164,17 @@ def _trials(reader: Reader, study: str, kinds: dict[str, Kind]) -> tuple[Trial, 
     return tuple(_with_input(reader, row, kinds[row["participant_id"]]) for row in rows)
 
 
-def _with_input(reader: Reader, row: dict[str, Any], kind: Kind) -> Trial:
+def _with_input(reader: Reader, row: dict[str, Any], kind: Kind) -> StudyEpisode:
     """Return a trial, its input read and let go: a study's whole input may be larger than memory."""
     moves = reader.query("SELECT input, server_ms FROM steps WHERE episode_id = ? ORDER BY step", [row["id"]])
     inputs = reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [row["id"]])
     return _trial(row, kind, moves, inputs)
 
 
-def _trial(row: dict[str, Any], kind: Kind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]) -> Trial:
+def _trial(row: dict[str, Any], kind: Kind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]) -> StudyEpisode:
     ended = row["ended_ms"] is not None
     same = ("outcome", "steps", "score", "total", "discovered", "trajectory_hash", "seed", "config_hash", "core_version")
-    return Trial(
+    return StudyEpisode(
         participant=row["participant_id"],
         kind=kind,
         phase=row["phase"],
@@ -187,5 +187,5 @@ def _trial(row: dict[str, Any], kind: Kind, moves: list[dict[str, Any]], inputs:
         ended_ms=row["ended_ms"],
         **{name: row[name] for name in same},
         pause_share=pause_share(moves, inputs),
-        labels=labels(moves, inputs),
+        labels=plausibility_labels(moves, inputs),
     )

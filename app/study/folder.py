@@ -24,10 +24,10 @@ from typing import Any, Literal
 
 from app.study.protocol import (
     NAME,
-    DraftStudy,
+    DraftStudyError,
     Protocol,
     StudyError,
-    UnknownStudy,
+    UnknownStudyError,
     canonical_json,
     checked,
     protocol_hash,
@@ -82,7 +82,7 @@ class Folder:
     def path(self, name: str) -> Path:
         """Return where a study lies; StudyError when no study can be called so."""
         if not re.fullmatch(NAME, name):
-            raise UnknownStudy(
+            raise UnknownStudyError(
                 f"a study's name is 1 to 40 small letters, digits and dashes, beginning with a letter or digit; got {name!r}"
             )
         return self.root / name
@@ -133,7 +133,7 @@ class Folder:
 
         advance  called with (terrains drawn, of how many)
         """
-        from marsexplorer.policies import PolicyNotFound, load
+        from marsexplorer.policies import PolicyNotFoundError, load
 
         if self.status(name) != "draft":
             raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
@@ -146,7 +146,7 @@ class Folder:
         for policy in {*protocol.policies, protocol.debrief_policy}:
             try:
                 load(policy)
-            except (PolicyNotFound, ValueError, OSError) as error:
+            except (PolicyNotFoundError, ValueError, OSError) as error:
                 raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
         secret, now = secrets.token_bytes(32), _now_ms()
         study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
@@ -172,12 +172,14 @@ class Folder:
         path = self.path(name)
         if not (path / "protocol.json").is_file():
             known = ", ".join(self.names()) or "none"
-            raise UnknownStudy(f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)")
+            raise UnknownStudyError(
+                f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)"
+            )
         return path
 
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
-            raise DraftStudy(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
+            raise DraftStudyError(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
         frozen, raw = _read(path / "frozen.json"), _read(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
             raise StudyError(

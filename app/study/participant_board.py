@@ -1,4 +1,4 @@
-"""A participant's seat at a board: what a study asks of every move on it (see `app.play.session.Seat`)."""
+"""A participation at its board: what a study asks of every move on it (see `app.play.session.Participation`)."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 from app.play.lobby import Sources
 from app.play.messages import Events
-from app.play.session import NotNow, Refused
+from app.play.session import RefusedError, StudyUnavailableError
 from app.study.folder import Folder, Study, StudyError
 from app.study.records import Participant, Records
 
 CLOSED = "the study {!r} is closed: nobody can take part or go on any more"
 
 
-class ParticipantSeat:
-    """The seat of one participant; the study is looked up at every move, so that closing it shows at once."""
+class StudyParticipation:
+    """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
 
     def __init__(self, participant: Participant, folder: Folder, records: Records, sources: Sources) -> None:
         self._participant, self._folder, self._records = participant, folder, records
@@ -26,9 +26,9 @@ class ParticipantSeat:
         return self._records.hides_scores(episode_id)
 
     def check(self) -> None:
-        """Return while the study is open; Refused otherwise."""
+        """Return while the study is open; RefusedError otherwise."""
         if not self._study().is_open:
-            raise Refused(CLOSED.format(self._participant.study))
+            raise RefusedError(CLOSED.format(self._participant.study))
 
     def note_script(self, episode_id: str) -> None:
         """Note the deviation: a script moved where a person was at the controls."""
@@ -40,18 +40,20 @@ class ParticipantSeat:
         settle(self._records, self._records.get(self._participant.id), self._study(), self._clock(), self._code)
 
     def take(self, events: Events) -> None:
-        """Keep input events of one of the participant's episodes, each once; Refused for any other."""
+        """Keep input events of one of the participant's episodes, each once; RefusedError for any other."""
         self.check()
         if not self._records.owns(self._participant.id, events.episode):
-            raise Refused(f"episode {events.episode!r} is none of this participant's: no input events were kept")
+            raise RefusedError(f"episode {events.episode!r} is none of this participant's: no input events were kept")
         if not self._records.add_input(events, self._clock()):
-            raise Refused("this episode has more input events than are kept; the rest is dropped")
+            raise RefusedError("this episode has more input events than are kept; the rest is dropped")
 
     def _study(self) -> Study:
         try:
             return self._folder.study(self._participant.study)
         except StudyError as error:
-            raise NotNow(f"the study {self._participant.study!r} cannot go on now; tell whoever invited you") from error
+            raise StudyUnavailableError(
+                f"the study {self._participant.study!r} cannot go on now; tell whoever invited you"
+            ) from error
 
 
 def settle(records: Records, participant: Participant, study: Study, now: int, code: Callable[[], str]) -> None:

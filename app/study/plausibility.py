@@ -41,7 +41,7 @@ PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
 Rows = Sequence[Mapping[str, Any]]
 
 
-def labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
+def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
     """Return an episode's labels, in the order of LABELS."""
     presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
     found = {

@@ -18,8 +18,8 @@ from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.store import EpisodeRow
 from app.study.folder import Folder, Study
-from app.study.participant_board import CLOSED, ParticipantSeat
-from app.study.protocol import DraftStudy, StudyError, UnknownStudy
+from app.study.participant_board import CLOSED, StudyParticipation
+from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.records import Participant, Phase, Records, Stage, Trial
 from app.study.seeds import TUTORIAL_SEED, order
 from marsexplorer.config import CORE_VERSION
@@ -29,22 +29,22 @@ _WARM_UP: Stage = "warm_up"
 _AFTER: dict[str, Stage] = {"instructions": "tutorial", "tutorial": "questions", "debrief": "complete"}
 
 
-class NotNow(Exception):  # noqa: N818 - says what it is
+class StageError(Exception):
     """What was asked for does not fit where the participant or the study stands; nothing has changed."""
 
 
-class NotJoined(LookupError):  # noqa: N818 - says what it is
+class NotJoinedError(LookupError):
     """Nobody with this cookie takes part."""
 
 
-class Flow:
+class ParticipantProgress:
     """The way of every participant of one server's studies."""
 
     def __init__(self, lobby: Lobby, folder: Folder) -> None:
         self.lobby, self.folder, self.records = lobby, folder, Records(lobby.store)
         self._sources = lobby.sources
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-        lobby.seat_of = self.seat_of
+        lobby.participation_of = self.participation_of
         self.note_closed()
 
     def note_closed(self) -> None:
@@ -56,38 +56,38 @@ class Flow:
                 _log.warning("%s", error)
 
     def study(self, name: str) -> Study:
-        """Return a frozen study as the public may know of it; UnknownStudy, DraftStudy, or NotNow when it was tampered with."""
+        """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
         try:
             study = self.folder.study(name)
-        except (UnknownStudy, DraftStudy):
+        except (UnknownStudyError, DraftStudyError):
             raise
         except StudyError as error:
             _log.warning("%s", error)
-            raise NotNow(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
+            raise StageError(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
         if not study.is_open:
             self.records.note_closed(study)
         return study
 
     def open_study(self, name: str) -> Study:
-        """Return a study that people may take part in; NotNow when it is closed or made for other rules."""
+        """Return a study that people may take part in; StageError when it is closed or made for other rules."""
         study = self.study(name)
         if not study.is_open or self.records.was_closed(name):
-            raise NotNow(CLOSED.format(name))
+            raise StageError(CLOSED.format(name))
         if study.protocol.core_version != CORE_VERSION:
             _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
-            raise NotNow(f"the study {name!r} cannot be played on this server now; tell whoever invited you")
+            raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you")
         return study
 
-    def seat_of(self, session_id: str) -> ParticipantSeat | None:
-        """Return the seat at a session; None when it is no participant's board."""
+    def participation_of(self, session_id: str) -> StudyParticipation | None:
+        """Return the participation at a session; None when it is no participant's board."""
         participant = self.records.seated_at(session_id)
-        return None if participant is None else self._seat(participant)
+        return None if participant is None else self._participation_of(participant)
 
     def participant(self, name: str, player_id: str | None) -> Participant:
-        """Return who asks; NotJoined before joining."""
+        """Return who asks; NotJoinedError before joining."""
         found = None if player_id is None else self.records.participant(name, player_id)
         if found is None:
-            raise NotJoined(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
+            raise NotJoinedError(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
         return found
 
     def join(self, name: str, player_id: str, outside_ids: Mapping[str, str], script: str | None) -> tuple[Participant, bool]:
@@ -100,13 +100,13 @@ class Flow:
         if found is not None:
             if script is not None and found.script != script:
                 who = "a person" if found.script is None else f"the script {found.script!r}"
-                raise NotNow(f"this browser takes part as {who} already; a script needs a cookie of its own")
+                raise StageError(f"this browser takes part as {who} already; a script needs a cookie of its own")
             return found, False
         try:
             self.records.note_study(study)
         except StudyError as error:
             _log.warning("%s", error)
-            raise NotNow(f"the study {name!r} cannot be played on this server now; tell whoever invited you") from error
+            raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you") from error
         new = Participant(
             id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
             kind="human" if script is None else "script", script=script, stage="consent",
@@ -120,7 +120,9 @@ class Flow:
         """Note the answer to the consent text: on to the instructions, or withdrawn."""
         study, participant = self._at(name, player_id, "consent")
         if version != study.protocol.consent.version:
-            raise NotNow(f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page")
+            raise StageError(
+                f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page"
+            )
         if not agree:
             self.records.leave(participant, self._now())
             return
@@ -134,9 +136,9 @@ class Flow:
         else:
             _, participant = self._at(name, player_id)
         if participant.stage != stage:
-            raise NotNow(f"you are at {_said(participant.stage)}, not at {_said(stage)}; nothing has changed")
+            raise StageError(f"you are at {_said(participant.stage)}, not at {_said(stage)}; nothing has changed")
         if stage == "tutorial" and not any(trial.ended_ms for trial in self.records.trials(participant.id)):
-            raise NotNow("play the tutorial to its end first, or give it up")
+            raise StageError("play the tutorial to its end first, or give it up")
         self.records.advance(participant.id, self._now(), _AFTER[stage])
 
     def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
@@ -173,7 +175,7 @@ class Flow:
                 self._at(name, player_id, participant.stage)  # withdrawn in another tab, or closed, while the terrain grew
                 if participant.session_id is None:
                     self.lobby.store.add_session(board.row)
-                    self.records.seat(participant.id, board.id)
+                    self.records.participation(participant.id, board.id)
                 self._note_break(study, participant, trials)
                 yield
                 self.records.add_trial(participant.id, row.id, phase, trial, terrain)
@@ -181,18 +183,18 @@ class Flow:
             await self.lobby.begin(board, study.protocol.env_config, seed, within)
 
     async def give_up(self, name: str, player_id: str | None, episode: str, step: int) -> None:
-        """Abandon the running episode; Refused when it is not the one on screen."""
+        """Abandon the running episode; RefusedError when it is not the one on screen."""
         _, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
         session = await self.session(participant)
         if session is None:
-            raise NotNow("no episode has begun: there is nothing to give up")
+            raise StageError("no episode has begun: there is nothing to give up")
         session.abandon(episode, step)
 
     async def withdraw(self, name: str, player_id: str | None) -> None:
         """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
         participant = self.participant(name, player_id)
         if participant.stage in ("complete", "withdrawn"):
-            raise NotNow(f"you are at {_said(participant.stage)}: there is nothing to withdraw from")
+            raise StageError(f"you are at {_said(participant.stage)}: there is nothing to withdraw from")
 
         session = await self.session(participant)
         if session is None or session.episode.ended or not self.study(name).is_open:
@@ -211,28 +213,28 @@ class Flow:
         return None if participant.session_id is None else await self.lobby.get(participant.session_id)
 
     def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
-        """Return an open study and who asks; NotNow at other stages than those named."""
+        """Return an open study and who asks; StageError at other stages than those named."""
         study, participant = self.open_study(name), self.participant(name, player_id)
         if stages and participant.stage not in stages:
             wanted = " or ".join(map(_said, stages))
-            raise NotNow(f"you are at {_said(participant.stage)}; this belongs to {wanted}, and nothing has changed")
+            raise StageError(f"you are at {_said(participant.stage)}; this belongs to {wanted}, and nothing has changed")
         return study, participant
 
     def _check_person(self, study: Study, player_id: str, kept: Mapping[str, str], found: Participant | None) -> None:
-        """Return when the first outside id and the cookie name the same person; NotNow otherwise."""
+        """Return when the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids or (person := study.protocol.outside_ids[0]) not in kept:
             return
         other = self.records.with_identity(study.name, person, kept[person])
         if other is not None and other != player_id:
-            raise NotNow(
+            raise StageError(
                 f"someone has joined with this {person} in another browser: go on there, or write to whoever invited you"
             )
         if found is not None and other is None and self.records.identity(found.id, person) is not None:
-            raise NotNow(f"this browser takes part for another {person} already: use another browser or a private window")
+            raise StageError(f"this browser takes part for another {person} already: use another browser or a private window")
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)
-        return found or self.lobby.new_board(participant.player_id, self._seat(participant))
+        return found or self.lobby.new_board(participant.player_id, self._participation_of(participant))
 
     def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
         if break_due(study, participant, trials):
@@ -240,8 +242,8 @@ class Flow:
             done = sum(trial.phase == "ranked" for trial in trials)
             self.records.note(participant.id, self._now(), "break", {"after": done, "length_ms": length})
 
-    def _seat(self, participant: Participant) -> ParticipantSeat:
-        return ParticipantSeat(participant, self.folder, self.records, self._sources)
+    def _participation_of(self, participant: Participant) -> StudyParticipation:
+        return StudyParticipation(participant, self.folder, self.records, self._sources)
 
     def _lock(self, participant_id: str) -> asyncio.Lock:
         lock = self._locks.get(participant_id)

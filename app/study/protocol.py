@@ -33,11 +33,11 @@ class StudyError(Exception):
     """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
 
 
-class UnknownStudy(StudyError):  # noqa: N818 - says what it is
+class UnknownStudyError(StudyError):
     """No study goes by this name."""
 
 
-class DraftStudy(StudyError):  # noqa: N818 - says what it is
+class DraftStudyError(StudyError):
     """The study has not been frozen yet."""
 
 

@@ -73,7 +73,7 @@ _RUN = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FRO
     WHERE episode_id = ?1 AND number >= ?2 ORDER BY number LIMIT ?3"""
 
 
-def label(participant_id: str) -> str:
+def participant_label(participant_id: str) -> str:
     """Return the short label a participant sees and can quote; nobody can find the id from it."""
     return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()
 
@@ -176,7 +176,7 @@ class Records:
             self._set(participant_id, {"settings": json.dumps(settings, sort_keys=True)})
             self._add(participant_id, at_ms, "settings", settings)
 
-    def seat(self, participant_id: str, session_id: str) -> None:
+    def participation(self, participant_id: str, session_id: str) -> None:
         """Return with a session noted as the participant's board."""
         with self._changing(participant_id):
             self._set(participant_id, {"session_id": session_id})

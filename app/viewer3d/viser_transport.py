@@ -32,7 +32,7 @@ UNSUPPORTED, RUBBISH, TOO_BIG = 1003, 1007, 1009
 """Close codes of RFC 6455: text came, a message that is none of viser's, one too large."""
 
 
-class Refusal(Exception):  # noqa: N818 - the word of the protocol
+class ViewerMessageError(Exception):
     """A browser sent what cannot be taken; it is told the close code and the reason, and nothing else has changed."""
 
     def __init__(self, code: int, reason: str) -> None:
@@ -60,15 +60,15 @@ class Connection:
             raise ConnectionClosedOK(None, None) from error
 
     async def recv(self) -> bytes:
-        """Return the next binary message; ConnectionClosedOK when the browser has gone, Refusal for text and giants."""
+        """Return the next binary message; ConnectionClosedOK when the browser has gone, ViewerMessageError otherwise."""
         message = await self._websocket.receive()
         if message["type"] == "websocket.disconnect":
             raise ConnectionClosedOK(None, None)
         data = message.get("bytes")
         if data is None:
-            raise Refusal(UNSUPPORTED, "expected a binary message of viser's client, got text")
+            raise ViewerMessageError(UNSUPPORTED, "expected a binary message of viser's client, got text")
         if len(data) > MAX_BYTES:
-            raise Refusal(TOO_BIG, f"expected at most {MAX_BYTES} bytes, got {len(data)}")
+            raise ViewerMessageError(TOO_BIG, f"expected at most {MAX_BYTES} bytes, got {len(data)}")
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
@@ -142,7 +142,7 @@ class Transport(_infra.WebsockServer):
             await asyncio.gather(*tasks)
         except ConnectionClosedOK:
             pass
-        except Refusal as refusal:
+        except ViewerMessageError as refusal:
             await connection.close(refusal.code, refusal.reason)
         finally:
             await self._forget(client, state, tasks)
@@ -151,7 +151,7 @@ class Transport(_infra.WebsockServer):
     async def _consume(
         self, connection: Connection, client: _infra.WebsockClientConnection, client_id: _infra.ClientId
     ) -> None:
-        """Hand each welcome message to viser; Refusal for one that is none, or holds what viser cannot use."""
+        """Hand each welcome message to viser; ViewerMessageError for one that is none, or holds what viser cannot use."""
         while True:
             data = await connection.recv()
             try:
@@ -162,7 +162,7 @@ class Transport(_infra.WebsockServer):
             except ConnectionClosedOK:
                 raise
             except Exception as error:  # whatever a stranger's bytes may cause, it ends his connection alone
-                raise Refusal(RUBBISH, "expected a message of viser's client; reload the page") from error
+                raise ViewerMessageError(RUBBISH, "expected a message of viser's client; reload the page") from error
 
     async def _forget(
         self, client: _infra.WebsockClientConnection, state: _infra._ClientHandleState, tasks: list[asyncio.Task[None]]

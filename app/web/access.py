@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from starlette.requests import HTTPConnection
 
-from app.play.lobby import Lobby, UnknownSession
+from app.play.lobby import Lobby, UnknownSessionError
 from app.play.session import Session
 
 
 async def enter(connection: HTTPConnection, session_id: str) -> Session:
-    """Return the session that is asked for; UnknownSession when there is none that is the asker's to see."""
+    """Return the session that is asked for; UnknownSessionError when there is none that is the asker's to see."""
     lobby: Lobby = connection.app.state.lobby
     session = await lobby.get(session_id)
-    if session.seat is None or owns(connection, session) or connection.app.state.is_admin(connection):
+    if session.participation is None or owns(connection, session) or connection.app.state.is_admin(connection):
         return session
-    raise UnknownSession(session_id)
+    raise UnknownSessionError(session_id)
 
 
 def owns(connection: HTTPConnection, session: Session) -> bool:

@@ -19,15 +19,15 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.admin import live_boards, participants
-from app.admin.exports import Exports, NotNow, What
+from app.admin.exports import ExportRunningError, Exports, What
 from app.admin.health import Health
-from app.play.lobby import UnknownSession
+from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
 from app.storage.reader import Reader
 from app.study.folder import Study
-from app.study.progress import Flow
-from app.study.protocol import DraftStudy, StudyError, UnknownStudy
-from app.web.admin_login import Door, TooManyAttempts, WrongPassword, forget, remember
+from app.study.progress import ParticipantProgress
+from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.web.admin_login import AdminLogin, TooManyAttemptsError, WrongPasswordError, forget, remember
 from app.web.cookies import has_own_origin
 from app.web.middleware import PAGE_CSP
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
@@ -58,30 +58,30 @@ class Release(Message):
     authors: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(default_factory=list, max_length=50)
 
 
-class Console:
+class AdminServices:
     """What the operator's calls work on."""
 
-    def __init__(self, door: Door, flow: Flow, studies: Path) -> None:
-        database = flow.lobby.store.path
-        self.door, self.flow = door, flow
+    def __init__(self, door: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
+        database = progress.lobby.store.path
+        self.door, self.progress = door, progress
         self.health, self.figures, self.exports = Health(database), participants.Figures(database), Exports(database, studies)
         self.began = time.monotonic()
 
     def study(self, name: str) -> Study:
         """Return a frozen study; HTTPException 404 or 409 with what is wrong with it."""
         try:
-            return self.flow.folder.study(name)
-        except (UnknownStudy, DraftStudy) as error:
+            return self.progress.folder.study(name)
+        except (UnknownStudyError, DraftStudyError) as error:
             raise HTTPException(404, str(error)) from error
         except StudyError as error:
             raise HTTPException(409, str(error)) from error
 
     def studies(self) -> list[dict[str, Any]]:
         """Return every study in the folder: drafts and broken ones too, with what is wrong."""
-        return [self._listed(name) for name in self.flow.folder.names()]
+        return [self._listed(name) for name in self.progress.folder.names()]
 
     def _listed(self, name: str) -> dict[str, Any]:
-        folder = self.flow.folder
+        folder = self.progress.folder
         try:
             status, title = folder.status(name), folder.draft(name).title
             if status != "draft":
@@ -98,7 +98,7 @@ def check_page(request: Request) -> None:
         raise HTTPException(403, "this call must come from the operator's own page, at /admin of this server")
 
 
-def check_operator(request: Request, response: Response) -> Console:
+def check_operator(request: Request, response: Response) -> AdminServices:
     """Return the console for the operator on our page; HTTPException 401 or 403 for anybody else."""
     response.headers["Cache-Control"] = "no-store"
     check_page(request)
@@ -108,12 +108,12 @@ def check_operator(request: Request, response: Response) -> Console:
     return console
 
 
-def _console(connection: Request | WebSocket) -> Console:
-    found: Console = connection.app.state.console
+def _console(connection: Request | WebSocket) -> AdminServices:
+    found: AdminServices = connection.app.state.console
     return found
 
 
-Operator = Annotated[Console, Depends(check_operator)]
+Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
 def router(page: Path) -> APIRouter:
@@ -136,9 +136,9 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
     """Open the door."""
     try:
         value = _console(request).door.open(given.password, request.client.host if request.client else "")
-    except WrongPassword as error:
+    except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
-    except TooManyAttempts as error:
+    except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
     remember(response, request, value)
     return {"in": True}
@@ -156,10 +156,10 @@ async def logout(request: Request, response: Response) -> dict[str, Any]:
 async def overview(console: Operator) -> dict[str, Any]:
     """Studies, boards and the server's health."""
     health = await asyncio.to_thread(console.health.look)
-    lobby = console.flow.lobby
+    lobby = console.progress.lobby
     return {
         "studies": await asyncio.to_thread(console.studies),
-        "boards": live_boards.boards(lobby, console.flow.records),
+        "boards": live_boards.boards(lobby, console.progress.records),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - console.began)},
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
@@ -170,7 +170,7 @@ async def overview(console: Operator) -> dict[str, Any]:
 async def study(console: Operator, name: str) -> dict[str, Any]:
     """A study as it stands: participants, figure, labels, exports."""
     found = console.study(name)
-    store, now = console.flow.lobby.store, console.flow.lobby.sources.clock_ms()
+    store, now = console.progress.lobby.store, console.progress.lobby.sources.clock_ms()
 
     def read() -> list[dict[str, Any]]:
         with closing(Reader.open(store.path)) as reader:
@@ -208,10 +208,10 @@ async def close(console: Operator, name: str, given: Close) -> dict[str, Any]:
         raise HTTPException(422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}")
     console.study(name)
     try:
-        closed = await asyncio.to_thread(console.flow.folder.close, name)
+        closed = await asyncio.to_thread(console.progress.folder.close, name)
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
-    console.flow.records.note_closed(closed)
+    console.progress.records.note_closed(closed)
     return {"closed_ms": closed.closed_ms}
 
 
@@ -223,7 +223,7 @@ async def begin_export(console: Operator, name: str, what: What, wanted: Release
     console.study(name)
     try:
         console.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
-    except NotNow as error:
+    except ExportRunningError as error:
         raise HTTPException(409, str(error)) from error
     return console.exports.state(name)
 
@@ -257,8 +257,8 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await console.flow.lobby.get(session_id)
-        except UnknownSession as error:
+            session = await console.progress.lobby.get(session_id)
+        except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
@@ -272,7 +272,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
                 await sender
 
 
-async def _send(websocket: WebSocket, console: Console, messages: AsyncGenerator[str, None]) -> None:
+async def _send(websocket: WebSocket, console: AdminServices, messages: AsyncGenerator[str, None]) -> None:
     """Send what comes, as long as the door stays open."""
     async with contextlib.aclosing(messages):
         async for message in messages:

@@ -30,11 +30,11 @@ FROM_ONE, FROM_ALL = 5, 50
 """Wrong passwords within WINDOW_S after which no more are looked at: from one address, from all together."""
 
 
-class WrongPassword(Exception):  # noqa: N818 - says what it is
+class WrongPasswordError(Exception):
     """The password is not the operator's."""
 
 
-class TooManyAttempts(Exception):  # noqa: N818 - says what it is
+class TooManyAttemptsError(Exception):
     """Too many wrong passwords; `wait_s` says when the next is looked at, in whole seconds."""
 
     def __init__(self, wait_s: int) -> None:
@@ -42,7 +42,7 @@ class TooManyAttempts(Exception):  # noqa: N818 - says what it is
         self.wait_s = wait_s
 
 
-class Door:
+class AdminLogin:
     """One server's; `clock` gives seconds that never go back."""
 
     drawn: str | None = None
@@ -58,7 +58,7 @@ class Door:
         self._left: set[str] = set()
 
     @classmethod
-    def of(cls, settings: Settings) -> Door | None:
+    def of(cls, settings: Settings) -> AdminLogin | None:
         """Return the door that the settings ask for; None: there is none. ValueError when the password is too short."""
         given = settings.admin_password.get_secret_value() if settings.admin_password else ""
         if not given and not settings.admin:
@@ -69,11 +69,11 @@ class Door:
         return door
 
     def open(self, password: str, address: str) -> str:
-        """Return a cookie's value for the right password; WrongPassword or TooManyAttempts otherwise."""
+        """Return a cookie's value for the right password; WrongPasswordError or TooManyAttemptsError otherwise."""
         self._check_attempts(address)
         if not hmac.compare_digest(_digest(password), self._digest):
             self._wrong.append((self._clock(), address))
-            raise WrongPassword("this is not the operator's password")
+            raise WrongPasswordError("this is not the operator's password")
         return self._signer.sign(secrets.token_hex(16)).decode()
 
     def admits(self, connection: HTTPConnection) -> bool:
@@ -97,7 +97,7 @@ class Door:
         own = [at for at, whose in self._wrong if whose == address]
         first = own[-FROM_ONE] if len(own) >= FROM_ONE else self._wrong[-FROM_ALL][0] if len(self._wrong) >= FROM_ALL else None
         if first is not None:
-            raise TooManyAttempts(max(1, round(first + WINDOW_S - now)))
+            raise TooManyAttemptsError(max(1, round(first + WINDOW_S - now)))
 
 
 def remember(response: Response, connection: HTTPConnection, value: str) -> None:

@@ -12,7 +12,7 @@ from fastapi.responses import StreamingResponse
 
 from app.play.lobby import Lobby
 from app.play.messages import Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
-from app.play.session import SCRIPT, Refused, Session
+from app.play.session import SCRIPT, RefusedError, Session
 from app.statistics.human_level import human_level
 from app.storage.export import rows
 from app.storage.reader import Reader
@@ -52,7 +52,7 @@ def _reader(request: Request) -> Iterator[Reader]:
 
 def _not_seated(session: Session, what: str, instead: str) -> Session:
     """Return the session; 409 when it is a participant's of a study, which has its own way."""
-    if session.seat is not None:
+    if session.participation is not None:
         raise HTTPException(409, f"this board is a participant's of a study: {what}; {instead}")
     return session
 
@@ -163,7 +163,7 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
     session = _not_seated(found, "its moves come over the socket", "open /ws/sessions/{id}")
     try:
         session.act(as_move(wanted, SCRIPT))
-    except Refused as refusal:
+    except RefusedError as refusal:
         return _json(f'{{"detail":{json.dumps(str(refusal))},"frame":{session.frame}}}', 409)
     return _json(session.frame)
 

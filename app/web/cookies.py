@@ -12,7 +12,7 @@ COOKIE = "mars_player"
 _TWO_YEARS_S = 2 * 365 * 24 * 3600
 
 
-class Players:
+class PlayerCookies:
     """Signs players' ids into cookies and reads them back; `secret` is the database's."""
 
     def __init__(self, secret: str) -> None:

@@ -75,7 +75,7 @@ def router(page: Path) -> APIRouter:
     @routes.get("/api/leaderboard", tags=["results"], summary="What people and policies are compared on")
     async def get_boards(request: Request) -> list[dict[str, Any]]:
         """One entry per closed study and per configuration; what people have played stands first."""
-        request.app.state.flow.note_closed()
+        request.app.state.progress.note_closed()
         return [board.to_dict() for board in await asyncio.to_thread(_of(request).boards)]
 
     @routes.get("/api/leaderboard/{board}", tags=["results"], summary="People, policies and rules on one scale")

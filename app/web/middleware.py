@@ -21,7 +21,7 @@ HEADERS = {
 }
 
 
-class Guard:
+class SecurityHeaders:
     """Adds HEADERS where an answer has none of its own, and refuses bodies over MAX_BYTES with 413."""
 
     def __init__(self, app: ASGIApp) -> None:

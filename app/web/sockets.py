@@ -11,9 +11,9 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from app.play.lobby import UnknownSession
-from app.play.messages import Act, BadMessage, Events, Kept, Pace, encode_error, encode_history, encode_refused, parse
-from app.play.session import HUMAN, SCRIPT, Move, NotNow, Refused, Session
+from app.play.lobby import UnknownSessionError
+from app.play.messages import Act, BadMessageError, Events, Kept, Pace, encode_error, encode_history, encode_refused, parse
+from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.storage.store import StoreError
 from app.web.access import enter, owns
 from app.web.cookies import has_own_origin
@@ -34,7 +34,7 @@ async def play(websocket: WebSocket, session_id: str) -> None:
     with contextlib.suppress(WebSocketDisconnect):
         try:
             session = await enter(websocket, session_id)
-        except UnknownSession as error:
+        except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
@@ -108,32 +108,37 @@ class Socket:
                 session.act(as_move(message, self._driver(message)))
                 return None
             return encode_history(session.current.id, session.episode)
-        except Refused as refusal:
+        except RefusedError as refusal:
             return encode_refused(str(refusal), session.frame)
-        except (BadMessage, StoreError) as error:
+        except (BadMessageError, StoreError) as error:
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:
-        seat = self._session.seat
-        is_human = self._is_owner and self._is_page and act.input is not None and (seat is None or seat.driver == HUMAN)
+        participation = self._session.participation
+        is_human = (
+            self._is_owner
+            and self._is_page
+            and act.input is not None
+            and (participation is None or participation.driver == HUMAN)
+        )
         return HUMAN if is_human else SCRIPT
 
     def _take(self, events: Events) -> Kept:
         """Return how many of the events are kept: all, or none for a reason, or none for now."""
         try:
-            if self._session.seat is None:
-                raise Refused("input events are kept for a study's episodes alone; this session belongs to none")
+            if self._session.participation is None:
+                raise RefusedError("input events are kept for a study's episodes alone; this session belongs to none")
             self._check_owner()
-            self._session.seat.take(events)
-        except (NotNow, StoreError):
+            self._session.participation.take(events)
+        except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
-        except Refused as refusal:
+        except RefusedError as refusal:
             return Kept(episode=events.episode, count=0, reason=str(refusal))
         return Kept(episode=events.episode, count=len(events.events))
 
     def _check_owner(self) -> None:
-        if self._session.seat is not None and not self._is_owner:
-            raise Refused("this board is a participant's of a study: nobody else can move its rover")
+        if self._session.participation is not None and not self._is_owner:
+            raise RefusedError("this board is a participant's of a study: nobody else can move its rover")
 
 
 def as_move(act: Act, driver: str) -> Move:

@@ -11,12 +11,12 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
 
 from app.play.messages import Message
-from app.play.session import Refused
+from app.play.session import RefusedError
 from app.study.debrief import Debriefs
 from app.study.folder import Study
-from app.study.progress import Flow, NotJoined, NotNow, break_due
-from app.study.protocol import DraftStudy, StudyError, UnknownStudy
-from app.study.records import Participant, label
+from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
+from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.study.records import Participant, participant_label
 from app.web.api import about
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
@@ -87,21 +87,21 @@ def answering() -> Iterator[None]:
     """Answer 404, 409 or 422 with a sentence where a study refuses."""
     try:
         yield
-    except UnknownStudy as error:
+    except UnknownStudyError as error:
         raise HTTPException(404, "there is no such study here: check the link") from error
-    except DraftStudy as error:
+    except DraftStudyError as error:
         raise HTTPException(409, "this study has not begun yet: come back later") from error
-    except NotJoined as error:
+    except NotJoinedError as error:
         raise HTTPException(404, str(error.args[0])) from error
-    except (NotNow, Refused) as error:
+    except (StageError, RefusedError) as error:
         raise HTTPException(409, str(error)) from error
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 
 
-def _flow(request: Request) -> Flow:
-    flow: Flow = request.app.state.flow
-    return flow
+def _progress(request: Request) -> ParticipantProgress:
+    progress: ParticipantProgress = request.app.state.progress
+    return progress
 
 
 def _player(request: Request) -> str | None:
@@ -109,22 +109,22 @@ def _player(request: Request) -> str | None:
     return player_id
 
 
-FlowOf = Annotated[Flow, Depends(_flow)]
+ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
 Player = Annotated[str | None, Depends(_player)]
 
 
 async def where(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
     """Return where a participant stands: all the page needs."""
-    flow, protocol = _flow(request), study.protocol
-    trials = flow.records.trials(participant.id)
+    progress, protocol = _progress(request), study.protocol
+    trials = progress.records.trials(participant.id)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
-    session = await flow.session(participant)
+    session = await progress.session(participant)
     debriefs: Debriefs = request.app.state.debriefs
     is_over = participant.stage in ("debrief", "complete")
     return {
         "study": study.name,
         "title": protocol.title,
-        "participant": label(participant.id),
+        "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
         "questions": [{"question": each.question, "choices": list(each.choices)} for each in protocol.questions],
@@ -136,7 +136,7 @@ async def where(request: Request, study: Study, participant: Participant) -> dic
         "break_due": break_due(study, participant, trials),
         "pause_after_s": protocol.pause_after_s,
         "session": participant.session_id,
-        "about": None if session is None else about(flow.lobby, session),
+        "about": None if session is None else about(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
         "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
         "debrief": await debriefs.summary(study, participant, trials) if is_over else None,
@@ -148,36 +148,36 @@ def _note(study: Study, participant: Participant) -> str | None:
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
-        return WITHDRAWN.format(label=label(participant.id))
+        return WITHDRAWN.format(label=participant_label(participant.id))
     if not study.is_open and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
     return None
 
 
 async def _now(request: Request, name: str) -> dict[str, Any]:
-    flow = _flow(request)
+    progress = _progress(request)
     with answering():
-        return await where(request, flow.study(name), flow.participant(name, _player(request)))
+        return await where(request, progress.study(name), progress.participant(name, _player(request)))
 
 
 @router.get("", summary="The studies of this server")
-async def list_studies(flow: FlowOf) -> list[dict[str, str]]:
+async def list_studies(progress: ProgressOf) -> list[dict[str, str]]:
     """Those whose protocol is frozen; `status` is "open" or "closed"."""
     found = []
-    for name in flow.folder.names():
+    for name in progress.folder.names():
         try:
-            study = flow.study(name)
-        except (StudyError, NotNow):
+            study = progress.study(name)
+        except (StudyError, StageError):
             continue
         found.append({"name": name, "title": study.protocol.title, "status": "open" if study.is_open else "closed"})
     return found
 
 
 @router.get("/{name}", summary="What a study has published")
-async def get_study(flow: FlowOf, name: Name) -> dict[str, Any]:
+async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     """Hash and commitment bind protocol and terrains before anybody has played; `secret` is null until it is closed."""
     with answering():
-        study = flow.study(name)
+        study = progress.study(name)
     protocol, config = study.protocol, study.protocol.env_config
     return {
         "name": name,
@@ -198,13 +198,15 @@ async def get_study(flow: FlowOf, name: Name) -> dict[str, Any]:
 
 
 @router.post("/{name}/join", status_code=201, summary="Take part, or go on")
-async def join(request: Request, response: Response, flow: FlowOf, name: Name, wanted: Join | None = None) -> dict[str, Any]:
+async def join(
+    request: Request, response: Response, progress: ProgressOf, name: Name, wanted: Join | None = None
+) -> dict[str, Any]:
     """201 for a new participant, 200 for one who comes back. A player cookie is set: it is the participant from then on."""
     wanted = wanted or Join()
-    player_id = _player(request) or flow.lobby.sources.player_id()
+    player_id = _player(request) or progress.lobby.sources.player_id()
     with answering():
-        participant, is_new = flow.join(name, player_id, wanted.outside_ids, wanted.script)
-        answer = await where(request, flow.study(name), participant)
+        participant, is_new = progress.join(name, player_id, wanted.outside_ids, wanted.script)
+        answer = await where(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
     request.app.state.players.remember(response, request, player_id)
     return answer
@@ -217,74 +219,74 @@ async def me(request: Request, name: Name) -> dict[str, Any]:
 
 
 @router.post("/{name}/consent", summary="Agree to take part, or not")
-async def consent(request: Request, flow: FlowOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
+async def consent(request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
     """`agree` false leaves the study."""
     with answering():
-        flow.consent(name, player, given.version, given.agree)
+        progress.consent(name, player, given.version, given.agree)
     return await _now(request, name)
 
 
 @router.post("/{name}/advance", summary="Go on to the next stage")
-async def advance(request: Request, flow: FlowOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
+async def advance(request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
     """From the instructions, from the tutorial once it was played, from the debrief to the end."""
     with answering():
-        flow.advance(name, player, left.from_)
+        progress.advance(name, player, left.from_)
     return await _now(request, name)
 
 
 @router.post("/{name}/answers", summary="Answer the questions")
-async def answers(request: Request, flow: FlowOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
+async def answers(request: Request, progress: ProgressOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
     """`right` says which were, `why` explains the others; with all of them right the warm-up is next.
 
     Every attempt is recorded.
     """
     with answering():
-        right = flow.answer(name, player, given.answers)
-    asked = flow.study(name).protocol.questions
+        right = progress.answer(name, player, given.answers)
+    asked = progress.study(name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, asked, strict=True)]
     return {**await _now(request, name), "right": right, "why": why}
 
 
 @router.post("/{name}/next", summary="Begin the next episode")
-async def begin_next(request: Request, flow: FlowOf, player: Player, name: Name) -> dict[str, Any]:
+async def begin_next(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
     """Of the tutorial, the warm-up or the ranked rounds. While one runs nothing changes: no terrain can be drawn again."""
     with answering():
-        await flow.begin_next(name, player)
+        await progress.begin_next(name, player)
     return await _now(request, name)
 
 
 @router.post("/{name}/give-up", summary="Give the running episode up")
-async def give_up(request: Request, flow: FlowOf, player: Player, name: Name, given: GiveUp) -> dict[str, Any]:
+async def give_up(request: Request, progress: ProgressOf, player: Player, name: Name, given: GiveUp) -> dict[str, Any]:
     """It counts at its return so far minus `r_invalid`, and its terrain does not come again."""
     with answering():
-        await flow.give_up(name, player, given.episode, given.step)
+        await progress.give_up(name, player, given.episode, given.step)
     return await _now(request, name)
 
 
 @router.post("/{name}/settings", summary="Choose keys, palette, touch")
-async def settings(request: Request, flow: FlowOf, player: Player, name: Name, chosen: Settings) -> dict[str, Any]:
+async def settings(request: Request, progress: ProgressOf, player: Player, name: Name, chosen: Settings) -> dict[str, Any]:
     """Kept with the participant: how somebody played is part of the data."""
     with answering():
-        flow.set_settings(name, player, chosen.model_dump(exclude_none=True))
+        progress.set_settings(name, player, chosen.model_dump(exclude_none=True))
     return await _now(request, name)
 
 
 @router.post("/{name}/withdraw", summary="Leave the study")
-async def withdraw(request: Request, flow: FlowOf, player: Player, name: Name) -> dict[str, Any]:
+async def withdraw(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
     """The running episode is abandoned; `note` says what is kept and how to have it erased."""
     with answering():
-        await flow.withdraw(name, player)
+        await progress.withdraw(name, player)
     return await _now(request, name)
 
 
 @router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, beside a policy")
-async def debrief(request: Request, flow: FlowOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
+async def debrief(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
     """Your own episode and the policy's on the same terrain, frame by frame; after the last ranked round, never of one."""
     with answering():
-        study, participant = flow.study(name), flow.participant(name, player)
+        study, participant = progress.study(name), progress.participant(name, player)
         if participant.stage not in ("debrief", "complete"):
-            raise NotNow("the debrief comes after the last ranked round")
-        trials = flow.records.trials(participant.id)
+            raise StageError("the debrief comes after the last ranked round")
+        trials = progress.records.trials(participant.id)
         try:
             replays: dict[str, Any] = await request.app.state.debriefs.replays(study, trials, index)
         except LookupError as error:

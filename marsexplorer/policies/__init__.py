@@ -10,13 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from marsexplorer.config import MAX_RADIUS
-from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFound
+from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError
 from marsexplorer.policies.files.card import SUFFIX, read_card, shipped
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.random_policy import RandomPolicy
 
-__all__ = ["Policy", "PolicyFileError", "PolicyNotFound", "describe", "load", "names"]
+__all__ = ["Policy", "PolicyFileError", "PolicyNotFoundError", "describe", "load", "names"]
 
 BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
     "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
@@ -77,7 +77,7 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
 
 
 def file_of(name: str) -> Path:
-    """Return the file that a name or path stands for; PolicyNotFound when there is none."""
+    """Return the file that a name or path stands for; PolicyNotFoundError when there is none."""
     by_name = shipped().get(name)
     if by_name is not None:
         return by_name
@@ -85,5 +85,5 @@ def file_of(name: str) -> Path:
     if path.is_file():
         return path
     if path.suffix in FILES or path.name != name:
-        raise PolicyNotFound(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
-    raise PolicyNotFound(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')
+        raise PolicyNotFoundError(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
+    raise PolicyNotFoundError(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')

@@ -36,7 +36,7 @@ class Policy(Protocol):
         """Return an action 0..3 (north, east, south, west)."""
 
 
-class PolicyNotFound(LookupError):  # noqa: N818 - the house guide's word
+class PolicyNotFoundError(LookupError):
     """No policy goes by this name and no file lies at this path."""
 
 

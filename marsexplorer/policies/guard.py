@@ -15,7 +15,7 @@ from marsexplorer.policies.frontier import FrontierCost
 MOVES = 8
 
 
-class Guard:
+class LoopGuard:
     """Watches an episode's memory and takes over when it repeats itself."""
 
     def __init__(self, sensor_radius: int = 6) -> None:

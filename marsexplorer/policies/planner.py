@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel
 from marsexplorer.policies.base import Memory, mix, valid_moves
-from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.kernels.grid import FAR, Ground, enough, neighbour, open_cells
 from marsexplorer.policies.kernels.visibility import Outlook, fill_boards, learn, look
 
@@ -182,7 +182,7 @@ class Planner:
             raise ValueError(f"tours must be at least 1, got {tours}")
         self.sensor_radius, self.tours = sensor_radius, tours
         self.memory = Memory()
-        self.guard = Guard(sensor_radius)
+        self.guard = LoopGuard(sensor_radius)
         self._state = np.zeros(1, np.uint64)
         self._room: tuple[Outlook, Ground, NDArray[np.uint64], NDArray[np.float64]] | None = None
         self.reset(0)

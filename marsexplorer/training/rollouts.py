@@ -87,7 +87,7 @@ class Players:
         return Decided(planes, moves, logits, actions, guarded)
 
     def _guarded(self, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return where the guard decides: `Guard.overrule` over the stack."""
+        """Return where the guard decides: `LoopGuard.overrule` over the stack."""
         memory = self.memory
         left, stuck, met = memory["left"], memory["stuck"], memory["met"]
         known = np.count_nonzero(self.worlds.codes.reshape(self.num, -1) != UNKNOWN, axis=1)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.report.policies import PolicyRun
-from app.study.data import Person, StudyData, Trial
+from app.study.data import Person, StudyData, StudyEpisode
 from app.study.protocol import default_protocol, protocol_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
@@ -29,7 +29,7 @@ def trial(who, index, score=0.9, steps=20, **rest):
         "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS, "ended_ms": FROZEN_MS + 30_000,
         "trajectory_hash": "0" * 64, "seed": 1000 + index, "config_hash": CONFIG.hash, "core_version": CORE_VERSION, **rest,
     }  # fmt: skip
-    return Trial(**given)
+    return StudyEpisode(**given)
 
 
 def study(people=(), trials=(), closed=True, **rest):

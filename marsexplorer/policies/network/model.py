@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from marsexplorer.policies.base import Memory, Policy, valid_moves
 from marsexplorer.policies.files.card import read_card, refuse
-from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.network.features import CELLS, NUMBERS, PLANES, Perception
 
 FORMAT = "marsexplorer-network-2"
@@ -116,7 +116,7 @@ class NetworkPolicy:
     def __init__(self, name: str, net: Net, sensor_radius: int) -> None:
         self.name = name
         self.net, self._radius = net, sensor_radius
-        self._memory, self._guard = Memory(), Guard(sensor_radius)
+        self._memory, self._guard = Memory(), LoopGuard(sensor_radius)
         self._eyes: Perception | None = None
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
 

@@ -11,7 +11,16 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.admin.health import Health
 from app.settings import Settings
-from app.web.admin_login import COOKIE, FROM_ALL, FROM_ONE, OPEN_S, WINDOW_S, Door, TooManyAttempts, WrongPassword
+from app.web.admin_login import (
+    COOKIE,
+    FROM_ALL,
+    FROM_ONE,
+    OPEN_S,
+    WINDOW_S,
+    AdminLogin,
+    TooManyAttemptsError,
+    WrongPasswordError,
+)
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -96,19 +105,19 @@ def test_a_wrong_password_and_too_many_of_them(admin):
 
 def test_attempts_are_forgiven_after_a_while_and_counted_together():
     now = [0.0]
-    door = Door(PASSWORD, lambda: now[0])
+    door = AdminLogin(PASSWORD, lambda: now[0])
     for _ in range(FROM_ONE):
-        with pytest.raises(WrongPassword):
+        with pytest.raises(WrongPasswordError):
             door.open("wrong-wrong", "1.2.3.4")
-    with pytest.raises(TooManyAttempts):
+    with pytest.raises(TooManyAttemptsError):
         door.open(PASSWORD, "1.2.3.4")
     assert door.open(PASSWORD, "4.3.2.1"), "another address is not locked out"
     now[0] = WINDOW_S + 1
     assert door.open(PASSWORD, "1.2.3.4")
     for number in range(FROM_ALL):
-        with pytest.raises(WrongPassword):
+        with pytest.raises(WrongPasswordError):
             door.open("wrong-wrong", f"1.2.3.{number}")
-    with pytest.raises(TooManyAttempts):
+    with pytest.raises(TooManyAttemptsError):
         door.open(PASSWORD, "9.9.9.9")
 
 
@@ -342,5 +351,5 @@ def test_settings_do_not_print_the_password(monkeypatch):
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", PASSWORD)
     assert PASSWORD not in repr(Settings())
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", "")
-    assert Door.of(Settings()) is None
-    assert Door.of(Settings(admin=True)).drawn
+    assert AdminLogin.of(Settings()) is None
+    assert AdminLogin.of(Settings(admin=True)).drawn

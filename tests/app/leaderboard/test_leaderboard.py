@@ -10,7 +10,7 @@ from scipy import stats
 from app.leaderboard import boards as listing
 from app.leaderboard.figures import Figures, Job, policy_hash
 from app.leaderboard.studies import Studies
-from app.statistics.summaries import Played, curve, figure, trials, visits
+from app.statistics.summaries import EpisodeSummary, curve, figure, trials, visits
 from app.storage.store import Store
 from app.study.folder import Folder
 from marsexplorer.config import CORE_VERSION, EnvConfig
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.timeout(900)
 
 
 def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, outcome="explored"):
-    return Played(outcome, score, steps, discoveries, path)
+    return EpisodeSummary(outcome, score, steps, discoveries, path)
 
 
 def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had():

@@ -6,9 +6,9 @@ import itertools
 import pytest
 
 from app.play.agent import Policies
-from app.play.lobby import Lobby, Sources, UnknownSession
+from app.play.lobby import Lobby, Sources, UnknownSessionError
 from app.play.messages import ChangePace, NewEpisode, NewSession
-from app.play.session import Move, Refused
+from app.play.session import Move, RefusedError
 from app.storage.store import Store, StoreError
 
 DAY_MS = 86_400_000
@@ -105,7 +105,7 @@ def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(story):
         assert (await lobby.get(session_id)).frame == frame
 
     async def later(lobby):
-        with pytest.raises(UnknownSession):
+        with pytest.raises(UnknownSessionError):
             await lobby.get(session_id)
         assert (await lobby.get(open_id)).frame == open_frame
 
@@ -178,7 +178,7 @@ def test_a_policys_rover_refuses_other_hands(story):
         session = await lobby.create(NewSession(player="random"), "me")
         lobby.change_pace(session, ChangePace(pause=True))
         for driver in ("human", "script"):
-            with pytest.raises(Refused, match="driven by the policy 'random'"):
+            with pytest.raises(RefusedError, match="driven by the policy 'random'"):
                 session.act(Move(session.current.id, session.episode.steps, 2, driver))
 
     story(tell)

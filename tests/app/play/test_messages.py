@@ -5,7 +5,17 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from app.play.messages import Act, AskHistory, BadMessage, ChangePace, NewSession, encode_frame, encode_history, parse, sentence
+from app.play.messages import (
+    Act,
+    AskHistory,
+    BadMessageError,
+    ChangePace,
+    NewSession,
+    encode_frame,
+    encode_history,
+    parse,
+    sentence,
+)
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -44,7 +54,7 @@ def test_an_act_and_a_request_for_history_are_understood():
     ],
 )
 def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
-    with pytest.raises(BadMessage) as caught:
+    with pytest.raises(BadMessageError) as caught:
         parse(text)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -16,7 +16,7 @@ from app.release.manifest import MANIFEST
 from app.release.verify import verify_database
 from app.storage.database import open_read_only
 from app.storage.store import StoreError
-from app.study.records import label
+from app.study.records import participant_label
 from tests.support.recorded import play
 from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
 
@@ -129,7 +129,12 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
     with pytest.raises(ReleaseError, match="in the study 'other'"):
         forget(path, people[0], "other")
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
-    for who in (people[0], label(people[0]), label(people[0]).lower(), IDENTITIES["SESSION_ID"].format(0)):
+    for who in (
+        people[0],
+        participant_label(people[0]),
+        participant_label(people[0]).lower(),
+        IDENTITIES["SESSION_ID"].format(0),
+    ):
         assert find(path, who)["id"] == people[0]
 
 

@@ -9,7 +9,7 @@ import pytest
 from app.simulate.keyboard import Clock, Hands
 from app.simulate.persona import KINDS, persona
 from app.simulate.population import POPULATIONS
-from app.study.plausibility import intervals, labels, pause_share
+from app.study.plausibility import intervals, pause_share, plausibility_labels
 
 
 def press(kind, presses, speed=1e6, number=0, idle_ms=0.0):
@@ -39,7 +39,7 @@ def of_kind(events, *kinds):
 @pytest.mark.parametrize("number", range(6))
 def test_a_person_is_labelled_nothing(number):
     events = press("noisy-frontier", 200, number=number)
-    assert labels([], events) == ()
+    assert plausibility_labels([], events) == ()
     gaps = intervals(of_kind(events, "keydown", "touchdown"))
     assert 200 < np.median(gaps) < 900
     times = [event["client_ms"] for event in events]
@@ -52,7 +52,7 @@ def test_both_hands_and_fingers_occur():
 
 
 def test_a_cheater_is_labelled_a_machine():
-    assert {"robotic timing", "no key-up", "under 80 ms"} <= set(labels([], press("cheater", 40)))
+    assert {"robotic timing", "no key-up", "under 80 ms"} <= set(plausibility_labels([], press("cheater", 40)))
 
 
 def test_compressed_time_is_short_and_looks_long():
@@ -83,5 +83,5 @@ def test_an_idler_pauses_its_page():
         "resume",
     ]
     assert pause_share([], events) > 0.8
-    assert labels([], events) == ()
+    assert plausibility_labels([], events) == ()
     assert KINDS["idler"].pauses > 0

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from app.simulate.client import Lost
+from app.simulate.client import ConnectionLostError
 from app.simulate.outbox import MOST_EVENTS, Outbox
 
 
@@ -17,17 +17,17 @@ class Line:
     async def tell(self, batch):
         self.heard.append(batch)
         answer = self.answers.pop(0) if self.answers else {"count": len(batch["events"]), "reason": None}
-        if answer is Lost:
-            raise Lost("the line is lost")
+        if answer is ConnectionLostError:
+            raise ConnectionLostError("the line is lost")
         return answer
 
 
 def test_a_batch_whose_answer_is_lost_is_told_again_unchanged_and_first():
     faults = []
-    outbox, line = Outbox(faults.append), Line({"count": MOST_EVENTS, "reason": None}, Lost)
+    outbox, line = Outbox(faults.append), Line({"count": MOST_EVENTS, "reason": None}, ConnectionLostError)
     outbox.add("e1", [{"client_ms": k} for k in range(MOST_EVENTS + 2)])
     outbox.add("e1", [])
-    with pytest.raises(Lost):
+    with pytest.raises(ConnectionLostError):
         asyncio.run(outbox.tell(line))
     outbox.add("e2", [{"client_ms": 900}])
     asyncio.run(outbox.tell(line))
@@ -42,7 +42,7 @@ def test_what_is_not_kept_now_is_told_again_and_what_never_will_be_is_a_fault():
     never = {"count": 0, "reason": "none of this participant's"}
     outbox, line = Outbox(faults.append), Line({"count": 0, "reason": None}, never)
     outbox.add("e1", [{"client_ms": 1}])
-    with pytest.raises(Lost, match="now"):
+    with pytest.raises(ConnectionLostError, match="now"):
         asyncio.run(outbox.tell(line))
     asyncio.run(outbox.tell(line))
     assert outbox.is_empty

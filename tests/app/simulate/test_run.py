@@ -16,9 +16,9 @@ from app.release.verify import verify_database
 from app.report.build import build
 from app.simulate.cheating import ATTEMPTS
 from app.simulate.outcome_log import Tally
-from app.simulate.participant import Over
+from app.simulate.participant import StudyOverError
 from app.simulate.population import POPULATIONS
-from app.simulate.run import NotReady, Plan, simulate
+from app.simulate.run import Plan, StudyNotReadyError, simulate
 from app.simulate.true_level import true_level
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
@@ -205,7 +205,7 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
     server = serve()
 
     def refused(**rest):
-        with pytest.raises(NotReady) as error:
+        with pytest.raises(StudyNotReadyError) as error:
             asyncio.run(simulate(Plan(**{"url": server.url, "study": study.name, "kinds": ("random",), **rest}), Tally()))
         return str(error.value)
 
@@ -225,7 +225,7 @@ def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_pat
     simulation = Simulation(Plan(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=40))
     simulation.reaches(30)
     Folder(tmp_path / "studies").close(study.name)
-    with pytest.raises(Over, match="closed"):
+    with pytest.raises(StudyOverError, match="closed"):
         simulation.result()
 
 
@@ -235,16 +235,16 @@ def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
     simulation = Simulation(Plan(server.url, study.name, ("noisy-frontier",), seed=6, speed=40, patience_s=1.0))
     simulation.reaches(10)
     server.kill()
-    with pytest.raises(Over, match="has been away"):
+    with pytest.raises(StudyOverError, match="has been away"):
         simulation.result()
 
 
 def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatch):
     """The checks can fail: scores that are not hidden, and a door left open."""
-    from app.study.participant_board import ParticipantSeat
+    from app.study.participant_board import StudyParticipation
 
     study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
-    monkeypatch.setattr(ParticipantSeat, "hides_scores", lambda self, episode: False)
+    monkeypatch.setattr(StudyParticipation, "hides_scores", lambda self, episode: False)
     monkeypatch.setattr("app.web.access.owns", lambda connection, session: True)
     tally = Simulation(Plan(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)).result()
     assert any(fault.startswith("a ranked frame tells its score") for fault in tally.faults)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.study.plausibility import LABELS, labels, pause_share
+from app.study.plausibility import LABELS, pause_share, plausibility_labels
 
 
 def press(at, up=True, kind="keydown", **rest):
@@ -45,62 +45,62 @@ HUMAN = [
 
 
 def test_plain_play_has_no_label():
-    assert labels([], presses(HUMAN)) == ()
-    assert labels([], presses(HUMAN, kind="touchdown")) == ()
-    assert labels([], []) == ()
+    assert plausibility_labels([], presses(HUMAN)) == ()
+    assert plausibility_labels([], presses(HUMAN, kind="touchdown")) == ()
+    assert plausibility_labels([], []) == ()
 
 
 def test_a_machines_beat_is_robotic_even_with_a_rest_in_it():
     times = [250 * k + (7 if k % 2 else 0) for k in range(24)]
-    assert labels([], presses(times)) == ("robotic timing",)
-    assert labels([], presses(times[:12] + [at + 90_000 for at in times[12:]])) == ("robotic timing",)
-    assert labels([], presses(times[:20])) == ()  # 19 intervals are too few to tell
+    assert plausibility_labels([], presses(times)) == ("robotic timing",)
+    assert plausibility_labels([], presses(times[:12] + [at + 90_000 for at in times[12:]])) == ("robotic timing",)
+    assert plausibility_labels([], presses(times[:20])) == ()  # 19 intervals are too few to tell
 
 
 def test_keys_that_never_come_up():
-    assert labels([], presses(HUMAN, up=False)) == ("no key-up",)
+    assert plausibility_labels([], presses(HUMAN, up=False)) == ("no key-up",)
     half = [row for number, at in enumerate(HUMAN) for row in press(at, up=number % 2 == 0)]
-    assert labels([], half) == ()
-    assert labels([], presses(HUMAN[:4], up=False)) == ()
+    assert plausibility_labels([], half) == ()
+    assert plausibility_labels([], presses(HUMAN[:4], up=False)) == ()
 
 
 def test_presses_closer_than_eyes_and_hands():
     fast = [*HUMAN[:10], 3300, 3340, *HUMAN[10:]]
-    assert labels([], presses(fast)) == ()  # two of 23 may happen with two fingers
+    assert plausibility_labels([], presses(fast)) == ()  # two of 23 may happen with two fingers
     faster = sorted(HUMAN + [at + 50 for at in HUMAN[:6]])
-    assert labels([], presses(faster)) == ("under 80 ms",)
+    assert plausibility_labels([], presses(faster)) == ("under 80 ms",)
 
 
 def test_auto_repeat_is_no_press():
     held = presses(HUMAN) + [row for at in range(9000, 9900, 33) for row in press(at, up=False, repeat=1)]
-    assert labels([], held) == ()
+    assert plausibility_labels([], held) == ()
 
 
 def test_a_press_that_the_browser_does_not_vouch_for():
-    assert labels([], [*presses(HUMAN), *press(9500, trusted=0)]) == ("untrusted",)
-    assert labels([], [*presses(HUMAN), *press(9500, trusted=None)]) == ()
+    assert plausibility_labels([], [*presses(HUMAN), *press(9500, trusted=0)]) == ("untrusted",)
+    assert plausibility_labels([], [*presses(HUMAN), *press(9500, trusted=None)]) == ()
 
 
 def test_a_press_while_the_page_was_hidden():
     rows = [*presses(HUMAN), event("hidden", 9100), *press(9500), event("visible", 9900)]
-    assert labels([], rows) == ("unfocused",)
-    assert labels([], [*presses(HUMAN), event("hidden", 9100), event("visible", 9300), *press(9500)]) == ()
+    assert plausibility_labels([], rows) == ("unfocused",)
+    assert plausibility_labels([], [*presses(HUMAN), event("hidden", 9100), event("visible", 9300), *press(9500)]) == ()
 
 
 def test_moves_by_key_without_any_input_event():
     moves = [{"input": "key", "server_ms": 1000 * k} for k in range(6)]
-    assert labels(moves, []) == ("no telemetry",)
-    assert labels([{**move, "input": None} for move in moves], []) == ()
-    assert labels(moves, presses(HUMAN)) == ()
+    assert plausibility_labels(moves, []) == ("no telemetry",)
+    assert plausibility_labels([{**move, "input": None} for move in moves], []) == ()
+    assert plausibility_labels(moves, presses(HUMAN)) == ()
 
 
 def test_a_reload_begins_the_clock_anew_without_a_label():
-    assert labels([], presses(HUMAN + [at / 2 + 17 for at in HUMAN if at % 3])) == ()
+    assert plausibility_labels([], presses(HUMAN + [at / 2 + 17 for at in HUMAN if at % 3])) == ()
 
 
 def test_several_labels_stand_in_the_order_of_the_list():
     rows = presses([250 * k for k in range(30)], up=False, trusted=0)
-    found = labels([], rows)
+    found = plausibility_labels([], rows)
     assert found == ("robotic timing", "no key-up", "untrusted")
     assert [name for name in LABELS if name in found] == list(found)
 

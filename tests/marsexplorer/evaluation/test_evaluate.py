@@ -13,7 +13,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate, horizon
 from marsexplorer.evaluation.play import area_under_coverage
 from marsexplorer.evaluation.table import compare, interval, ratio_interval
-from marsexplorer.policies import PolicyNotFound, load
+from marsexplorer.policies import PolicyNotFoundError, load
 from marsexplorer.terrain import generate
 
 CONFIG = EnvConfig("random", 7, 11, sensor_radius=3)
@@ -69,7 +69,7 @@ def test_the_interval_is_students():
 
 
 def test_bad_requests_are_refused_before_anything_is_played():
-    with pytest.raises(PolicyNotFound):
+    with pytest.raises(PolicyNotFoundError):
         evaluate(["random", "nobody"], CONFIG, 3, 0)
     with pytest.raises(ValueError, match="at least one policy"):
         evaluate([], CONFIG, 3, 0)
@@ -161,5 +161,5 @@ def test_the_informed_planner_stands_beside_policies_and_is_none_of_them():
     assert informed.steps_mean < rule.steps_mean
     assert table.compared(rule, INFORMED).ratio_mean == rule.steps_mean / informed.steps_mean
     assert table.compared(informed, "rule").difference_mean == informed.steps_mean - rule.steps_mean
-    with pytest.raises(PolicyNotFound):
+    with pytest.raises(PolicyNotFoundError):
         load(INFORMED)

@@ -9,7 +9,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.base import Memory, decode, draw, mix
-from marsexplorer.policies.guard import Guard
+from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.random_policy import RandomPolicy
 
 BUILT_IN = ["frontier-utility", "frontier-cost", "planner", "random"]
@@ -119,7 +119,7 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
         """Goes east and west for ever, and never looks."""
 
         def __init__(self):
-            self.memory, self.guard, self.moves = Memory(), Guard(6), 0
+            self.memory, self.guard, self.moves = Memory(), LoopGuard(6), 0
 
         def reset(self, seed):
             self.memory.forget()
@@ -144,11 +144,13 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
 
 
 def test_an_unknown_policy_is_named_with_the_way_out(tmp_path):
-    with pytest.raises(policies.PolicyNotFound, match=r'no policy "ppo2" in data/policies; choose one of: .*random, or give'):
+    with pytest.raises(
+        policies.PolicyNotFoundError, match=r'no policy "ppo2" in data/policies; choose one of: .*random, or give'
+    ):
         policies.load("ppo2")
-    with pytest.raises(policies.PolicyNotFound, match="no policy file at"):
+    with pytest.raises(policies.PolicyNotFoundError, match="no policy file at"):
         policies.load(tmp_path / "none.safetensors")
-    with pytest.raises(policies.PolicyNotFound):
+    with pytest.raises(policies.PolicyNotFoundError):
         policies.describe("ppo2")
     with pytest.raises(ValueError, match=r"sensor_radius must be in 1\.\.31, got 0"):
         policies.load("random", 0)
@@ -217,5 +219,5 @@ def test_a_file_that_is_no_policy_is_refused_and_never_run(kind, tmp_path):
 
 
 def test_a_folder_is_no_policy(tmp_path):
-    with pytest.raises((policies.PolicyFileError, policies.PolicyNotFound)):
+    with pytest.raises((policies.PolicyFileError, policies.PolicyNotFoundError)):
         policies.load(tmp_path)
