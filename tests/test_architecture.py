@@ -1,7 +1,7 @@
-"""Imports follow the layers: every import of the project is held to the tables below, and the tables have no cycle.
+"""Imports follow the layers: every import of the project is held to the table below, and the table has no cycle.
 
-A unit is a folder with code in it; where a folder has folders inside, each of its own modules is a unit as well. Imports
-inside functions and under TYPE_CHECKING count, and so do those by name through `importlib`.
+A unit is a folder of modules; where a folder has folders of modules inside, each module of its own is a unit too. Imports
+inside functions and under TYPE_CHECKING count, and so do modules that are named in calls of `import_module`.
 """
 
 import ast
@@ -14,15 +14,380 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("marsexplorer", "app")
 
-ALLOWED = {
-    # the environment and its agents, complete without the web
-    "marsexplorer": "marsexplorer.config marsexplorer.env marsexplorer.vector",
-    "marsexplorer.config": "",
-    "marsexplorer.compiled": "",
-    "marsexplorer.score": "marsexplorer.config",
-    "marsexplorer.lidar": "marsexplorer.compiled",
-    "marsexplorer.terrain": "marsexplorer.compiled marsexplorer.config",
-    "marsexplorer.rules": "marsexplorer.compiled marsexplorer.config marsexplorer.lidar marsexplorer.terrain",
-    "marsexplorer.world": "marsexplorer.config marsexplorer.lidar marsexplorer.rules marsexplorer.terrain",
-    "marsexplorer.episode": "marsexplorer.config marsexplorer.rules marsexplorer.score marsexplorer.world",
+ALLOWED: dict[str, set[str]] = {
+    "app": set(),
+    "app.admin": {"app.play", "app.report", "app.storage", "app.study", "marsexplorer.score"},
+    "app.cli": {
+        "app.release",
+        "app.report",
+        "app.server",
+        "app.settings",
+        "app.simulate",
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.bench",
+        "marsexplorer.config",
+        "marsexplorer.evaluation",
+        "marsexplorer.policies",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.files",
+        "marsexplorer.policies.network",
+        "marsexplorer.training",
+    },
+    "app.leaderboard": {
+        "app.report",
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.evaluation",
+        "marsexplorer.policies",
+        "marsexplorer.policies.files",
+        "marsexplorer.score",
+    },
+    "app.play": {
+        "app.storage",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.policies",
+        "marsexplorer.policies.files",
+        "marsexplorer.policies.network",
+    },
+    "app.release": {
+        "app.storage",
+        "app.study",
+        "marsexplorer",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.evaluation",
+        "marsexplorer.score",
+    },
+    "app.report": {
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.evaluation",
+        "marsexplorer.policies",
+    },
+    "app.server": {
+        "app.play",
+        "app.settings",
+        "app.storage",
+        "app.study",
+        "app.viewer3d",
+        "app.web",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.policies",
+    },
+    "app.settings": set(),
+    "app.simulate": {
+        "app.storage",
+        "marsexplorer.compiled",
+        "marsexplorer.config",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.frontier",
+        "marsexplorer.policies.kernels",
+        "marsexplorer.policies.planner",
+        "marsexplorer.rules",
+        "marsexplorer.score",
+        "marsexplorer.world",
+    },
+    "app.statistics": {
+        "app.cli",
+        "app.leaderboard",
+        "app.report",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.score",
+    },
+    "app.storage": {"marsexplorer.config", "marsexplorer.episode", "marsexplorer.score", "marsexplorer.terrain"},
+    "app.study": {
+        "app.play",
+        "app.storage",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.policies",
+        "marsexplorer.score",
+        "marsexplorer.terrain",
+    },
+    "app.viewer3d": {"app.play", "marsexplorer.config", "marsexplorer.episode"},
+    "app.web": {
+        "app.admin",
+        "app.leaderboard",
+        "app.play",
+        "app.settings",
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+    },
+    "marsexplorer": set(),
+    "marsexplorer.bench": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.world"},
+    "marsexplorer.compiled": set(),
+    "marsexplorer.config": set(),
+    "marsexplorer.env": {
+        "marsexplorer.config",
+        "marsexplorer.rules",
+        "marsexplorer.score",
+        "marsexplorer.terrain",
+        "marsexplorer.world",
+    },
+    "marsexplorer.episode": {"marsexplorer.config", "marsexplorer.rules", "marsexplorer.score", "marsexplorer.world"},
+    "marsexplorer.evaluation": {
+        "marsexplorer.compiled",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.lidar",
+        "marsexplorer.policies",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.kernels",
+        "marsexplorer.policies.planner",
+        "marsexplorer.score",
+    },
+    "marsexplorer.lidar": {"marsexplorer.compiled"},
+    "marsexplorer.policies": {
+        "marsexplorer.config",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.files",
+        "marsexplorer.policies.frontier",
+        "marsexplorer.policies.network",
+        "marsexplorer.policies.planner",
+        "marsexplorer.policies.random_policy",
+    },
+    "marsexplorer.policies.base": {"marsexplorer.config"},
+    "marsexplorer.policies.files": {
+        "marsexplorer.config",
+        "marsexplorer.policies",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.network",
+    },
+    "marsexplorer.policies.frontier": {"marsexplorer.compiled", "marsexplorer.policies.base", "marsexplorer.policies.kernels"},
+    "marsexplorer.policies.guard": {"marsexplorer.policies.base", "marsexplorer.policies.frontier"},
+    "marsexplorer.policies.kernels": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar"},
+    "marsexplorer.policies.network": {
+        "marsexplorer.compiled",
+        "marsexplorer.config",
+        "marsexplorer.lidar",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.files",
+        "marsexplorer.policies.guard",
+        "marsexplorer.policies.kernels",
+    },
+    "marsexplorer.policies.planner": {
+        "marsexplorer.compiled",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.guard",
+        "marsexplorer.policies.kernels",
+    },
+    "marsexplorer.policies.random_policy": {"marsexplorer.policies.base"},
+    "marsexplorer.rules": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar", "marsexplorer.terrain"},
+    "marsexplorer.score": {"marsexplorer.config"},
+    "marsexplorer.terrain": {"marsexplorer.compiled", "marsexplorer.config"},
+    "marsexplorer.training": {
+        "marsexplorer.config",
+        "marsexplorer.evaluation",
+        "marsexplorer.policies.base",
+        "marsexplorer.policies.frontier",
+        "marsexplorer.policies.guard",
+        "marsexplorer.policies.network",
+        "marsexplorer.rules",
+        "marsexplorer.vector",
+        "marsexplorer.world",
+    },
+    "marsexplorer.vector": {
+        "marsexplorer.config",
+        "marsexplorer.env",
+        "marsexplorer.rules",
+        "marsexplorer.score",
+        "marsexplorer.terrain",
+        "marsexplorer.world",
+    },
+    "marsexplorer.world": {"marsexplorer.config", "marsexplorer.lidar", "marsexplorer.rules", "marsexplorer.terrain"},
 }
+"""Unit -> the units that it may import."""
+
+LIBRARIES: dict[str, set[str]] = {
+    "app.cli": {"click", "pydantic", "rich", "torch"},
+    "app.leaderboard": {"numpy"},
+    "app.play": {"numpy", "pydantic"},
+    "app.release": {"cryptography", "gymnasium", "numpy"},
+    "app.report": {"matplotlib", "numpy"},
+    "app.server": {"fastapi", "starlette", "uvicorn"},
+    "app.settings": {"pydantic", "pydantic_settings"},
+    "app.simulate": {"httpx", "numpy", "websockets"},
+    "app.statistics": {"click", "numpy", "scipy"},
+    "app.storage": {"numpy", "sqlite_utils"},
+    "app.study": {"pydantic"},
+    "app.viewer3d": {"PIL", "msgspec", "numpy", "starlette", "viser", "websockets", "zstandard"},
+    "app.web": {"fastapi", "itsdangerous", "pydantic", "starlette"},
+    "marsexplorer": {"gymnasium"},
+    "marsexplorer.bench": {"crafter", "envpool", "gymnasium", "minigrid", "numpy"},
+    "marsexplorer.compiled": {"llvmlite", "numba"},
+    "marsexplorer.env": {"gymnasium", "numpy"},
+    "marsexplorer.episode": {"numpy"},
+    "marsexplorer.evaluation": {"matplotlib", "numpy", "ray", "scipy"},
+    "marsexplorer.lidar": {"numpy"},
+    "marsexplorer.policies.base": {"numpy"},
+    "marsexplorer.policies.files": {"numpy", "torch"},
+    "marsexplorer.policies.frontier": {"numpy"},
+    "marsexplorer.policies.guard": {"numpy"},
+    "marsexplorer.policies.kernels": {"numpy"},
+    "marsexplorer.policies.network": {"numpy", "safetensors", "torch"},
+    "marsexplorer.policies.planner": {"numpy"},
+    "marsexplorer.policies.random_policy": {"numpy"},
+    "marsexplorer.rules": {"numpy"},
+    "marsexplorer.terrain": {"numpy"},
+    "marsexplorer.training": {"gymnasium", "matplotlib", "numpy", "ray", "tensorboardX", "torch"},
+    "marsexplorer.vector": {"gymnasium", "numpy"},
+    "marsexplorer.world": {"numpy"},
+}
+"""Unit -> the libraries that it may import besides Python's own."""
+
+
+def unit_of(module, root=ROOT):
+    """Return the unit of a dotted module name, or of a dotted name inside a module."""
+    parts = module.split(".")
+    while parts:
+        path = root.joinpath(*parts)
+        if path.is_dir():
+            return ".".join(parts)
+        if path.with_suffix(".py").is_file():
+            folder = path.parent
+            has_folders = any((each / "__init__.py").is_file() for each in folder.iterdir() if each.is_dir())
+            return ".".join(parts if has_folders else parts[:-1])
+        parts.pop()
+    raise AssertionError(f"{module} is no module of the project")
+
+
+def imports(path):
+    """Yield every module that a file imports, anywhere in it, by full dotted name."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func) and node.args:
+            name = node.args[0]
+            if isinstance(name, ast.JoinedStr) and isinstance(name.values[0], ast.Constant):
+                yield name.values[0].value.rstrip(".")
+            elif isinstance(name, ast.Constant):
+                yield name.value
+
+
+def problems(root, allowed, libraries):
+    """Return one sentence for each import that the tables do not allow, and for each unit that has no row."""
+    found = []
+    for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
+        relative = path.relative_to(root)
+        unit = unit_of(".".join(relative.with_suffix("").parts).removesuffix(".__init__"), root)
+        if unit not in allowed:
+            found.append(f"{unit} has no row")
+            continue
+        for name in imports(path):
+            top = name.split(".")[0]
+            if top in PACKAGES:
+                target = unit_of(name, root)
+                if target != unit and target not in allowed[unit]:
+                    found.append(f"{relative} imports {target}")
+            elif top not in sys.stdlib_module_names and top not in libraries.get(unit, set()):
+                found.append(f"{relative} imports {top}")
+    return found
+
+
+def test_every_import_is_in_the_table():
+    assert problems(ROOT, ALLOWED, LIBRARIES) == []
+
+
+def test_the_table_has_no_cycle_and_no_row_for_nothing():
+    TopologicalSorter(ALLOWED).prepare()
+    for unit in {*ALLOWED, *LIBRARIES}.union(*ALLOWED.values()):
+        assert unit_of(unit) == unit
+
+
+def test_no_row_allows_what_nothing_imports():
+    """A row that is wider than the code would let the next upward import pass unseen."""
+    used = {unit: set() for unit in ALLOWED}
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        unit = unit_of(".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"))
+        for name in imports(path):
+            used[unit].add(unit_of(name) if name.split(".")[0] in PACKAGES else name.split(".")[0])
+    for unit in ALLOWED:
+        assert ALLOWED[unit] | LIBRARIES.get(unit, set()) <= used[unit], unit
+
+
+@pytest.fixture
+def small(tmp_path):
+    """`small(**files)` writes a project of two layers, storage under web, and returns what the test says of it."""
+
+    def write(**files):
+        for name, text in {"app/__init__": "", "app/storage/__init__": "", "app/web/__init__": "", **files}.items():
+            path = tmp_path / f"{name}.py"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        (tmp_path / "marsexplorer").mkdir(exist_ok=True)
+        return problems(tmp_path, {"app": set(), "app.storage": set(), "app.web": {"app.storage"}}, {})
+
+    return write
+
+
+def test_an_import_downward_passes(small):
+    assert small(**{"app/web/pages": "from app.storage import store\n", "app/storage/store": ""}) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from app.web import pages\n",
+        "import app.web.pages\n",
+        "def f():\n    from app.web.pages import index\n",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from app.web import pages\n",
+        'from importlib import import_module\npages = import_module("app.web.pages")\n',
+    ],
+    ids=["upward", "whole", "lazy", "for types", "by name"],
+)
+def test_an_import_upward_is_found_wherever_it_stands(small, text):
+    assert small(**{"app/web/pages": "index = 1\n", "app/storage/store": text}) == ["app/storage/store.py imports app.web"]
+
+
+def test_a_cycle_in_the_table_is_found():
+    with pytest.raises(CycleError):
+        TopologicalSorter({**ALLOWED, "app.storage": {*ALLOWED["app.storage"], "app.web"}}).prepare()
+
+
+def test_a_library_needs_a_row_and_a_unit_too(small):
+    assert small(**{"app/storage/store": "import numpy\n", "app/cli/main": ""}) == [
+        "app.cli has no row",
+        "app/storage/store.py imports numpy",
+    ]
+
+
+def test_the_core_knows_nothing_of_the_web():
+    web = {"app", "fastapi", "starlette", "uvicorn", "viser", "sqlite_utils", "pydantic", "click", "rich"}
+    for unit, libraries in LIBRARIES.items():
+        assert not (unit.startswith("marsexplorer") and libraries & web), unit
+    assert not any(
+        unit.startswith("marsexplorer") and any(each.startswith("app") for each in ALLOWED[unit]) for unit in ALLOWED
+    )
+
+
+def test_a_policy_decides_from_the_observation_alone():
+    for unit in (unit for unit in ALLOWED if unit.startswith("marsexplorer.policies")):
+        assert not ALLOWED[unit] & {"marsexplorer.rules", "marsexplorer.world", "marsexplorer.terrain", "marsexplorer.episode"}
+
+
+def test_folders_stay_small_enough_to_be_read():
+    for folder in {path.parent for path in (ROOT / "app").rglob("*.py")}:
+        modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+        assert len(modules) <= (4 if folder == ROOT / "app" else 20), f"{folder.relative_to(ROOT)} has {len(modules)} modules"
+
+
+def test_only_the_web_knows_the_services():
+    importers = {unit for unit, targets in ALLOWED.items() if "app.services" in targets}
+    assert importers == {"app.web", "app.server"}
