@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from app.release import signing
-from app.release.connection import reading, rows
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
@@ -26,6 +25,7 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_afresh
 from app.release.tables import Writers, played
 from app.release.verify import verify_moment
+from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.study.protocol import Protocol, StudyError, checked
 

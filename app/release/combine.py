@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from app.release.connection import reading
 from app.release.dataset import verify_dataset
 from app.release.errors import ReleaseError
 from app.release.header import DATABASE
 from app.release.join import Joined, join, learn_forgotten
+from app.storage.connection import reading
 from app.storage.database import StoreError, open_database, take_lock, transaction
 
 Advance = Callable[[int, int], None]

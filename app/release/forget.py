@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.release.connection import reading, rows
 from app.release.errors import ReleaseError
 from app.release.join import TRAJECTORY, person_hashes, trajectory_hash
 from app.storage import digests
+from app.storage.connection import reading, rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
 from app.study.records import participant_label
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
-from app.release.connection import rows, stream
 from app.release.errors import ReleaseError
+from app.storage.connection import rows, stream
 
 TABLES = (
     "players", "sessions", "episodes", "steps", "participants", "identities", "stage_events", "study_episodes",

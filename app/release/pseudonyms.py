@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.release.connection import rows, stream
 from app.release.errors import ReleaseError
 from app.storage import digests
+from app.storage.connection import rows, stream
 from app.storage.database import open_database, transaction
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}

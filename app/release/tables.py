@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Any
 
 from app.release.columns import EPISODES, INPUT_EVENTS, SCORES, STEPS, Column
-from app.release.connection import rows
 from app.release.errors import library
+from app.storage.connection import rows
 from app.storage.reader import config_of, record_of
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, replay

@@ -16,9 +16,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.release.connection import reading, rows
 from app.release.study_checks import check_studies
 from app.storage import digests
+from app.storage.connection import reading, rows
 from app.storage.resimulation import Finding, differences
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
