@@ -19,7 +19,7 @@ from typing import Any, Literal, get_args
 What = Literal["report", "release"]
 KINDS: tuple[What, ...] = get_args(What)
 
-_RUN = "import os; os.nice(10); from app.cli import main; main()"
+_RUN = "import os; os.nice(10); from app.cli.main import main; main()"
 _KEPT = 500
 """Characters of a failed command's sentence."""
 

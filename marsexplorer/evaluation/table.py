@@ -12,17 +12,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.evaluation.intervals import Floats, t_interval, t_quantile
 from marsexplorer.evaluation.play import INFORMED, Result, horizon
 
-CONFIDENCE = 0.95
 RULES = ("frontier-cost", "frontier-utility")
 """The rules of thumb among which the best is sought."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -151,14 +147,14 @@ def summarize(results: Sequence[Result]) -> Row:
         first.cols,
         len(results),
         float(scores.mean()),
-        *interval(scores),
+        *_interval(scores),
         outcomes.count("explored") / len(results),
         float(steps.mean()),
-        *interval(steps),
+        *_interval(steps),
         outcomes.count("collided") + outcomes.count("out_of_bounds"),
         float(_column(results, "coverage").mean()),
         float(areas.mean()),
-        *interval(areas),
+        *_interval(areas),
     )
 
 
@@ -174,15 +170,15 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
                 continue
             first, differences = results[0], steps[name] - steps[reference]
             where = (first.level, first.rows, first.cols, len(results))
-            paired = (float(differences.mean()), *interval(differences), *ratio_interval(steps[name], steps[reference]))
+            paired = (float(differences.mean()), *_interval(differences), *ratio_interval(steps[name], steps[reference]))
             found.append(Comparison(name, against, reference, *where, *paired))
     return found
 
 
-def interval(values: Floats) -> tuple[float, float]:
-    """Return the 95 % t interval of the mean of at least two values, low and high."""
-    half = _t(len(values)) * values.std(ddof=1) / np.sqrt(len(values))
-    return float(values.mean() - half), float(values.mean() + half)
+def _interval(values: Floats) -> tuple[float, float]:
+    """Return the t interval of the mean of at least two values, low and high."""
+    low, high = t_interval(values)
+    return float(low), float(high)
 
 
 def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, float]:
@@ -192,12 +188,8 @@ def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, fl
     """
     ratio = values.mean() / references.mean()
     errors = (values - ratio * references) / references.mean()
-    half = _t(len(values)) * errors.std(ddof=1) / np.sqrt(len(values))
-    return float(ratio), float(ratio - half), float(ratio + half)
-
-
-def _t(count: int) -> float:
-    return float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1))
+    half_width = t_quantile(len(values) - 1) * errors.std(ddof=1) / np.sqrt(len(values))
+    return float(ratio), float(ratio - half_width), float(ratio + half_width)
 
 
 def _column(results: Sequence[Result], name: str) -> Floats:

@@ -11,8 +11,9 @@ from scipy import stats
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate, horizon
+from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.evaluation.play import area_under_coverage
-from marsexplorer.evaluation.table import compare, interval, ratio_interval
+from marsexplorer.evaluation.table import compare, ratio_interval
 from marsexplorer.policies import PolicyNotFoundError, load
 from marsexplorer.terrain import generate
 
@@ -65,7 +66,7 @@ def test_json_holds_config_seeds_version_and_every_episode():
 def test_the_interval_is_students():
     values = np.array([0.2, 0.5, 0.9, 0.4])
     expected = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
-    assert interval(values) == pytest.approx(expected)
+    assert t_interval(values) == pytest.approx(expected)
 
 
 def test_bad_requests_are_refused_before_anything_is_played():
@@ -141,7 +142,7 @@ def test_comparisons_are_paired_with_the_better_rule():
     assert mine.ratio_mean == mine.ratio_high == pytest.approx(0.8)
     differences = np.array([-2.0, -3, -4, -10])
     assert mine.difference_mean == differences.mean()
-    assert (mine.difference_low, mine.difference_high) == pytest.approx(interval(differences))
+    assert (mine.difference_low, mine.difference_high) == pytest.approx(t_interval(differences))
 
 
 def test_the_ratio_s_interval_covers_the_truth_as_often_as_it_says():

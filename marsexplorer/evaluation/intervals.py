@@ -1,0 +1,29 @@
+"""Student's t intervals: the one place where the repository takes a t quantile for the mean of independent values."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Floats = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+"""Coverage of the intervals that the tables print."""
+
+
+def t_quantile(degrees_of_freedom: float, confidence: float = CONFIDENCE) -> float:
+    """Return the two-sided quantile of Student's t: |T| stays below it with probability `confidence` (0..1)."""
+    return float(stats.t.ppf((1 + confidence) / 2, degrees_of_freedom))
+
+
+def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+    """Return (low, high) of the t interval for the mean along the last axis.
+
+    values      float64[..., n], n at least 2; each result is float64[...]
+    confidence  coverage, 0..1
+    """
+    count = values.shape[-1]
+    half_width = t_quantile(count - 1, confidence) * values.std(-1, ddof=1) / np.sqrt(count)
+    mean = values.mean(-1)
+    return mean - half_width, mean + half_width
