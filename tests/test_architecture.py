@@ -16,7 +16,7 @@ PACKAGES = ("marsexplorer", "app")
 
 ALLOWED: dict[str, set[str]] = {
     "app": set(),
-    "app.admin": {"app.play", "app.report", "app.storage", "app.study", "marsexplorer.score"},
+    "app.admin": {"app.play", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
     "app.cli": {
         "app.release",
         "app.report",
@@ -36,7 +36,6 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.training",
     },
     "app.leaderboard": {
-        "app.report",
         "app.statistics",
         "app.storage",
         "app.study",
@@ -45,7 +44,6 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.evaluation",
         "marsexplorer.policies",
         "marsexplorer.policies.files",
-        "marsexplorer.score",
     },
     "app.play": {
         "app.storage",
@@ -96,16 +94,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.score",
         "marsexplorer.world",
     },
-    "app.statistics": {
-        "app.cli",
-        "app.leaderboard",
-        "app.report",
-        "app.storage",
-        "app.study",
-        "marsexplorer.config",
-        "marsexplorer.episode",
-        "marsexplorer.score",
-    },
+    "app.statistics": {"app.storage", "app.study", "marsexplorer.config", "marsexplorer.episode", "marsexplorer.score"},
     "app.storage": {"marsexplorer.config", "marsexplorer.episode", "marsexplorer.score", "marsexplorer.terrain"},
     "app.study": {
         "app.play",
@@ -221,7 +210,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.server": {"fastapi", "starlette", "uvicorn"},
     "app.settings": {"pydantic", "pydantic_settings"},
     "app.simulate": {"httpx", "numpy", "websockets"},
-    "app.statistics": {"click", "numpy", "scipy"},
+    "app.statistics": {"click", "numpy", "rich", "scipy"},
     "app.storage": {"numpy", "sqlite_utils"},
     "app.study": {"pydantic"},
     "app.viewer3d": {"PIL", "msgspec", "numpy", "starlette", "viser", "websockets", "zstandard"},

@@ -14,7 +14,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, get_args
 
-from app.report import live_figure
+from app.statistics.study_figures import live_figure
 from app.storage.reader import Reader, config_of
 from app.study.data import load
 from app.study.protocol import StudyError

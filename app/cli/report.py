@@ -103,7 +103,7 @@ def _show(found: Report) -> None:
 
 
 def _show_group(found: Report, group: Group) -> None:
-    from app.report.markup import interval, number, p_value
+    from app.statistics.formatting import interval, number, p_value
 
     mark = "SYNTHETIC, script " if found.synthetic else ""
     rows = []

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from app.leaderboard.worker import of_episode
-from app.statistics.summaries import EpisodeSummary, curve, trials, visits
+from app.statistics.summaries import EpisodeSummary, curve, summary_of, trials, visits
 from app.storage.reader import Reader, record_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
@@ -37,7 +36,7 @@ def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
             episode = replay(record_of(row, reader.steps(row["id"])))
         except ValueError:  # of another core version: its totals count, its way cannot be drawn
             continue
-        people.setdefault(row["owner_id"], []).append(of_episode(episode))
+        people.setdefault(row["owner_id"], []).append(summary_of(episode))
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from app.report import live_figure
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.group_summaries import of_groups
+from app.statistics.study_figures import live_figure
 from app.statistics.summaries import EpisodeSummary, trials
 from app.storage.reader import Reader
 from app.study.data import StudyData, load

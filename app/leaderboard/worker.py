@@ -11,12 +11,10 @@ import os
 import sys
 from typing import Any
 
-from app.statistics.summaries import EpisodeSummary, figure
+from app.statistics.summaries import EpisodeSummary, figure, summary_of
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
 from marsexplorer.evaluation.play import drive
-from marsexplorer.score import steps_to_target
 
 
 def main() -> None:
@@ -35,15 +33,9 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
     policy = policies.load(job["policy"], config.sensor_radius)
     groups: list[list[EpisodeSummary]] = []
     for seed in job["seeds"]:
-        groups.append([of_episode(drive(policy, config, seed))])
+        groups.append([summary_of(drive(policy, config, seed))])
         tell({"done": len(groups)})
     return figure(config, groups)
-
-
-def of_episode(episode: Episode) -> EpisodeSummary:
-    """Return what figures need of a finished episode."""
-    steps = steps_to_target(episode.config, episode.outcome, episode.steps)
-    return EpisodeSummary(episode.outcome, episode.score, steps, episode.discoveries, episode.path)
 
 
 def tell(message: dict[str, Any]) -> None:

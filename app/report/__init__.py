@@ -1,6 +1,6 @@
-"""A study's report: `build(data, runs) -> Report`, `page.render(report) -> str`; `live_figure(data)` is the score so far."""
+"""A study's report: `build(data, runs) -> Report`, `page.render(report) -> str`."""
 
-from app.report.build import build, live_figure
+from app.report.build import build
 from app.report.model import Report
 
-__all__ = ["Report", "build", "live_figure"]
+__all__ = ["Report", "build"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
-from app.report.model import NOBODY, SYNTHETIC, Figure, Group, Metric, PlayerRow, PolicyRow, Report
+from app.report.model import SYNTHETIC, Group, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.comparisons import (
     Comparison,
@@ -26,15 +26,13 @@ from app.statistics.comparisons import (
     player_means,
     variance,
 )
-from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words, scripts_of
-from app.statistics.intervals import RULE, RULE_VERSION, Estimate, Floats, estimate
+from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
+from app.statistics.intervals import RULE, RULE_VERSION, Floats
 from app.statistics.learning import at_trials, learning
+from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.study.data import StudyData
 from app.study.plausibility import RULES_VERSION
-from marsexplorer.config import CORE_VERSION, EnvConfig
-
-PRIMARY = "protocol"
-"""The exclusion set of the headline; "all" where a protocol names none of that name."""
+from marsexplorer.config import CORE_VERSION
 
 ESTIMAND = (
     "The mean, over players like these, of a player's mean over exactly these terrains: every player weighs the same, and the "
@@ -79,78 +77,8 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
     )
 
 
-def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's score as it stands: {"set", "players", "episodes", "score", "steps", "sentence"}; cheap.
-
-    score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
-    set is the primary one as soon as anybody is in it, "all" before.
-    """
-    cohort = people_of(data)
-    figures = _figures(data, cohort)
-    primary = next(figure for figure in figures if figure.name == _primary(data))
-    chosen = primary if primary.players else figures[0]
-    return {
-        "set": chosen.name,
-        "players": chosen.players,
-        "episodes": chosen.episodes,
-        "score": _ends(chosen.score),
-        "steps": _ends(chosen.steps),
-        "sentence": in_words(chosen) if chosen.players else NOBODY,
-    }
-
-
-def _ends(found: Estimate | None) -> dict[str, float | None] | None:
-    if found is None:
-        return None
-    low, high = found.interval or (None, None)
-    return {"mean": found.mean, "low": low, "high": high}
-
-
-def in_words(figure: Figure) -> str:
-    """Return a figure that has players in plain words."""
-    assert figure.score is not None
-    assert figure.steps is not None
-    who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
-    score, steps = f"mean score {figure.score.mean:.3f}", f"{figure.steps.mean:.1f} steps to 99 %"
-    if figure.score.interval is None or figure.steps.interval is None:
-        return f"{who}: {score}, {steps}. One player gives no interval."
-    score += f" (95 % interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
-    steps += f" ({figure.steps.interval[0]:.1f} to {figure.steps.interval[1]:.1f})"
-    return f"{who}: {score}, {steps}."
-
-
-def bounds(config: EnvConfig, metric: MetricName) -> tuple[float, float]:
-    """Return what a player's mean cannot leave.
-
-    Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1.
-    """
-    if metric == "steps":
-        return 1.0, float(config.limit)
-    return -0.5 * config.limit / (config.r_invalid + config.r_bonus + config.n), 1.0
-
-
-def _primary(data: StudyData) -> str:
-    return PRIMARY if PRIMARY in data.protocol.exclusion else ALL
-
-
-def _figures(data: StudyData, cohort: Cohort) -> tuple[Figure, ...]:
-    sets: list[tuple[str, Mapping[Any, Any] | None]] = [(ALL, None), *data.protocol.exclusion.items()]
-    return tuple(_figure(data, cohort, name, rules) for name, rules in sets)
-
-
-def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None) -> Figure:
-    ids = members(cohort, rules or {})
-    count = sum(len(cohort.ranked[person]) for person in ids)
-    if not ids:
-        return Figure(name, rule_in_words(rules), 0, 0, None, None, None)
-    config = data.protocol.env_config
-    score, steps = (estimate(player_means(cohort.table(ids, metric)), bounds(config, metric)) for metric in METRICS)
-    explored = [np.mean([trial.outcome == "explored" for trial in cohort.ranked[person]]) for person in ids]
-    return Figure(name, rule_in_words(rules), len(ids), count, score, steps, float(np.mean(explored)))
-
-
 def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]) -> Group:
-    figures, primary = _figures(data, cohort), _primary(data)
+    figures, primary = study_figures(data, cohort), primary_set(data)
     everybody = members(cohort, {})
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
@@ -243,10 +171,10 @@ def _sentence(groups: Sequence[Group], synthetic: bool) -> str:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
     group = groups[0]
     if group.figure.players:
-        return in_words(group.figure)
+        return figure_sentence(group.figure)
     if group.figures[0].players:
-        return f"Nobody has finished the study yet. So far: {in_words(group.figures[0])}"
-    return NOBODY
+        return f"Nobody has finished the study yet. So far: {figure_sentence(group.figures[0])}"
+    return NO_HUMAN_FIGURE
 
 
 def _facts(data: StudyData, groups: Sequence[Group], runs: Sequence[PolicyRun]) -> Facts:
@@ -254,7 +182,7 @@ def _facts(data: StudyData, groups: Sequence[Group], runs: Sequence[PolicyRun]) 
     ids = {person.id for person in data.people if person.kind == "human"}
     ranked = [each for each in data.trials if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None]
     minutes = [((trial.ended_ms or 0) - trial.started_ms) / 60_000 for trial in ranked]
-    told = "; ".join(f"{figure.name}: {in_words(figure)}" for figure in people.figures if figure.players)
+    told = "; ".join(f"{figure.name}: {figure_sentence(figure)}" for figure in people.figures if figure.players)
     return Facts(
         data.protocol,
         _iso(data.frozen_ms),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from app.report.markup import percent
 from app.statistics import coverage_table
 from app.statistics.exclusion_sets import Cohort
+from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate
 from app.study.data import StudyData, StudyEpisode
 from app.study.protocol import protocol_hash

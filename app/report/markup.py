@@ -1,14 +1,10 @@
-"""Small pieces of HTML: escaped text, tables, figures, numbers as the report writes them."""
+"""Small pieces of HTML: escaped text, tables, figures."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
 from html import escape
-
-from app.statistics.comparisons import Pair
-
-NONE = "–"
 
 
 def table(
@@ -46,23 +42,3 @@ def paragraph(text: str, kind: str = "") -> str:
 def bullets(lines: Sequence[str]) -> str:
     """Return a list of escaped lines; nothing for none."""
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>" if lines else ""
-
-
-def number(value: float | None, digits: int) -> str:
-    """Return a number with so many decimals, a dash for none."""
-    return NONE if value is None or value != value else f"{value:.{digits}f}".replace("-", "−")
-
-
-def interval(ends: Pair | None, digits: int) -> str:
-    """Return "low to high", a dash for none."""
-    return NONE if ends is None else f"{number(ends[0], digits)} to {number(ends[1], digits)}"
-
-
-def p_value(p: float | None) -> str:
-    """Return p with three decimals, "< 0.001" below."""
-    return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"
-
-
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share of 0..1 in percent: 46 %."""
-    return f"{100 * share:.{digits}f} %"

@@ -9,30 +9,11 @@ from typing import Any
 
 from app.report.checklist import Item
 from app.statistics.comparisons import Comparison, Pair, Variance
-from app.statistics.intervals import Estimate
 from app.statistics.learning import AtTrial, Learning
+from app.statistics.study_figures import StudyFigure
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
-NOBODY = "No human has played this study: it has no human figure."
-
-
-@dataclass(frozen=True)
-class Figure:
-    """The figure under one exclusion set.
-
-    name       "all", or a set of the protocol's ("protocol", "strict")
-    rule       who enters, in words
-    completed  share of episodes that reached 99 %, 0..1, the mean over players
-    """
-
-    name: str
-    rule: str
-    players: int
-    episodes: int
-    score: Estimate | None
-    steps: Estimate | None
-    completed: float | None
 
 
 @dataclass(frozen=True)
@@ -90,7 +71,7 @@ class Group:
     outcomes: dict[str, int]
     labels: dict[str, int]
     primary: str
-    figures: tuple[Figure, ...]
+    figures: tuple[StudyFigure, ...]
     metrics: tuple[Metric, ...]
     players: tuple[PlayerRow, ...]
     comparisons: tuple[Comparison, ...]
@@ -99,7 +80,7 @@ class Group:
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
-    def figure(self) -> Figure:
+    def figure(self) -> StudyFigure:
         """The figure under the primary set."""
         return next(each for each in self.figures if each.name == self.primary)
 

@@ -7,10 +7,11 @@ from html import escape
 from pathlib import Path
 
 from app.report.checklist import CITATION
-from app.report.markup import number, paragraph, table
+from app.report.markup import paragraph, table
 from app.report.model import SYNTHETIC, Report
 from app.report.sections import sections
 from app.statistics.coverage_table import POPULATIONS, Cell, nearest
+from app.statistics.formatting import number
 
 STYLE = Path(__file__).with_name("report.css")
 

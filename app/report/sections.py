@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from html import escape
 
 from app.report.figures import figures
-from app.report.markup import NONE, bullets, figure, interval, number, p_value, paragraph, percent, table
+from app.report.markup import bullets, figure, paragraph, table
 from app.report.model import Group, Metric, Report
+from app.statistics.formatting import NONE, interval, number, p_value, percent
 
 NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}

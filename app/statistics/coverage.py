@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 
 import click
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
 from scipy import stats
 
 from app.statistics.comparisons import crossed_means, drawn_terrains, log_interval, new_terrains_interval
@@ -179,19 +182,26 @@ def error(coverage: float, studies: int) -> float:
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
 def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
-    from app.cli.console import progress
-
     if ratio:
-        with progress("simulating studies") as advance:
+        with _progress_bar() as advance:
             rows = list(_ratios(studies, seed, players or PLAYERS, advance))
         click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))
         return
-    with progress("simulating studies") as advance:
+    with _progress_bar() as advance:
         cells = list(table(studies, seed, players or PLAYERS, advance))
     click.echo(markdown(cells))
     if save:
         document = {"studies": studies, "seed": seed, "cells": [asdict(cell) for cell in cells]}
         TABLE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Progress]:
+    """Yield a function that moves a bar on stderr; nothing is drawn where stderr is no terminal."""
+    console = Console(stderr=True)
+    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("simulating studies", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.report.markup import percent
+from app.statistics.formatting import percent
 from app.statistics.intervals import Floats
 from app.study.data import Person, StudyData, StudyEpisode
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from app.leaderboard.worker import of_episode
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
-from app.statistics.summaries import EpisodeSummary, curve, visits
+from app.statistics.summaries import EpisodeSummary, curve, summary_of, visits
 from app.storage.reader import Reader
 from app.study.data import StudyData, records
 from marsexplorer.config import CORE_VERSION
@@ -40,7 +39,7 @@ def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable
         own = []
         for trial, record in records(reader, cohort.ranked[person]):
             if trial.core_version == CORE_VERSION:
-                own.append(of_episode(replay(record)))
+                own.append(summary_of(replay(record)))
             advance()
         if own:
             groups.append(own)

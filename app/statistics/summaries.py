@@ -16,6 +16,8 @@ from scipy import stats
 
 from app.statistics.human_level import CONFIDENCE, mean_interval
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.score import steps_to_target
 
 POINTS = 120
 """Points of a drawn curve, at most."""
@@ -38,6 +40,17 @@ class EpisodeSummary:
     steps: int
     discoveries: Sequence[int]
     path: Sequence[tuple[int, int]]
+
+
+def summary_of(episode: Episode) -> EpisodeSummary:
+    """Return what figures need of a finished episode."""
+    return EpisodeSummary(
+        outcome=episode.outcome,
+        score=episode.score,
+        steps=steps_to_target(episode.config, episode.outcome, episode.steps),
+        discoveries=episode.discoveries,
+        path=episode.path,
+    )
 
 
 Group = Sequence[EpisodeSummary]

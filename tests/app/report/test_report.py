@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from app.report import build, live_figure
-from app.report.build import bounds
-from app.report.model import NOBODY, SYNTHETIC
+from app.report import build
+from app.report.model import SYNTHETIC
 from app.report.page import render
 from app.statistics.intervals import printed_interval
+from app.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
@@ -57,13 +57,13 @@ def test_steps_count_the_limit_for_an_unfinished_episode():
 
 def test_a_study_with_scripts_alone_says_that_nobody_has_played():
     report = build(study(*played(SCORES, "script", "noisy-frontier")), [run("ppo", [0.9] * 6)])
-    assert report.sentence == NOBODY
+    assert report.sentence == NO_HUMAN_FIGURE
     assert report.scripts == {"noisy-frontier": 3}
     assert report.groups[0].figures[0].players == 0
     page = render(report)
     assert "3 scripted participants took part (noisy-frontier)" in page
     assert "0.79" not in page.split("Methods")[0]
-    assert live_figure(study(*played(SCORES, "script", "random")))["sentence"] == NOBODY
+    assert live_figure(study(*played(SCORES, "script", "random")))["sentence"] == NO_HUMAN_FIGURE
 
 
 def test_scripts_change_nothing_of_the_people(data):
@@ -208,7 +208,7 @@ def test_the_live_figure_is_the_reports(data):
     assert (live["score"]["low"], live["score"]["high"]) == figure.score.interval
     assert live["steps"]["mean"] == figure.steps.mean
     nobody = live_figure(study())
-    assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NOBODY)
+    assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NO_HUMAN_FIGURE)
 
 
 def test_before_anybody_has_finished_the_live_figure_is_of_all():
@@ -228,7 +228,7 @@ def test_everything_is_json_without_a_number_that_is_none(data):
 
 def test_the_worst_and_the_best_episode_lie_within_the_bounds():
     config = EnvConfig("random", 7, 9, sensor_radius=3)
-    low, high = bounds(config, "score")
+    low, high = metric_bounds(config, "score")
     episode = Episode.begin(config, terrain=np.zeros((7, 9), bool))
     for move in range(config.limit - 1):
         if not episode.ended:
@@ -237,7 +237,7 @@ def test_the_worst_and_the_best_episode_lie_within_the_bounds():
         episode.step(0)  # off the grid, after as many fruitless moves as there are
     assert low <= episode.score < 0.1
     assert high == 1
-    assert bounds(config, "steps") == (1, config.limit)
+    assert metric_bounds(config, "steps") == (1, config.limit)
 
 
 def test_the_checklist_is_filled_and_says_what_is_missing(data):

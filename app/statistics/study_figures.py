@@ -1,0 +1,117 @@
+"""A study's human figure under each exclusion set, and the score so far that the operator and the leaderboard show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.statistics.comparisons import player_means
+from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words
+from app.statistics.intervals import Estimate, estimate
+from app.study.data import StudyData
+from marsexplorer.config import EnvConfig
+
+PRIMARY = "protocol"
+"""The exclusion set of the headline; "all" where a protocol names none of that name."""
+
+NO_HUMAN_FIGURE = "No human has played this study: it has no human figure."
+
+
+@dataclass(frozen=True)
+class StudyFigure:
+    """The figure under one exclusion set.
+
+    name       "all", or a set of the protocol's ("protocol", "strict")
+    rule       who enters, in words
+    completed  share of episodes that reached 99 %, 0..1, the mean over players
+    """
+
+    name: str
+    rule: str
+    players: int
+    episodes: int
+    score: Estimate | None
+    steps: Estimate | None
+    completed: float | None
+
+
+def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
+    """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order."""
+    sets: list[tuple[str, Mapping[Any, Any] | None]] = [(ALL, None), *data.protocol.exclusion.items()]
+    return tuple(_figure(data, cohort, name, rules) for name, rules in sets)
+
+
+def primary_set(data: StudyData) -> str:
+    """Return the name of the exclusion set whose figure is the headline."""
+    return PRIMARY if PRIMARY in data.protocol.exclusion else ALL
+
+
+def live_figure(data: StudyData) -> dict[str, Any]:
+    """Return the people's score as it stands: {"set", "players", "episodes", "score", "steps", "sentence"}; cheap.
+
+    score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
+    set is the primary one as soon as anybody is in it, "all" before.
+    """
+    figures = study_figures(data, people_of(data))
+    primary = next(figure for figure in figures if figure.name == primary_set(data))
+    chosen = primary if primary.players else figures[0]
+    return {
+        "set": chosen.name,
+        "players": chosen.players,
+        "episodes": chosen.episodes,
+        "score": _mean_and_interval(chosen.score),
+        "steps": _mean_and_interval(chosen.steps),
+        "sentence": figure_sentence(chosen) if chosen.players else NO_HUMAN_FIGURE,
+    }
+
+
+def figure_sentence(figure: StudyFigure) -> str:
+    """Return a figure that has at least one player as a sentence."""
+    assert figure.score is not None
+    assert figure.steps is not None
+    who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
+    score, steps = f"mean score {figure.score.mean:.3f}", f"{figure.steps.mean:.1f} steps to 99 %"
+    if figure.score.interval is None or figure.steps.interval is None:
+        return f"{who}: {score}, {steps}. One player gives no interval."
+    score += f" (95 % interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
+    steps += f" ({figure.steps.interval[0]:.1f} to {figure.steps.interval[1]:.1f})"
+    return f"{who}: {score}, {steps}."
+
+
+def metric_bounds(config: EnvConfig, metric: MetricName) -> tuple[float, float]:
+    """Return the lowest and the highest mean that a player can have.
+
+    Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1.
+    """
+    if metric == "steps":
+        return 1.0, float(config.limit)
+    return -0.5 * config.limit / (config.r_invalid + config.r_bonus + config.n), 1.0
+
+
+def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None) -> StudyFigure:
+    """Return the figure of the cohort's members under one set's rules; None are the rules of "all"."""
+    ids = members(cohort, rules or {})
+    if not ids:
+        return StudyFigure(name=name, rule=rule_in_words(rules), players=0, episodes=0, score=None, steps=None, completed=None)
+    config = data.protocol.env_config
+    score, steps = (estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric)) for metric in METRICS)
+    explored = [np.mean([trial.outcome == "explored" for trial in cohort.ranked[person]]) for person in ids]
+    return StudyFigure(
+        name=name,
+        rule=rule_in_words(rules),
+        players=len(ids),
+        episodes=sum(len(cohort.ranked[person]) for person in ids),
+        score=score,
+        steps=steps,
+        completed=float(np.mean(explored)),
+    )
+
+
+def _mean_and_interval(found: Estimate | None) -> dict[str, float | None] | None:
+    if found is None:
+        return None
+    low, high = found.interval or (None, None)
+    return {"mean": found.mean, "low": low, "high": high}
