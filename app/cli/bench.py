@@ -35,11 +35,11 @@ def bench(quick: bool, json_path: Path | None) -> None:
     if json_path is None:
         _show(_measured(quick))
         return
-    from app.storage.export import whole_file
     from marsexplorer.bench.figures import to_json
+    from marsexplorer.files import write_whole
 
     try:
-        with whole_file(json_path) as file:
+        with write_whole(json_path) as file:
             figures = _measured(quick)
             file.write(to_json(figures).encode() + b"\n")
     except OSError as error:

@@ -100,13 +100,13 @@ def _places(json_path: Path | None, csv_path: Path | None, plots: Path | None) -
 
     They are opened before playing, so that nothing is played in vain.
     """
-    from app.storage.export import whole_file
+    from marsexplorer.files import write_whole
 
     files: list[IO[bytes] | None] = []
     with ExitStack() as stack:
         for option, path in (("--json", json_path), ("--csv", csv_path)):
             try:
-                files.append(stack.enter_context(whole_file(path)) if path else None)
+                files.append(stack.enter_context(write_whole(path)) if path else None)
             except OSError as error:
                 raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another {option}") from error
         try:

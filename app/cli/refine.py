@@ -110,11 +110,12 @@ class _Book:
         self._began = time.monotonic()
 
     def heard(self, report: Report) -> None:
-        from marsexplorer.training.run_folder import replace
+        from marsexplorer.files import write_whole
 
         self._lines.append({**asdict(report), "seconds": round(time.monotonic() - self._began, 1)})
         text = "".join(json.dumps(line) + "\n" for line in self._lines)
-        replace(self._file.with_name("log.jsonl"), lambda path: path.write_text(text))
+        with write_whole(self._file.with_name("log.jsonl")) as file:
+            file.write(text.encode())
         self.keep({"results": {}})
 
     def keep(self, results: dict[str, Any]) -> None:

@@ -40,8 +40,8 @@ def report(
     """
     from app.report.page import render
     from app.storage.database import StoreError
-    from app.storage.export import whole_file
     from app.study.protocol import StudyError
+    from marsexplorer.files import write_whole
 
     settings = settings_of()
     try:
@@ -53,7 +53,7 @@ def report(
     for path, text in ((html, render), (json_path, lambda report: report.to_json() + "\n")):
         if path is not None:
             try:
-                with whole_file(path) as file:
+                with write_whole(path) as file:
                     file.write(text(found).encode())
             except OSError as error:
                 raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another file") from error

@@ -67,11 +67,11 @@ def sweep(
     trials = [_trial(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")
-    from app.storage.export import whole_file
+    from marsexplorer.files import write_whole
 
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with whole_file(out / "sweep.csv") as file:
+        with write_whole(out / "sweep.csv") as file:
             finished = _run(trials, out, ray)
             file.write(_csv(finished).encode())
     except OSError as error:

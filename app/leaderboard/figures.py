@@ -22,6 +22,7 @@ from typing import Any
 
 from marsexplorer import policies
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.files import write_whole
 from marsexplorer.policies.files.card import shipped
 
 LARGEST_LINE = 1 << 24
@@ -166,9 +167,8 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
 
 def _write(path: Path, figures: dict[str, dict[str, Any]]) -> None:
     """Return with the figures in the file, whole; a disk that is full costs a warning and the next start's time."""
-    part = path.with_name(path.name + ".part")
     try:
-        part.write_text(json.dumps(figures, separators=(",", ":")))
-        part.replace(path)
+        with write_whole(path) as file:
+            file.write(json.dumps(figures, separators=(",", ":")).encode())
     except OSError as error:
         _log.warning("the leaderboard's figures were not kept in %s: %s", path, error.strerror)

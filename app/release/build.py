@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import secrets
-import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -28,6 +26,7 @@ from app.release.verify import verify_moment
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.study.protocol import Protocol, StudyError, checked
+from marsexplorer.files import replace_whole
 
 Advance = Callable[[int, int], None]
 COUNTED = ("participants", "episodes", "steps", "input_events", "stage_events")
@@ -171,19 +170,14 @@ def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tupl
 @contextmanager
 def _whole_folder(out: Path) -> Iterator[Path]:
     """Return a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
-    part = out.parent / f".{out.name}.{os.getpid()}.part"
     try:
-        part.mkdir(parents=True)
-        yield part
-        if out.exists():
-            out.rmdir()  # it was empty
-        part.replace(out)
+        with replace_whole(out) as unfinished:
+            unfinished.mkdir(parents=True)
+            yield unfinished
     except OSError as error:
         raise ReleaseError(f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out") from error
     except sqlite3.Error as error:
         raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def _note(wanted: Wanted, header: Header, manifest_hash: str) -> None:

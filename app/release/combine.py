@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from app.release.header import DATABASE
 from app.release.join import Joined, join, learn_forgotten
 from app.storage.connection import reading
 from app.storage.database import StoreError, open_database, take_lock, transaction
+from marsexplorer.files import replace_whole
 
 Advance = Callable[[int, int], None]
 
@@ -83,19 +83,16 @@ def import_release(folder: Path, database: Path, advance: Advance = lambda done,
 @contextmanager
 def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
     """Return a connection to a database that takes its name when the block has ended well, and leaves nothing otherwise."""
-    part = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        conn: sqlite3.Connection = open_database(part).conn
-        try:
-            yield conn
-        finally:
-            conn.close()
-        part.replace(out)
+        with replace_whole(out) as unfinished:
+            conn: sqlite3.Connection = open_database(unfinished).conn
+            try:
+                yield conn
+            finally:
+                conn.close()
     except sqlite3.Error as error:
         raise StoreError(f"cannot write {out}: {error}; choose another --out") from error
-    finally:
-        _remove(part)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from app.simulate.outcome_log import Tally
 from app.simulate.participant import Participant, Place, Seat, StudyOverError
 from app.simulate.persona import persona
 from app.simulate.population import POPULATIONS
-from app.storage.export import whole_file
+from marsexplorer.files import write_whole
 
 FORMAT = "marsexplorer-simulate-1"
 JOIN_EVERY_MS = 500.0
@@ -167,7 +167,7 @@ class Seats:
         text = json.dumps({**self._head(self._plan), "seats": [asdict(seat) for seat in self._seats]}, indent=1)
         if self._plan.state is None or text == self._written:
             return
-        with whole_file(self._plan.state) as file:
+        with write_whole(self._plan.state) as file:
             os.fchmod(file.fileno(), 0o600)
             file.write(text.encode())
         self._written = text

@@ -11,17 +11,16 @@ import hashlib
 import hmac
 import io
 import json
-import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 
 from app.storage.reader import Reader, Who, config_of
 from app.storage.resimulation import simulate
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
+from marsexplorer.files import write_whole
 from marsexplorer.score import steps_to_target
 
 Table = Literal["episodes", "steps"]
@@ -70,7 +69,7 @@ def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Call
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{table}.{fmt}" for table in COLUMNS]
     key, done, lines, unverified = new_key(), 0, [0, 0], 0
-    with whole_file(paths[0]) as episodes, whole_file(paths[1]) as steps:
+    with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
             for piece in rows(database, table, fmt, who, key):
                 file.write(piece)
@@ -85,20 +84,6 @@ def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Call
 
 def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Return a file that takes its name when the block has ended well, and leaves nothing otherwise."""
-    if path.is_dir():
-        raise IsADirectoryError(f"{path} is a folder")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            yield file
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:

@@ -225,12 +225,12 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _write(path: Path, value: object, private: bool = False) -> None:
     """Return with the value in the file, whole and on disk; a private one is readable by its owner alone."""
-    from app.storage.export import whole_file
+    from marsexplorer.files import write_whole
 
     text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
+        with write_whole(path) as file:
             if private:
                 os.fchmod(file.fileno(), 0o600)
             file.write(text.encode() + b"\n")

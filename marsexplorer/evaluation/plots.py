@@ -5,7 +5,6 @@ Figures are made without pyplot, so nothing is global; the same table gives the 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.play import Result, Trace
 from marsexplorer.evaluation.table import Table
+from marsexplorer.files import replace_whole
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
 """Told apart by the colour-blind: Okabe and Ito."""
@@ -114,12 +114,8 @@ def _draw_heat(axes: Axes, visits: NDArray[np.int64], obstacles: NDArray[np.int6
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format="png", dpi=120, metadata={"Software": None})
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with replace_whole(path) as unfinished:
+        figure.savefig(unfinished, format="png", dpi=120, metadata={"Software": None})
     return path
 
 

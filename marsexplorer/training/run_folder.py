@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from marsexplorer.files import replace_whole, write_whole
 from marsexplorer.policies.network.model import save_network
 from marsexplorer.training.envs import Boards
 from marsexplorer.training.ppo import Report, Run, think
@@ -86,10 +87,13 @@ class Logbook:
         """Write everything."""
         self._kept = time.monotonic()
         state = {"identity": json.dumps(self._run.identity), "run": self._run.save(), "seconds": self.seconds}
-        replace(self.folder / "checkpoint.pt", lambda path: torch.save(state, path))
+        with replace_whole(self.folder / "checkpoint.pt") as unfinished:
+            torch.save(state, unfinished)
         text = "".join(json.dumps(line) + "\n" for line in self._lines)
-        replace(self.folder / "log.jsonl", lambda path: path.write_text(text))
-        replace(self.folder / "curve.png", lambda path: draw(self._lines, path))
+        with write_whole(self.folder / "log.jsonl") as file:
+            file.write(text.encode())
+        with replace_whole(self.folder / "curve.png") as unfinished:
+            draw(self._lines, unfinished)
         self.keep_policy({})
 
     def keep_policy(self, results: dict[str, Any]) -> None:
@@ -141,10 +145,3 @@ def draw(lines: list[dict[str, Any]], path: Path) -> None:
     if played or tried:
         axes.legend()
     figure.savefig(path, format="png", dpi=120)
-
-
-def replace(path: Path, write: Callable[[Path], Any]) -> None:
-    """Write a file under another name, then give it its own."""
-    part = path.with_name(f".{path.name}.part")
-    write(part)
-    part.replace(path)

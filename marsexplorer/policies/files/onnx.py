@@ -28,6 +28,7 @@ import torch
 from numpy.typing import NDArray
 
 from marsexplorer.config import ROVER
+from marsexplorer.files import replace_whole
 from marsexplorer.policies.base import Policy, PolicyFileError
 from marsexplorer.policies.files.archive import read_file
 from marsexplorer.policies.files.card import refuse
@@ -150,19 +151,15 @@ def write_onnx(policy_file: str | Path, path: Path) -> None:
 
     source = policies.file_of(str(policy_file))
     net = load_net(source)
-    unfinished = path.with_name(f".{path.name}.part")
     samples = tuple(torch.from_numpy(one) for one in _perceived().values())
     names = {"input_names": ["planes", "moves"], "output_names": ["logits", "value"]}
-    try:
+    with replace_whole(path) as unfinished:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the exporter speaks of its successor, which needs packages of its own
             torch.onnx.export(net, samples, str(unfinished), dynamo=False, **names)  # type: ignore[arg-type]
         model = onnx.load(str(unfinished))
         model.metadata_props.add(key="card", value=json.dumps(read_card(source)))
         onnx.save(model, str(unfinished))
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _perceived() -> dict[str, NDArray[Any]]:

@@ -18,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from marsexplorer.files import replace_whole
 from marsexplorer.policies.base import Memory, Policy, valid_moves
 from marsexplorer.policies.files.card import read_card, refuse
 from marsexplorer.policies.guard import LoopGuard
@@ -72,10 +73,9 @@ def orthogonal(net: nn.Module) -> None:
 def save_network(net: nn.Module, path: Path, card: dict[str, Any], form: str = FORMAT) -> None:
     """Write a policy file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
     tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in net.state_dict().items()}
-    save_file(tensors, unfinished, metadata={"card": json.dumps({"format": form, **card}, indent=1)})
-    unfinished.replace(path)
+    with replace_whole(path) as unfinished:
+        save_file(tensors, unfinished, metadata={"card": json.dumps({"format": form, **card}, indent=1)})
 
 
 def load_net(path: Path) -> Net:

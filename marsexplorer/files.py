@@ -1,0 +1,37 @@
+"""Files and folders that appear whole or not at all: written under another name, then renamed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+
+@contextmanager
+def replace_whole(path: Path) -> Iterator[Path]:
+    """Yield a hidden path beside `path`; what the block writes there takes the name `path` when the block ends well.
+
+    The block may write a file (a database too) or make a folder. A file replaces the one that was there, a folder only an
+    empty one. Nothing is left when the block raises.
+    """
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield unfinished
+        unfinished.replace(path)
+    finally:
+        if unfinished.is_dir():
+            shutil.rmtree(unfinished, ignore_errors=True)
+        for suffix in ("", "-wal", "-shm"):  # the last two are SQLite's
+            unfinished.with_name(unfinished.name + suffix).unlink(missing_ok=True)
+
+
+@contextmanager
+def write_whole(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a binary file that takes the name `path` when the block ends well; IsADirectoryError where `path` is a folder."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder")
+    with replace_whole(path) as unfinished, unfinished.open("wb") as file:
+        yield file

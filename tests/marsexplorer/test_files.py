@@ -1,0 +1,74 @@
+import pytest
+
+from marsexplorer.files import replace_whole, write_whole
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_appears_whole_under_its_name_and_replaces_the_old_one(tmp_path):
+    path = tmp_path / "kept.json"
+    for text in (b"first", b"second"):
+        with write_whole(path) as file:
+            file.write(text[:3])
+            assert not path.exists() or path.read_bytes() == b"first"
+            file.write(text[3:])
+        assert path.read_bytes() == text
+    assert names(tmp_path) == ["kept.json"]
+
+
+def test_a_block_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "kept.json"
+    path.write_bytes(b"old")
+
+    def fail():
+        with write_whole(path) as file:
+            file.write(b"half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["kept.json"]
+
+
+def test_a_folder_is_no_place_for_a_file(tmp_path):
+    with pytest.raises(IsADirectoryError, match="is a folder"), write_whole(tmp_path):
+        pass
+
+
+def test_a_folder_appears_whole_in_the_place_of_an_empty_one(tmp_path):
+    path = tmp_path / "release"
+    path.mkdir()
+    with replace_whole(path) as unfinished:
+        unfinished.mkdir()
+        (unfinished / "study.sqlite").write_bytes(b"rows")
+        assert names(path) == []
+    assert (path / "study.sqlite").read_bytes() == b"rows"
+    assert names(tmp_path) == ["release"]
+
+
+@pytest.mark.parametrize("suffixes", [("",), ("", "-wal", "-shm")], ids=["a file", "a database"])
+def test_a_file_written_by_its_path_leaves_nothing_when_it_fails(tmp_path, suffixes):
+    def fail():
+        with replace_whole(tmp_path / "play.db") as unfinished:
+            for suffix in suffixes:
+                unfinished.with_name(unfinished.name + suffix).write_bytes(b"")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert names(tmp_path) == []
+
+
+def test_a_folder_that_fails_leaves_nothing(tmp_path):
+    def fail():
+        with replace_whole(tmp_path / "release") as unfinished:
+            unfinished.mkdir()
+            (unfinished / "half").write_bytes(b"")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert names(tmp_path) == []
