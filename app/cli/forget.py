@@ -29,18 +29,17 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
       marsexplorer forget 5f3e0c9a1b2d --study dunes
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
-    from app.release import forget as erasure
-    from app.release.errors import ReleaseError
     from app.storage.database import StoreError
+    from app.study import erasure
 
     path = database or settings_of().database
     try:
-        found = erasure.find(path, participant, study)
+        found = erasure.find_participant(path, participant, study)
         if not yes:
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {path} for good?", abort=True, err=True)
         done = erasure.forget(path, participant, study)
-    except (ReleaseError, StoreError) as error:
+    except StoreError as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot write {path}: {reason(error)}") from error

@@ -23,19 +23,19 @@ def import_release(folder: Path, database: Path | None) -> None:
       marsexplorer import dunes-1 --database dunes.db
       marsexplorer report --study dunes --database dunes.db
     """
-    from app.release.combine import import_release as bring
+    from app.release import bundle
     from app.release.errors import ReleaseError
     from app.storage.database import StoreError
 
     path = database or settings_of().database
     try:
         with progress("verifying (the rules are compiled first)") as advance:
-            joined = bring(folder, path, advance)
+            counts = bundle.import_release(folder, path, advance)
     except (ReleaseError, StoreError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot bring {folder} into {path}: {reason(error)}") from error
-    there = f", {joined.equal['episodes']:,} were there already" if joined.equal["episodes"] else ""
-    left = f"; {joined.forgotten} people stayed out, who were forgotten here" if joined.forgotten else ""
-    people, episodes = joined.added["participants"], joined.added["episodes"]
+    there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
+    left = f"; {counts.forgotten} people stayed out, who were forgotten here" if counts.forgotten else ""
+    people, episodes = counts.added["participants"], counts.added["episodes"]
     click.echo(f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}")

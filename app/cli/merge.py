@@ -25,20 +25,19 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     """
     if len(databases) < 2:
         raise click.UsageError("give two databases or more: marsexplorer merge A.db B.db --out C.db")
-    from app.release.combine import merge as join
-    from app.release.errors import ReleaseError
+    from app.storage import merging
     from app.storage.database import StoreError
 
     try:
         with progress("joining") as advance:
-            joined, twice = join(databases, out, advance)
-    except (ReleaseError, StoreError) as error:
+            counts, twice = merging.merge(databases, out, advance)
+    except StoreError as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot write {out}: {reason(error)}; choose another --out") from error
-    alike = f", {joined.equal['episodes']:,} of them in more than one" if joined.equal["episodes"] else ""
-    left = f"; {joined.forgotten} people left out, who were forgotten" if joined.forgotten else ""
-    people, episodes = joined.added["participants"], joined.added["episodes"]
+    alike = f", {counts.equal['episodes']:,} of them in more than one" if counts.equal["episodes"] else ""
+    left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
+    people, episodes = counts.added["participants"], counts.added["episodes"]
     click.echo(f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}")
     if twice:
         click.echo(

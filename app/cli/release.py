@@ -45,11 +45,11 @@ def release(
     except ReleaseError as error:
         raise click.ClickException(str(error)) from error
     from app.release.build import Wanted, build
-    from app.release.secrets import known_secrets
     from app.storage.database import StoreError
+    from app.study.folder import Folder
 
     settings = settings_of()
-    known = known_secrets(studies or settings.studies)
+    known = Folder(studies or settings.studies).known_secrets()
     wanted = Wanted(database or settings.database, study, out, authors, url, interim, known)
     try:
         with progress("verifying and writing") as advance:

@@ -10,7 +10,7 @@ import click
 from app.cli.console import PATH, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.release.verify import Verified
+    from app.study.verification import Verification
 
 SHOWN = 200
 """Findings that are printed; more are counted."""
@@ -57,27 +57,27 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
     return 1 if result.findings else 0
 
 
-def _of_database(database: Path | None, studies: Path | None) -> tuple[Verified, str]:
-    from app.release.secrets import known_secrets
-    from app.release.verify import verify_database
+def _of_database(database: Path | None, studies: Path | None) -> tuple[Verification, str]:
+    from app.study.folder import Folder
+    from app.study.verification import verify_database
 
     settings = settings_of()
     path = database or settings.database
-    known = {name: secret for name, (_, secret) in known_secrets(studies or settings.studies).items()}
+    known = {name: secret for name, (_, secret) in Folder(studies or settings.studies).known_secrets().items()}
     with progress("verifying (the rules are compiled first)") as advance:
         return verify_database(path, advance, known), str(path)
 
 
-def _of_dataset(dataset: Path, signer: str | None) -> tuple[Verified, str]:
-    from app.release.dataset import verify_dataset
+def _of_dataset(dataset: Path, signer: str | None) -> tuple[Verification, str]:
+    from app.release.bundle import verify_bundle
 
     with progress("verifying (the rules are compiled first)") as advance:
-        found = verify_dataset(dataset, advance, signer)
+        found = verify_bundle(dataset, advance, signer)
     key = f"signed by the key {found.manifest.get('signer')}"
     return found.verified, f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key}"
 
 
-def _sentence(result: Verified, about: str) -> str:
+def _sentence(result: Verification, about: str) -> str:
     rate = f", {result.episodes / result.seconds:,.0f} episodes/s" if result.seconds > 0 and result.episodes else ""
     still_open = f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
     verdict = f"{result.failed} of its parts DIFFER from what was recorded" if result.findings else "all as recorded"

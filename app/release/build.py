@@ -17,15 +17,16 @@ from app.release import signing
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
-from app.release.header import DATABASE, Header
+from app.release.header import BUNDLE_DATABASE, Header
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_afresh
 from app.release.tables import Writers, played
-from app.release.verify import verify_moment
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
+from app.storage.releases import ReleaseRow, latest_release, note_release
 from app.study.protocol import Protocol, StudyError, checked
+from app.study.verification import verify_moment
 from marsexplorer.files import replace_whole
 
 Advance = Callable[[int, int], None]
@@ -75,7 +76,7 @@ def build(wanted: Wanted, advance: Advance = lambda done, total: None) -> Built:
         total = 2 * _episodes(source, wanted.study)
         _verify(source, wanted, advance, total)
         with _whole_folder(wanted.out) as folder:
-            left = write_afresh(source, wanted.study, folder / DATABASE, secrets.token_bytes(32), closed)
+            left = write_afresh(source, wanted.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
             written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
             key = signing.signing_key(wanted.database)
@@ -100,7 +101,7 @@ def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int
             f"the study {wanted.study!r} is still open and a release would give its terrains away: close it first with "
             f"`marsexplorer study close {wanted.study}`, or build one for yourself alone with --interim"
         )
-    last = rows(conn, "SELECT * FROM releases WHERE study = ? ORDER BY version DESC, released_ms DESC LIMIT 1", wanted.study)
+    last = latest_release(conn, wanted.study)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     return Header(
         study=wanted.study,
@@ -108,10 +109,10 @@ def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int
         protocol_hash=row["protocol_hash"],
         commitment=row["commitment"],
         secret=closed[1],
-        version=last[0]["version"] + 1 if last else 1,
+        version=last["version"] + 1 if last else 1,
         released=now,
         software_version=version("marsexplorer-playground"),
-        supersedes=_superseded(last[0]) if last else None,
+        supersedes=_superseded(last) if last else None,
         authors=wanted.authors or (f"The operators of the study {wanted.study}",),
         url=wanted.url,
     ), closed
@@ -150,7 +151,7 @@ def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tupl
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
     outcomes: dict[str, int] = {}
-    with reading(folder / DATABASE) as conn, Writers(folder) as write:
+    with reading(folder / BUNDLE_DATABASE) as conn, Writers(folder) as write:
         for done, each in enumerate(played(conn), 1):
             write(each)
             minari(each)
@@ -164,7 +165,7 @@ def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tupl
     write_documents(folder, header, named, minari.without_moves)
     write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
-    return header, {**write.rows, **files, DATABASE: sum(counts.values())}
+    return header, {**write.rows, **files, BUNDLE_DATABASE: sum(counts.values())}
 
 
 @contextmanager
@@ -185,9 +186,8 @@ def _note(wanted: Wanted, header: Header, manifest_hash: str) -> None:
     conn = sqlite3.connect(wanted.database, timeout=BUSY_MS / 1000, isolation_level=None)
     try:
         now = int(datetime.now(UTC).timestamp() * 1000)
-        values = (header.study, header.version, manifest_hash, now)
         with transaction(conn):
-            conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, NULL)", values)
+            note_release(conn, ReleaseRow(header.study, header.version, manifest_hash, now))
     except sqlite3.Error as error:
         raise StoreError(
             f"{wanted.out} is written, but {wanted.database} did not take note of it ({error}): the next release will have "

@@ -9,7 +9,7 @@ from typing import Any
 
 from app.release.columns import SUMMARIES, TABLES, Column
 from app.release.errors import ReleaseError, library
-from app.release.header import DATABASE, Header
+from app.release.header import BUNDLE_DATABASE, Header
 from app.release.manifest import sha256
 
 FILES = {
@@ -18,7 +18,7 @@ FILES = {
     "parquet/input_events.parquet": "application/x-parquet",
     "episodes.jsonl": "application/jsonlines",
     "scores.csv": "text/csv",
-    DATABASE: "application/vnd.sqlite3",
+    BUNDLE_DATABASE: "application/vnd.sqlite3",
 }
 _KINDS = {"text": "sc:Text", "integer": "sc:Integer", "real": "sc:Float", "boolean": "sc:Boolean"}
 _TERMS = (

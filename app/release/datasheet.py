@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 
 from app.release.columns import SUMMARIES, markdown
-from app.release.header import DATABASE, Header
+from app.release.header import BUNDLE_DATABASE, Header
 
 
 def datasheet(header: Header, minari: Mapping[str, int], without_moves: int, citation: str, licence_url: str) -> str:
@@ -43,7 +43,7 @@ recruiting sites are not in it. Times are the server's: whoever knows when someb
 None. Positions and coverage in the tables are replayed from the actions.
 
 ## Uses
-`{DATABASE}` holds everything, in the schema of the software; the other files are made from it. Minari (set
+`{BUNDLE_DATABASE}` holds everything, in the schema of the software; the other files are made from it. Minari (set
 `MINARI_DATASETS_PATH` to the folder `minari`):
 {loads}
 

@@ -8,7 +8,7 @@ from typing import Any
 from app.study.protocol import Protocol
 
 FORMAT = "marsexplorer-release-1"
-DATABASE = "study.sqlite"
+BUNDLE_DATABASE = "study.sqlite"
 
 
 @dataclass(frozen=True)

@@ -168,6 +168,17 @@ class Folder:
         _write(self.path(name) / "closed.json", {"secret": study.secret.hex(), "closed_at": _iso(_now_ms())})
         return self.study(name)
 
+    def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
+        """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
+        found: dict[str, tuple[int | None, bytes]] = {}
+        for name in self.names():
+            try:
+                study = self.study(name)
+            except StudyError:  # `study show` says what is wrong with it
+                continue
+            found[name] = (study.closed_ms, study.secret)
+        return found
+
     def _existing(self, name: str) -> Path:
         path = self.path(name)
         if not (path / "protocol.json").is_file():

@@ -19,7 +19,7 @@ def add_session(store: Store, player: str | None = "ada", driver: str = "human",
     """Return the id of a new session."""
     if player is not None:
         store.add_player(player, NOW)
-    session = f"session-{next(_numbers)}"
+    session = f"recorded-session-{next(_numbers)}"
     store.add_session(SessionRow(session, player, driver, rival_of, "follow", 2.0, NOW))
     return session
 
@@ -29,7 +29,7 @@ def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMAL
     episode = Episode.begin(config, seed=seed)
     given = {"seed_chosen": False, "driver": "human", "assisted": False, "started_ms": NOW + next(_numbers), **rest}
     row = EpisodeRow(
-        id=f"episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
+        id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
     )  # fmt: skip
     store.open_episode(row)

@@ -21,15 +21,15 @@ import pytest
 from app.cli.main import main
 from app.release import signing
 from app.release.build import Wanted, build
+from app.release.bundle import import_release, verify_bundle
 from app.release.columns import TABLES, dictionary, json_schema, markdown
-from app.release.combine import import_release
-from app.release.dataset import verify_dataset
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
-from app.release.verify import verify_database
 from app.storage import digests
+from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
 from app.study.protocol import canonical, canonical_json, checked
+from app.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
@@ -77,7 +77,7 @@ def test_a_release_holds_what_it_says_and_verifies(made):
           for name in ("main_data.hdf5", "metadata.json")),
     }  # fmt: skip
     assert names <= set(listing(out))
-    checked = verify_dataset(out, signer=built.signer)
+    checked = verify_bundle(out, signer=built.signer)
     assert checked.verified.findings == ()
     assert checked.verified.episodes == 18
     assert checked.manifest["rows"]["episodes"] == 18
@@ -217,7 +217,7 @@ def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
     built = build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
     assert (built.header.rows["participants"], built.header.rows["episodes"]) == (1, 0)
     assert built.header.left_out["open_episodes"] == 1
-    assert verify_dataset(tmp_path / "out").verified.findings == ()
+    assert verify_bundle(tmp_path / "out").verified.findings == ()
 
 
 def test_croissant_is_valid_and_reads_the_tables(made):
@@ -312,14 +312,14 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
         for path in (folder / "out/study.sqlite", tmp_path / "out2/study.sqlite")
     ]
     assert not people[0] & people[1]
-    assert verify_dataset(tmp_path / "out2").verified.findings == ()
+    assert verify_bundle(tmp_path / "out2").verified.findings == ()
 
 
 def test_an_import_is_taken_once_and_refused_under_other_names(made, copy):
     folder, _ = made
     import_release(copy / "out", copy / "new.db")
     assert import_release(copy / "out", copy / "new.db").equal["episodes"] == 18
-    with pytest.raises(ReleaseError, match="under other names"):
+    with pytest.raises(MergeError, match="under other names"):
         import_release(copy / "out", copy / "play.db")
     assert verify_database(copy / "play.db").findings == ()
     assert nameless(copy / "new.db") == nameless(folder / "out/study.sqlite")
@@ -346,19 +346,19 @@ def test_any_changed_file_is_found(copy):
         data = path.read_bytes()
         path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
         try:
-            found = verify_dataset(copy / "out").verified.findings
+            found = verify_bundle(copy / "out").verified.findings
         except ReleaseError:
             assert name in (MANIFEST, PUBLIC_KEY)
         else:
             assert any((MANIFEST if name == SIGNATURE else name) in finding.where for finding in found), name
         path.write_bytes(data)
-    assert verify_dataset(copy / "out").verified.findings == ()
+    assert verify_bundle(copy / "out").verified.findings == ()
 
 
 def test_a_file_too_many_or_too_few_is_found(copy):
     (copy / "out/extra.txt").write_text("hello")
     (copy / "out/scores.csv").unlink()
-    found = {finding.where for finding in verify_dataset(copy / "out").verified.findings}
+    found = {finding.where for finding in verify_bundle(copy / "out").verified.findings}
     assert found == {"file extra.txt", "file scores.csv"}
 
 
@@ -372,8 +372,8 @@ def test_a_forged_release_has_another_signer(made, copy):
     manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256((out / PUBLIC_KEY).read_bytes()).hexdigest()
     (out / MANIFEST).write_text(json.dumps(manifest))
     (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
-    assert verify_dataset(out).verified.findings == ()
-    assert [finding.what for finding in verify_dataset(out, signer=made[1].signer).verified.findings] == ["the signing key"]
+    assert verify_bundle(out).verified.findings == ()
+    assert [finding.what for finding in verify_bundle(out, signer=made[1].signer).verified.findings] == ["the signing key"]
 
 
 def test_a_changed_field_in_the_bundles_database_is_named(copy):
@@ -381,7 +381,7 @@ def test_a_changed_field_in_the_bundles_database_is_named(copy):
     conn.execute("UPDATE steps SET key_down_ms = 1.0 WHERE step = 0")
     conn.commit()
     conn.close()
-    found = verify_dataset(copy / "out").verified.findings
+    found = verify_bundle(copy / "out").verified.findings
     assert any(finding.what == "digest of its stored fields" for finding in found)
     assert any(finding.where == "file study.sqlite" for finding in found)
 

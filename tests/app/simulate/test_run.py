@@ -12,7 +12,6 @@ from itertools import groupby
 
 import pytest
 
-from app.release.verify import verify_database
 from app.report.build import build
 from app.simulate.cheating import ATTEMPTS
 from app.simulate.outcome_log import Tally
@@ -24,6 +23,7 @@ from app.statistics.human_level import human_level
 from app.storage.reader import Reader
 from app.study.data import load
 from app.study.folder import Folder
+from app.study.verification import verify_database
 from tests.support.servers import eventually
 from tests.support.study import freeze
 

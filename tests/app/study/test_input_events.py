@@ -5,9 +5,9 @@ from contextlib import closing
 
 import pytest
 
-from app.release.verify import verify_database
 from app.study import records
 from app.study.folder import Folder, StudyError
+from app.study.verification import verify_database
 from tests.support.study import Person, freeze
 
 PRESS = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 12.3, "step": 0}

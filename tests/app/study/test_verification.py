@@ -6,9 +6,9 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.release import verify
-from app.release.verify import verify_database
 from app.storage import digests
+from app.study import verification
+from app.study.verification import verify_database
 from tests.support.stored_studies import Field, freeze, play_study
 
 
@@ -174,9 +174,9 @@ def test_several_processes_find_what_one_finds(copy, monkeypatch):
     conn, path = copy
     conn.execute("UPDATE steps SET reward = reward + 1 WHERE step = 1")
     alone = verify_database(path)
-    monkeypatch.setattr(verify, "PARALLEL_FROM", 2)
-    monkeypatch.setattr(verify, "CHUNK", 9)
-    monkeypatch.setattr(verify, "cores", lambda: 2)
+    monkeypatch.setattr(verification, "PARALLEL_FROM", 2)
+    monkeypatch.setattr(verification, "EPISODES_PER_TASK", 9)
+    monkeypatch.setattr(verification, "cores", lambda: 2)
     told = []
     together = verify_database(path, lambda done, total: told.append((done, total)))
     assert together.findings == alone.findings

@@ -1,4 +1,8 @@
-"""A participant erased for good: nothing of theirs remains in the database or its log, and a re-import cannot bring it back."""
+"""The rows of a participant erased for good: nothing of theirs remains in the database or in its log.
+
+What is kept are hashes of the person and of the erased trajectories (`app.storage.forgotten`), so that a merge or an import
+cannot bring them back.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +10,22 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.release.errors import ReleaseError
-from app.release.join import TRAJECTORY, person_hashes, trajectory_hash
 from app.storage import digests
-from app.storage.connection import reading, rows
+from app.storage.connection import rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
-from app.study.records import participant_label
+from app.storage.forgotten import TRAJECTORY, person_hashes, trajectory_hash
+from app.storage.releases import mark_outdated_releases
 
 
 @dataclass(frozen=True)
-class Forgotten:
-    """Who was erased.
+class Erasure:
+    """What was erased.
 
     episodes    erased with their steps and input events, those played outside the study too
     keeps       True where the protocol keeps episodes: they stay, under new ids
@@ -34,60 +38,53 @@ class Forgotten:
     outdated: tuple[int, ...]
 
 
-def find(database: Path, who: str, study: str | None = None) -> dict[str, Any]:
-    """Return the one participant meant by an id, a label or an outside id; ReleaseError when there is none, or several."""
-    with reading(database) as conn:
-        return _found(conn, database, who, study)
+def participants_named(
+    conn: sqlite3.Connection, name: str, study: str | None, label_of: Callable[[str], str]
+) -> list[dict[str, Any]]:
+    """Return the rows of the participants with this id, label or outside id, of one study or (None) of all.
 
-
-def forget(database: Path, who: str, study: str | None = None) -> Forgotten:
-    """Return what was erased.
-
-    who  a participant's id, the label their page shows, or an outside id of theirs
-
-    Needs the database alone: StoreError while a server, or any other program, has it open.
+    label_of  gives the label of a participant's id
     """
+    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
+    conn.create_function("label", 1, label_of, deterministic=True)
+    return rows(conn, sql, name, study)
+
+
+@contextmanager
+def opened_for_erasure(database: Path) -> Iterator[sqlite3.Connection]:
+    """Open a database for `erase`, with its lock taken; StoreError while a server has it."""
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = take_lock(database)
     try:
         conn: sqlite3.Connection = open_database(database).conn
         try:
-            person = _found(conn, database, who, study)
-            _have_alone(conn, database)
-            with transaction(conn):
-                conn.execute("PRAGMA defer_foreign_keys = ON")
-                done = _erase(conn, person)
-            conn.execute("VACUUM")
-            conn.execute("PRAGMA locking_mode = NORMAL")
-            conn.execute("PRAGMA journal_mode = WAL")
+            yield conn
         finally:
             conn.close()
-        return done
     except sqlite3.Error as error:
         raise StoreError(f"the database {database} did not take the erasure: {error}; try again") from error
     finally:
         lock.close()
 
 
-def _found(conn: sqlite3.Connection, database: Path, who: str, study: str | None) -> dict[str, Any]:
-    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
-    conn.create_function("label", 1, participant_label, deterministic=True)
-    found = rows(conn, sql, who, study)
-    if not found:
-        where = f"the study {study!r} of {database}" if study else str(database)
-        raise ReleaseError(f"no participant {who!r} in {where}: give their id, label or the outside id of their link")
-    if len(found) > 1:
-        studies = ", ".join(sorted({person["study"] for person in found}))
-        raise ReleaseError(
-            f"{who!r} stands for {len(found)} participants (studies: {studies}): give --study, or one participant's id; "
-            "nothing was erased"
-        )
-    return found[0]
+def erase(conn: sqlite3.Connection, database: Path, person: dict[str, Any]) -> Erasure:
+    """Erase a participant and write the file anew; StoreError while another program has it open.
+
+    person  their row, as `participants_named` gives it
+    """
+    _take_exclusively(conn, database)
+    with transaction(conn):
+        conn.execute("PRAGMA defer_foreign_keys = ON")
+        done = _erase_rows(conn, person)
+    conn.execute("VACUUM")
+    conn.execute("PRAGMA locking_mode = NORMAL")
+    conn.execute("PRAGMA journal_mode = WAL")
+    return done
 
 
-def _erase(conn: sqlite3.Connection, person: dict[str, Any]) -> Forgotten:
+def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     now = int(time.time() * 1000)
     (protocol,) = conn.execute("SELECT protocol FROM studies WHERE name = ?", [person["study"]]).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
@@ -97,26 +94,27 @@ def _erase(conn: sqlite3.Connection, person: dict[str, Any]) -> Forgotten:
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
     ).fetchall()
-    boards = _boards(conn, person, {row[0] for row in elsewhere})
+    sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     if keeps:
         kept = _rename(conn, person)
-        boards = [board for board in boards if board != kept]
-    episodes = [row[0] for board in boards for row in conn.execute("SELECT id FROM episodes WHERE session_id = ?", [board])]
+        sessions = [session for session in sessions if session != kept]
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
     _delete_episodes(conn, episodes, now)
     outdated: tuple[int, ...] = ()
     if not keeps:
         conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
         conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [person["id"]])
         conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
-        outdated = _outdate(conn, person, now)
-    for board in boards:
-        conn.execute("DELETE FROM sessions WHERE id = ?", [board])
+        outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
+    for session in sessions:
+        conn.execute("DELETE FROM sessions WHERE id = ?", [session])
     if not elsewhere:
         conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
-    return Forgotten(person["study"], len(episodes), keeps, outdated)
+    return Erasure(person["study"], len(episodes), keeps, outdated)
 
 
-def _boards(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]) -> list[str]:
+def _sessions_of(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]) -> list[str]:
     """Return the person's sessions, those outside the study too, without those of other studies' participants."""
     mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
     played = """SELECT DISTINCT e.session_id FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
@@ -139,7 +137,7 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
 
 
 def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
-    """Return the new id of the board; participant, browser and board have new ids, and nothing else of the person is left."""
+    """Give participant, player and session new ids, delete what else there is of the person, and return the session's id."""
     new = {name: prefix + secrets.token_hex(6) for name, prefix in (("id", "P"), ("player", "B"), ("session", "S"))}
     old = person["id"]
     finished = "SELECT episode_id FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE participant_id = ? AND {}"
@@ -166,17 +164,8 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
     return new["session"]
 
 
-def _outdate(conn: sqlite3.Connection, person: dict[str, Any], now: int) -> tuple[int, ...]:
-    """Return the versions that were released after the person had joined, marked as outdated."""
-    where = "study = ? AND released_ms >= ?"
-    values = (person["study"], person["joined_ms"])
-    found = [row[0] for row in conn.execute(f"SELECT version FROM releases WHERE {where} ORDER BY version", values)]
-    conn.execute(f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}", (now, *values))
-    return tuple(found)
-
-
-def _have_alone(conn: sqlite3.Connection, database: Path) -> None:
-    """Return with the log folded into the file and nobody else on it until the end; StoreError when somebody is.
+def _take_exclusively(conn: sqlite3.Connection, database: Path) -> None:
+    """Fold the log into the file and keep others out of it until the end; StoreError when somebody has it open.
 
     Without a log, and with deleted rows overwritten, no old page survives the VACUUM that follows.
     """

@@ -7,10 +7,9 @@ import pytest
 
 from app.cli.main import main
 from app.release.build import Wanted, build
-from app.release.combine import merge
-from app.release.dataset import verify_dataset
-from app.release.errors import ReleaseError
-from app.release.verify import verify_database
+from app.release.bundle import verify_bundle
+from app.storage.merging import MergeError, merge
+from app.study.verification import verify_database
 from tests.support.stored_studies import Field, freeze, play_study
 
 
@@ -41,7 +40,7 @@ def test_two_servers_of_one_study_become_one(servers, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c.db"]
     built = build(Wanted(tmp_path / "c.db", study.name, tmp_path / "out"))
     assert built.header.rows["participants"] == 4
-    assert verify_dataset(tmp_path / "out").verified.findings == ()
+    assert verify_bundle(tmp_path / "out").verified.findings == ()
 
 
 def test_what_both_hold_is_taken_once(servers, tmp_path):
@@ -84,7 +83,7 @@ def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
     conn.execute(harm)
     conn.commit()
     conn.close()
-    with pytest.raises(ReleaseError, match=said):
+    with pytest.raises(MergeError, match=said):
         merge([folder / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
     assert not list(tmp_path.glob("*c.db*"))
 

@@ -9,14 +9,14 @@ import pytest
 
 from app.cli.main import main
 from app.release.build import Wanted, build
-from app.release.combine import import_release, merge
-from app.release.errors import ReleaseError
-from app.release.forget import find, forget
+from app.release.bundle import import_release
 from app.release.manifest import MANIFEST
-from app.release.verify import verify_database
 from app.storage.database import open_read_only
+from app.storage.merging import merge
 from app.storage.store import StoreError
+from app.study.erasure import ParticipantLookupError, find_participant, forget
 from app.study.records import participant_label
+from app.study.verification import verify_database
 from tests.support.recorded import play
 from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
 
@@ -122,11 +122,11 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
     for person in people:
         field.insert("identities", person, "STUDY_ID", "the-shared-study-id")
     field.close()
-    with pytest.raises(ReleaseError, match="stands for 3 participants"):
+    with pytest.raises(ParticipantLookupError, match="stands for 3 participants"):
         forget(path, "the-shared-study-id")
-    with pytest.raises(ReleaseError, match="no participant 'nobody'"):
+    with pytest.raises(ParticipantLookupError, match="no participant 'nobody'"):
         forget(path, "nobody")
-    with pytest.raises(ReleaseError, match="in the study 'other'"):
+    with pytest.raises(ParticipantLookupError, match="in the study 'other'"):
         forget(path, people[0], "other")
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
     for who in (
@@ -135,7 +135,7 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
         participant_label(people[0]).lower(),
         IDENTITIES["SESSION_ID"].format(0),
     ):
-        assert find(path, who)["id"] == people[0]
+        assert find_participant(path, who)["id"] == people[0]
 
 
 def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(copy, tmp_path):
@@ -238,7 +238,7 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
 
     digests.seal(field.conn, "participant", other)
     field.close()
-    with pytest.raises(ReleaseError, match="studies: first, second"):
+    with pytest.raises(ParticipantLookupError, match="studies: first, second"):
         forget(path, IDENTITIES["PROLIFIC_PID"].format(0))
     assert forget(path, IDENTITIES["PROLIFIC_PID"].format(0), "first").episodes == 1
     assert ask(path, "SELECT study FROM participants") == [("second",)]

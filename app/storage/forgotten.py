@@ -1,0 +1,52 @@
+"""The list of the forgotten: hashes of erased people and episodes, which stop a merge or an import from bringing them back.
+
+The table `forgotten` holds an episode's trajectory at its time; `forgotten_people` holds a participant's id and, under any
+pseudonym, the time when they came.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from collections.abc import Mapping
+from typing import Any
+
+from app.storage.connection import rows
+
+FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
+TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
+"""The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
+
+
+def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add the source's list of the forgotten to the target's."""
+    for table in FORGOTTEN_TABLES:
+        target.executemany(f"INSERT OR IGNORE INTO {table} VALUES (?, ?)", source.execute(f"SELECT * FROM {table}").fetchall())
+
+
+def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what `forgotten_people` keeps of a participant's row: a hash of the id, and one of the times when they came."""
+    came = f"{person['study']}|{person['joined_ms']}|{person['consent_ms']}"
+    return _hash(person["id"]), _hash(came)
+
+
+def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
+    """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
+    return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
+
+
+def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> list[dict[str, Any]]:
+    """Return the source's participants whom the target has forgotten, whatever they are called there."""
+    people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
+    trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
+    if not people | trajectories:
+        return []
+    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        WHERE e.ended_ms IS NOT NULL"""
+    known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
+    found = rows(source, "SELECT * FROM participants")
+    return [person for person in found if person["id"] in known or people & set(person_hashes(person))]
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

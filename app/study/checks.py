@@ -1,0 +1,97 @@
+"""Studies against their protocol: hashes, the revealed secret, every seed, and what each participant was given to play."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import sqlite3
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from app.storage.checks import StudyEpisodeRow, StudyRow, episodes_of, participants_of, studies
+from app.storage.resimulation import Finding
+from app.study import seeds
+from app.study.protocol import Protocol, StudyError, canonical_json, checked
+
+ORIGINAL_ID = re.compile(r"[0-9a-f]{32}")
+"""A participant's id as a server draws it. A pseudonym is not one: the order of terrains was drawn for the id it hides."""
+
+
+@dataclass(frozen=True)
+class _Expected:
+    """What the episodes of a study are checked against; `secret` is None where it is not known."""
+
+    protocol: Protocol
+    protocol_hash: str
+    secret: bytes | None
+
+
+def check_studies(conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None) -> Iterator[Finding]:
+    """Yield what is wrong with the studies of a database and with what their participants were given.
+
+    secrets  of open studies, where they are known
+    """
+    for study in studies(conn, only):
+        yield from _check_study(conn, study, secrets.get(study.name))
+
+
+def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None) -> Iterator[Finding]:
+    where = f"study {study.name}"
+    try:
+        data = json.loads(study.protocol)
+        found = hashlib.sha256(canonical_json(data)).hexdigest()
+        protocol = checked(data)
+        secret = bytes.fromhex(study.secret) if study.secret else known
+    except (ValueError, StudyError) as error:
+        yield Finding(where, "protocol or secret", "something unreadable", str(error))
+        return
+    if found != study.protocol_hash:
+        yield Finding(where, "protocol_hash", study.protocol_hash, found)
+    if secret is not None and seeds.commitment(secret) != study.commitment:
+        yield Finding(where, "commitment", study.commitment, f"{seeds.commitment(secret)} from the secret")
+    expected = _Expected(protocol, study.protocol_hash, secret)
+    for participant in participants_of(conn, study.name):
+        episodes = episodes_of(conn, participant)
+        yield from _check_order(participant, episodes, expected)
+        for row in episodes:
+            yield from _check_cause(row, expected)
+
+
+def _check_order(participant: str, episodes: list[StudyEpisodeRow], expected: _Expected) -> Iterator[Finding]:
+    """Yield what is wrong with the numbers and terrains of a participant's episodes."""
+    where = f"participant {participant}"
+    for phase, count in (("warm_up", expected.protocol.warm_up), ("ranked", expected.protocol.ranked)):
+        numbers = [row.trial for row in episodes if row.phase == phase]
+        terrains = [row.terrain for row in episodes if row.phase == phase]
+        if numbers != list(range(len(numbers))):
+            yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
+        if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
+            yield Finding(where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once")
+        if phase == "warm_up":
+            order: list[int] = list(range(count))
+        elif expected.secret is not None and ORIGINAL_ID.fullmatch(participant):
+            order = seeds.order(expected.secret, expected.protocol_hash, participant, count)
+        else:
+            continue
+        if terrains != order[: len(terrains)]:
+            yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
+
+
+def _check_cause(row: StudyEpisodeRow, expected: _Expected) -> Iterator[Finding]:
+    """Yield what is wrong with an episode's configuration, its flags and its seed."""
+    where, config_hash = f"episode {row.episode}", expected.protocol.env_config.hash
+    if row.config_hash != config_hash:
+        yield Finding(where, "config_hash", row.config_hash, f"{config_hash} of the protocol")
+    if row.seed_chosen or row.assisted:
+        yield Finding(where, "seed_chosen, assisted", (row.seed_chosen, row.assisted), (0, 0))
+    seed = None
+    if row.phase == "tutorial":
+        seed = seeds.TUTORIAL_SEED
+    elif expected.secret is not None:
+        label: Literal["ranked", "warm-up"] = "ranked" if row.phase == "ranked" else "warm-up"
+        seed = seeds.seed(expected.secret, expected.protocol_hash, label, row.terrain)
+    if seed is not None and row.seed != seed:
+        what = f"seed of {row.phase} terrain {row.terrain} (trial {row.trial})"
+        yield Finding(where, what, row.seed, f"{seed} from the study's secret")

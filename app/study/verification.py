@@ -1,0 +1,129 @@
+"""Every finished episode of a database simulated again, every digest made again: whatever differs, by name.
+
+That proves the file consistent: what it says happened is what its causes give. It cannot prove who made it; the signature
+of a release does that for whoever knows the key.
+"""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+import signal
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.storage import checks
+from app.storage.connection import reading
+from app.storage.resimulation import Finding
+from app.study.checks import check_studies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.play import cores, one_thread
+
+PARALLEL_FROM = 4_000
+"""The number of episodes from which several processes are faster than one."""
+
+EPISODES_PER_TASK = 200
+Advance = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification came to.
+
+    episodes, moves   simulated
+    still_open        unfinished episodes, not simulated
+    findings          what differs; empty when all is well
+    """
+
+    episodes: int
+    moves: int
+    still_open: int
+    findings: tuple[Finding, ...]
+    seconds: float
+
+    @property
+    def failed(self) -> int:
+        """How many episodes, participants, studies or files have a finding."""
+        return len({finding.where for finding in self.findings})
+
+
+def verify_database(
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+) -> Verification:
+    """Verify a database; StoreError when it is not one of ours.
+
+    advance   called with (episodes simulated, of how many)
+    secrets   of studies that are still open, where they are known; closed ones hold theirs
+    study     only this study's episodes and participants
+    """
+    with reading(path) as conn:
+        return verify_moment(conn, path, advance, secrets, study)
+
+
+def verify_moment(
+    conn: sqlite3.Connection,
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+) -> Verification:
+    """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
+    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)  # compiles the rules, which is no part of the rate
+    began = time.monotonic()
+    findings: list[Finding] = []
+    moves = done = 0
+    episodes = checks.finished_episodes(conn, study)
+    for checked, made, found in _check_episodes(path, conn, episodes):
+        moves += made
+        done += checked
+        findings += found
+        advance(done, len(episodes))
+    findings += checks.check_input_events(conn, study)
+    findings += check_studies(conn, secrets or {}, study)
+    findings += checks.check_participants(conn, study)
+    if study is None:
+        findings += checks.check_owners(conn)
+    still_open = checks.count_unfinished(conn, study)
+    return Verification(len(episodes), moves, still_open, tuple(findings), time.monotonic() - began)
+
+
+def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str]) -> Iterator[tuple[int, int, list[Finding]]]:
+    """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
+
+    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
+    """
+    if len(episodes) < PARALLEL_FROM or cores() == 1:
+        for ident in episodes:
+            yield (1, *checks.check_episode(conn, ident))
+        return
+    tasks = [tuple(episodes[at : at + EPISODES_PER_TASK]) for at in range(0, len(episodes), EPISODES_PER_TASK)]
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(cores(), len(tasks)), spawn, _ignore_interrupts) as pool:
+        try:
+            yield from pool.map(_run_task, itertools.repeat(path), tasks)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the parent process, which ends this one, and compute in one thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    one_thread()
+
+
+def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:
+    moves, findings = 0, []
+    with reading(path) as conn:
+        for ident in episodes:
+            made, found = checks.check_episode(conn, ident)
+            moves += made
+            findings += found
+    return len(episodes), moves, findings
