@@ -79,7 +79,7 @@ def write_afresh(
             for table, found in _rows(source, study, names, closed):
                 marks = ",".join("?" * len(found))
                 conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))
-            digests.renew(conn)
+            digests.write_all(conn)
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
     finally:

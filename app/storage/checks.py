@@ -87,20 +87,20 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Findi
     """Return the moves of a finished episode and what is wrong with it."""
     row = rows(conn, "SELECT * FROM episodes WHERE id = ?", ident)[0]
     steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return len(steps), [*differences(row, steps), *_compare(conn, "episode", ident, digests.of_rows(conn, "episode", ident))]
+    return len(steps), [*differences(row, steps), *_compare(conn, "episode", ident, digests.compute(conn, "episode", ident))]
 
 
 def check_input_events(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
     """Yield the episodes whose input events are not those of their digest."""
     sql = f"SELECT DISTINCT episode_id FROM input_events WHERE 1{_within(study, 'episode_id')}"
     for (ident,) in conn.execute(sql).fetchall():
-        yield from _compare(conn, "events", ident, digests.of_events(conn, ident))
+        yield from _compare(conn, "events", ident, digests.compute_events(conn, ident))
 
 
 def check_participants(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
     """Yield the participants whose rows are not those of their digest."""
     for (ident,) in conn.execute("SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)).fetchall():
-        yield from _compare(conn, "participant", ident, digests.of_rows(conn, "participant", ident))
+        yield from _compare(conn, "participant", ident, digests.compute(conn, "participant", ident))
 
 
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
@@ -117,8 +117,8 @@ def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
                 yield Finding(f"table {table}", "rows", count, "no episode or participant that they belong to")
 
 
-def _compare(conn: sqlite3.Connection, kind: digests.Kind, ident: str, found: str) -> Iterator[Finding]:
-    stored = digests.kept(conn, kind, ident)
+def _compare(conn: sqlite3.Connection, kind: digests.DigestKind, ident: str, found: str) -> Iterator[Finding]:
+    stored = digests.read(conn, kind, ident)
     if stored != found:
         what = "digest of its input events" if kind == "events" else "digest of its stored fields"
         yield Finding(_place(kind, ident), what, stored or "missing", found)

@@ -142,7 +142,7 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
     old = person["id"]
     finished = "SELECT episode_id FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE participant_id = ? AND {}"
     ended = [row[0] for row in conn.execute(finished.format("ended_ms IS NOT NULL"), [old])]
-    sound = [ident for ident in ended if digests.kept(conn, "episode", ident) == digests.of_rows(conn, "episode", ident)]
+    sound = [ident for ident in ended if digests.read(conn, "episode", ident) == digests.compute(conn, "episode", ident)]
     conn.execute("INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new["player"], person["player_id"]))
     conn.execute(
         "UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?",
@@ -158,9 +158,9 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
     for was, now in ((old, new["id"]), (person["player_id"], new["player"]), (person["session_id"] or old, new["session"])):
         conn.execute("UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?", (was, now, new["id"]))
     conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [old])
-    digests.seal(conn, "participant", new["id"])
+    digests.write(conn, "participant", new["id"])
     for ident in sound:
-        digests.seal(conn, "episode", ident)
+        digests.write(conn, "episode", ident)
     return new["session"]
 
 

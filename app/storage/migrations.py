@@ -1,16 +1,20 @@
-"""The tables, migration by migration: what leads an empty file, or an older one, to the newest schema."""
+"""The tables, migration by migration: they bring an empty file, or an older database, to the newest schema.
+
+A released migration never changes, and it calls no code outside this module: what it needs is written here as it was then.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import sqlite3
 from collections.abc import Callable
-
-from app.storage import digests
+from typing import Any
 
 Migration = Callable[[sqlite3.Connection], None]
 
 
-def _tables(conn: sqlite3.Connection) -> None:
+def _create_tables(conn: sqlite3.Connection) -> None:
     for statement in (
         "CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT",
         "CREATE TABLE players (id TEXT PRIMARY KEY, created_ms INTEGER NOT NULL) STRICT",
@@ -69,13 +73,13 @@ def _tables(conn: sqlite3.Connection) -> None:
         conn.execute(statement)
 
 
-def _indexes(conn: sqlite3.Connection) -> None:
+def _create_indexes(conn: sqlite3.Connection) -> None:
     conn.execute("CREATE INDEX episodes_by_terrain ON episodes (terrain_hash)")
     conn.execute("CREATE INDEX episodes_by_end ON episodes (ended_ms)")
     conn.execute("CREATE INDEX sessions_by_rival ON sessions (rival_of) WHERE rival_of IS NOT NULL")
 
 
-def _studies(conn: sqlite3.Connection) -> None:
+def _create_study_tables(conn: sqlite3.Connection) -> None:
     for statement in (
         # written on the first join; closed_ms and secret when the study is closed
         """CREATE TABLE studies (
@@ -143,7 +147,7 @@ def _studies(conn: sqlite3.Connection) -> None:
         conn.execute(statement)
 
 
-def _releases(conn: sqlite3.Connection) -> None:
+def _create_release_tables(conn: sqlite3.Connection) -> None:
     for statement in (
         # SHA-256 over stored rows: see app/storage/digests.py
         """CREATE TABLE digests (
@@ -163,8 +167,44 @@ def _releases(conn: sqlite3.Connection) -> None:
         "CREATE TABLE forgotten_people (id_hash TEXT PRIMARY KEY, forgotten_ms INTEGER NOT NULL) STRICT",
     ):
         conn.execute(statement)
-    digests.renew(conn)
+    _write_digests_of_schema_4(conn)
 
 
-MIGRATIONS: tuple[Migration, ...] = (_tables, _indexes, _studies, _releases)
-"""Migration k (from 1) leads from schema k - 1 to schema k; one that has been released never changes."""
+def _write_digests_of_schema_4(conn: sqlite3.Connection) -> None:
+    """Fill the table of digests from the rows, by the rules that schema 4 began with."""
+    insert = "INSERT INTO digests VALUES (?, ?, ?)"
+    for (ident,) in conn.execute("SELECT id FROM episodes WHERE ended_ms IS NOT NULL").fetchall():
+        tables = {"episodes": "id = ?", "steps": "episode_id = ? ORDER BY step", "study_episodes": "episode_id = ?"}
+        conn.execute(insert, ("episode", ident, _digest_of_schema_4(conn, tables, ident)))
+    for (ident,) in conn.execute("SELECT DISTINCT episode_id FROM input_events").fetchall():
+        chain = ""
+        for row in conn.execute("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [ident]):
+            chain = hashlib.sha256(chain.encode() + _line_of_schema_4(row)).hexdigest()
+        conn.execute(insert, ("events", ident, chain))
+    for (ident,) in conn.execute("SELECT id FROM participants").fetchall():
+        tables = {"participants": "id = ?", "stage_events": "participant_id = ? ORDER BY number"}
+        conn.execute(insert, ("participant", ident, _digest_of_schema_4(conn, tables, ident)))
+
+
+def _digest_of_schema_4(conn: sqlite3.Connection, tables: dict[str, str], ident: str) -> str:
+    """Return SHA-256 (hex) over the names of tables and columns and every row, each a line of JSON."""
+    found = hashlib.sha256()
+    for table, where in tables.items():
+        cursor = conn.execute(f"SELECT * FROM {table} WHERE {where}", [ident])
+        found.update(_line_of_schema_4([table, [column[0] for column in cursor.description]]))
+        for row in cursor:
+            found.update(_line_of_schema_4(row))
+    return found.hexdigest()
+
+
+def _line_of_schema_4(value: Any) -> bytes:
+    return json.dumps(value, default=bytes.hex, separators=(",", ":")).encode() + b"\n"
+
+
+MIGRATIONS: tuple[Migration, ...] = (
+    _create_tables,
+    _create_indexes,
+    _create_study_tables,
+    _create_release_tables,
+)
+"""Migration k (from 1) leads from schema k - 1 to schema k."""

@@ -266,7 +266,7 @@ class Store(Reader):
         values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
-        digests.seal(self._conn, "episode", episode_id)
+        digests.write(self._conn, "episode", episode_id)
 
 
 def terrain_hash(row: EpisodeRow) -> str:

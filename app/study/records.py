@@ -237,7 +237,7 @@ class Records:
     def _changing(self, participant_id: str) -> Iterator[None]:
         with self._store.transaction():
             yield
-            digests.seal(self._conn, "participant", participant_id)
+            digests.write(self._conn, "participant", participant_id)
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)

@@ -70,7 +70,7 @@ class Field:
             self.insert("identities", participant, name, value.format(number))
         for event, kind_of in enumerate(("joined", "stage", "answers")):
             self.insert("stage_events", participant, event, now + event, kind_of, json.dumps({"session": session, "n": event}))
-        digests.seal(self.conn, "participant", participant)
+        digests.write(self.conn, "participant", participant)
         return participant
 
     def play(self, participant, phase, trial, how="tour"):

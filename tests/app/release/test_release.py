@@ -413,7 +413,7 @@ def test_no_release_where_free_text_holds_an_identity(copy):
     (who,) = conn.execute("SELECT participant_id FROM identities WHERE value LIKE '%0zz'").fetchone()
     conn.execute("UPDATE stage_events SET detail = ? WHERE participant_id = ? AND number = 1",
                  (json.dumps({"from": IDENTITIES["PROLIFIC_PID"].format(0)}), who))  # fmt: skip
-    digests.seal(conn, "participant", who)
+    digests.write(conn, "participant", who)
     conn.commit()
     conn.close()
     refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")

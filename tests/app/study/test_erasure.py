@@ -236,7 +236,7 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     field.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
     from app.storage import digests
 
-    digests.seal(field.conn, "participant", other)
+    digests.write(field.conn, "participant", other)
     field.close()
     with pytest.raises(ParticipantLookupError, match="studies: first, second"):
         forget(path, IDENTITIES["PROLIFIC_PID"].format(0))

@@ -138,7 +138,7 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
 def test_a_forger_who_makes_the_digests_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
     conn, path = copy
     assert conn.execute(harm).rowcount > 0
-    digests.renew(conn)
+    digests.write_all(conn)
     said = {finding.what for finding in verify_database(path).findings}
     assert not any("digest" in what for what in said)
     assert any(what.startswith(found) for what in said), said
