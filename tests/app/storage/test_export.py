@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import sqlite3
 from dataclasses import replace
 
@@ -11,7 +12,10 @@ import pytest
 from app.storage.export import COLUMNS, export_to, new_key, rows
 from app.storage.store import Store
 from marsexplorer.episode import replay
+from tests.support import earlier
 from tests.support.recorded import NOW, add_session, add_steps, free_moves, open_episode, play
+
+EXPORTS = earlier.FIXTURES / "exports"
 
 
 @pytest.fixture
@@ -184,3 +188,22 @@ def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):
     store.close_episode("given", episode.record(), NOW)
     line = next(line for line in table(store, "episodes") if line["episode"] == "given")
     assert (line["seed"], line["actions"], line["verified"]) == (None, "", True)
+
+
+@pytest.mark.parametrize(
+    ("folder", "fmt", "who"), [("csv", "csv", "all"), ("jsonl", "jsonl", "all"), ("human", "csv", "human")]
+)
+def test_an_export_of_an_earlier_database_is_what_it_always_was(tmp_path, folder, fmt, who):
+    path, _ = earlier.database(4, tmp_path)
+    export_to(path, tmp_path / "out", fmt, who, lambda done, total: None)
+    for name in COLUMNS:
+        was, now = (read_under_one_pseudonym(place / f"{name}.{fmt}") for place in (EXPORTS / folder, tmp_path / "out"))
+        assert now == was
+
+
+def read_under_one_pseudonym(path):
+    """Return a table's text with the players' pseudonyms, drawn anew for each export, numbered in order of appearance."""
+    text = path.read_text()
+    for number, pseudonym in enumerate(dict.fromkeys(re.findall(r"\bP[0-9a-f]{10}\b", text))):
+        text = text.replace(pseudonym, f"player-{number}")
+    return text

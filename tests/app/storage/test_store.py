@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from app.storage import database
-from app.storage.database import APPLICATION_ID, MIGRATIONS, StoreError, open_database
+from app.storage.database import APPLICATION_ID, StoreError
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
@@ -316,37 +315,6 @@ def test_a_truncated_database_is_refused(tmp_path, path, keep):
         with pytest.raises(StoreError, match=r"damaged|not a database|another program"):
             opening(path)
     assert path.stat().st_size == keep
-
-
-def test_an_older_schema_is_brought_up_with_everything_in_it(path, monkeypatch):
-    monkeypatch.setattr(database, "MIGRATIONS", MIGRATIONS[:1])
-    open_database(path, migrations=MIGRATIONS[:1]).close()
-    db = sqlite3.connect(path)
-    db.execute("INSERT INTO players VALUES ('old', 1)")
-    db.commit()
-    db.close()
-    monkeypatch.undo()
-    with pytest.raises(StoreError, match="has schema 1, needed is"):
-        Reader.open(path)
-    store = Store(path)
-    assert store._db.execute("SELECT id FROM players").fetchall() == [("old",)]
-    assert store._db.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
-    assert store._db["episodes"].indexes
-    store.close()
-
-
-def test_a_migration_that_fails_leaves_the_schema_before_it(path):
-    Store(path).close()
-
-    def broken(conn):
-        conn.execute("CREATE TABLE half (a)")
-        conn.execute("nonsense")
-
-    with pytest.raises(StoreError, match="cannot open"):
-        open_database(path, migrations=(*MIGRATIONS, broken))
-    store = Store(path)
-    assert store._db.execute("SELECT count(*) FROM sqlite_master WHERE name = 'half'").fetchone() == (0,)
-    store.close()
 
 
 def test_a_database_killed_before_its_first_checkpoint_is_still_ours(tmp_path, path):

@@ -1,0 +1,129 @@
+"""Migrations: databases of every earlier schema keep everything that is in them, and go on."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.storage import database, digests
+from app.storage.database import StoreError, open_database
+from app.storage.migrations import MIGRATIONS
+from app.storage.reader import Reader
+from app.storage.store import Store
+from app.study.verification import verify_database
+from marsexplorer.episode import replay
+from tests.support import earlier
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "play.db"
+
+
+@pytest.fixture(params=earlier.SCHEMAS, ids=lambda schema: f"schema {schema}")
+def old(request, tmp_path):
+    """A copy of the database of an earlier schema, and what is expected of it."""
+    return earlier.database(request.param, tmp_path)
+
+
+def count_rows(conn):
+    tables = [name for (name,) in conn.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
+    return {table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in tables}
+
+
+def read_digests(conn):
+    return [list(row) for row in conn.execute("SELECT kind, id, digest FROM digests ORDER BY kind, id")]
+
+
+def test_there_is_a_database_of_every_schema():
+    assert tuple(range(1, len(MIGRATIONS) + 1)) == earlier.SCHEMAS
+
+
+def test_an_old_database_has_the_newest_schema_afterwards_and_every_row_it_had(old):
+    path, expected = old
+    with closing(sqlite3.connect(path)) as conn:
+        assert conn.execute("PRAGMA user_version").fetchone() == (expected["user_version"],)
+        assert count_rows(conn) == expected["rows"]
+    with closing(open_database(path).conn) as conn:
+        assert conn.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+        after = count_rows(conn)
+    assert {name: after[name] for name in expected["rows"]} == expected["rows"]
+    assert after == expected["upgraded"]["rows"]
+
+
+def test_an_old_database_gets_the_digests_it_always_got(old):
+    path, expected = old
+    with closing(open_database(path).conn) as conn:
+        assert read_digests(conn) == expected["upgraded"]["digests"]
+
+
+def test_schema_4_gives_the_same_digests_as_the_code_that_keeps_them_up_to_date(old):
+    """Where the two part, a later migration has to write every digest anew."""
+    path, expected = old
+    with closing(open_database(path).conn) as conn:
+        digests.write_all(conn)
+        assert read_digests(conn) == expected["upgraded"]["digests"]
+
+
+def test_the_old_schemas_are_what_the_migrations_make(old):
+    path, expected = old
+    with closing(sqlite3.connect(path)) as conn, closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
+        for migration in MIGRATIONS[: expected["user_version"]]:
+            migration(fresh)
+        schema = "SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY type, name"
+        assert conn.execute(schema).fetchall() == fresh.execute(schema).fetchall()
+
+
+def test_every_episode_of_an_old_database_simulates_to_what_was_recorded(old):
+    path, expected = old
+    Store(path).close()
+    with closing(Reader.open(path)) as reader:
+        for ident, totals in expected["finished"].items():
+            record = reader.load_record(ident)
+            episode = replay(record)
+            assert {name: getattr(episode, name) for name in ("outcome", "steps", "discovered", "score")} == {
+                name: totals[name] for name in ("outcome", "steps", "discovered", "score")
+            }
+            assert (record.total, record.trajectory_hash) == (totals["total"], totals["trajectory_hash"])
+    verified = verify_database(path)
+    assert [str(finding) for finding in verified.findings] == expected["upgraded"]["verify"]["findings"] == []
+    for name in ("episodes", "moves", "still_open"):
+        assert getattr(verified, name) == expected["upgraded"]["verify"][name]
+
+
+def test_an_episode_that_was_running_in_an_old_database_goes_on(old):
+    path, expected = old
+    with closing(Store(path)) as store:
+        running = [found for found in store.sessions_to_resume(0) if not found.ended]
+        assert {found.episode.id: len(found.actions) for found in running} == expected["running"]
+
+
+def test_an_older_schema_is_brought_up_with_everything_in_it(path, monkeypatch):
+    monkeypatch.setattr(database, "MIGRATIONS", MIGRATIONS[:1])
+    open_database(path, migrations=MIGRATIONS[:1]).close()
+    db = sqlite3.connect(path)
+    db.execute("INSERT INTO players VALUES ('old', 1)")
+    db.commit()
+    db.close()
+    monkeypatch.undo()
+    with pytest.raises(StoreError, match="has schema 1, needed is"):
+        Reader.open(path)
+    store = Store(path)
+    assert store._db.execute("SELECT id FROM players").fetchall() == [("old",)]
+    assert store._db.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+    assert store._db["episodes"].indexes
+    store.close()
+
+
+def test_a_migration_that_fails_leaves_the_schema_before_it(path):
+    Store(path).close()
+
+    def broken(conn):
+        conn.execute("CREATE TABLE half (a)")
+        conn.execute("nonsense")
+
+    with pytest.raises(StoreError, match="cannot open"):
+        open_database(path, migrations=(*MIGRATIONS, broken))
+    store = Store(path)
+    assert store._db.execute("SELECT count(*) FROM sqlite_master WHERE name = 'half'").fetchone() == (0,)
+    store.close()
