@@ -96,7 +96,14 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.score",
         "marsexplorer.world",
     },
-    "app.statistics": {"app.storage", "app.study", "marsexplorer.config", "marsexplorer.episode", "marsexplorer.score"},
+    "app.statistics": {
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.evaluation",
+        "marsexplorer.score",
+    },
     "app.storage": {
         "marsexplorer.config",
         "marsexplorer.episode",

@@ -27,12 +27,13 @@ from app.statistics.comparisons import (
     variance,
 )
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
-from app.statistics.intervals import RULE, RULE_VERSION, Floats
+from app.statistics.intervals import RULE, RULE_VERSION
 from app.statistics.learning import at_trials, learning
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.study.data import StudyData
 from app.study.plausibility import RULES_VERSION
 from marsexplorer.config import CORE_VERSION
+from marsexplorer.evaluation.intervals import Floats
 
 ESTIMAND = (
     "The mean, over players like these, of a player's mean over exactly these terrains: every player weighs the same, and the "

@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.statistics.intervals import Floats
 from app.statistics.summaries import EpisodeSummary, curve, visits
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.play import Result, chunks_of, played
 
 Progress = Callable[[int, int], None]

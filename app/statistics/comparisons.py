@@ -13,7 +13,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import stats
 
-from app.statistics.intervals import TAIL, Floats, printed_interval
+from app.statistics.intervals import TAIL, printed_interval
+from marsexplorer.evaluation.intervals import Floats, t_quantile
 
 Pair = tuple[float, float]
 
@@ -125,7 +126,8 @@ def new_terrains_interval(table: Floats) -> Pair:
 
 
 def _quantile(table: Floats) -> float:
-    return float(stats.t.ppf(1 - TAIL, min(table.shape) - 1))
+    """Return the t quantile with min(players, terrains) - 1 degrees of freedom."""
+    return t_quantile(min(table.shape) - 1)
 
 
 def iqm(table: Floats) -> float:

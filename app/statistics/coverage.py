@@ -20,15 +20,8 @@ from scipy import stats
 
 from app.statistics.comparisons import crossed_means, drawn_terrains, log_interval, new_terrains_interval
 from app.statistics.coverage_table import POPULATIONS, TABLE, Cell, Population
-from app.statistics.intervals import (
-    TAIL,
-    Ends,
-    Floats,
-    bootstrap_t,
-    guaranteed_covers,
-    printed_interval,
-    t_interval,
-)
+from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
+from marsexplorer.evaluation.intervals import Floats, t_interval
 
 TERRAINS = 30
 PLAYERS = (5, 10, 20, 30)

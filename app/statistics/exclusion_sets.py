@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 
 from app.statistics.formatting import percent
-from app.statistics.intervals import Floats
 from app.study.data import Person, StudyData, StudyEpisode
+from marsexplorer.evaluation.intervals import Floats
 
 MetricName = Literal["score", "steps"]
 METRICS: tuple[MetricName, ...] = ("score", "steps")

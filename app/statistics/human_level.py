@@ -11,14 +11,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from scipy import stats
+import numpy as np
 
 from app.storage.reader import Reader
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.score import steps_to_target
 
 NOBODY = "Nobody has played for the human score yet: there is no human level to compare with."
-CONFIDENCE = 0.95
 
 
 def human_level(store: Reader) -> dict[str, Any]:
@@ -33,13 +33,11 @@ def human_level(store: Reader) -> dict[str, Any]:
 
 def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
     """Return mean, low and high of the 95 % t interval for the mean; low and high None with fewer than two values."""
-    count = len(values)
-    mean = math.fsum(values) / count
-    if count < 2:
+    mean = _mean(values)
+    if len(values) < 2:
         return {"mean": mean, "low": None, "high": None}
-    spread = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
-    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * spread / math.sqrt(count)
-    return {"mean": mean, "low": mean - half, "high": mean + half}
+    low, high = t_interval(np.array(values, np.float64))
+    return {"mean": mean, "low": float(low), "high": float(high)}
 
 
 def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:

@@ -16,12 +16,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-Floats = NDArray[np.float64]
+from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval, t_quantile
+
 Ends = tuple[Floats, Floats]
 
-CONFIDENCE = 0.95
 TAIL = (1 - CONFIDENCE) / 2
 RULE_VERSION = "1"
 RULE = "t interval on player means, widened on the side of the longer tail to Hall's transformed t where that reaches further"
@@ -76,14 +75,6 @@ def _pair(ends: Ends) -> tuple[float, float]:
     return float(ends[0]), float(ends[1])
 
 
-def t_interval(values: Floats) -> Ends:
-    """Return low and high of the t interval; the last axis must hold at least two values."""
-    n = values.shape[-1]
-    half = stats.t.ppf(1 - TAIL, n - 1) * standard_error(values)
-    mean = values.mean(-1)
-    return mean - half, mean + half
-
-
 def standard_error(values: Floats) -> Floats:
     """Return the standard error of the mean along the last axis."""
     error: Floats = values.std(-1, ddof=1) / np.sqrt(values.shape[-1])
@@ -110,10 +101,10 @@ def hall_interval(values: Floats) -> Ends:
     a = skewness/sqrt(n), g(T) = T + a T^2/3 + a^2 T^3/27 + a/6 is nearly symmetric; solved for mu with t quantiles.
     """
     n = values.shape[-1]
-    mean, error = values.mean(-1), standard_error(values)
-    lean = skewness(values) / np.sqrt(n)
-    quantile = float(stats.t.ppf(1 - TAIL, n - 1))
-    return mean - error * _untransformed(quantile, lean), mean - error * _untransformed(-quantile, lean)
+    mean, sd, root = values.mean(-1), values.std(-1, ddof=1), np.sqrt(n)
+    lean, quantile = skewness(values) / root, t_quantile(n - 1)
+    # in the order of t_interval, so that both agree to the last bit where nothing leans
+    return mean - _untransformed(quantile, lean) * sd / root, mean - _untransformed(-quantile, lean) * sd / root
 
 
 def _untransformed(quantile: float, lean: Floats) -> Floats:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from app.statistics.intervals import CONFIDENCE, Floats, t_interval
+from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval
 
 Pair = tuple[float, float]
 AtTrial = tuple[int, float, float | None, float | None]
@@ -70,8 +70,8 @@ def tost(changes: Floats, margin: float | None) -> tuple[Pair, float | None]:
     """Return the 90 % t interval of the mean, and the p of two one-sided t tests against +-margin (Schuirmann 1987)."""
     freedom, mean = len(changes) - 1, float(changes.mean())
     error = float(changes.std(ddof=1) / np.sqrt(len(changes)))
-    half = float(stats.t.ppf(1 - LEVEL, freedom)) * error
-    ends = (mean - half, mean + half)
+    low, high = t_interval(changes, 1 - 2 * LEVEL)
+    ends = (float(low), float(high))
     if margin is None:
         return ends, None
     if error == 0:

@@ -8,6 +8,7 @@ in the share of studies asked for. Skewed scores widen the printed interval beyo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -16,8 +17,8 @@ from scipy.special import gammaln
 
 from app.statistics.comparisons import variance
 from app.statistics.exclusion_sets import members, people_of
-from app.statistics.intervals import TAIL
 from app.study.data import StudyData
+from marsexplorer.evaluation.intervals import Floats, t_quantile
 
 MOST = 2000
 """Players beyond which no study is planned here."""
@@ -82,10 +83,16 @@ def _widths(spread: float, assurance: float) -> list[Width]:
     """Return the half-widths for 2, 3, ... MOST players."""
     players = np.arange(2, MOST + 1)
     freedom = players - 1
-    unit = stats.t.ppf(1 - TAIL, freedom) * spread / np.sqrt(players)
+    unit = _t_quantiles() * spread / np.sqrt(players)
     mean_sd = np.sqrt(2 / freedom) * np.exp(gammaln(players / 2) - gammaln(freedom / 2))  # of the sample SD, for SD 1
     assured = unit * np.sqrt(stats.chi2.ppf(assurance, freedom) / freedom)
     return [Width(*row) for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)]
+
+
+@cache
+def _t_quantiles() -> Floats:
+    """Return the t quantiles for 2, 3, ... MOST players."""
+    return np.array([t_quantile(freedom) for freedom in range(1, MOST)])
 
 
 def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:

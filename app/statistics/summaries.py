@@ -12,17 +12,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-from app.statistics.human_level import CONFIDENCE, mean_interval
+from app.statistics.human_level import mean_interval
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.score import steps_to_target
 
 POINTS = 120
 """Points of a drawn curve, at most."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -112,11 +110,7 @@ def _held(discoveries: Sequence[int], steps: NDArray[np.int64]) -> Floats:
 
 def _band(means: Floats) -> tuple[Floats | None, Floats | None]:
     """Return low and high of the t interval of the mean over the first axis; None for fewer than two groups."""
-    count = len(means)
-    if count < 2:
-        return None, None
-    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * means.std(axis=0, ddof=1) / np.sqrt(count)
-    return means.mean(axis=0) - half, means.mean(axis=0) + half
+    return t_interval(means.T) if len(means) > 1 else (None, None)
 
 
 def _short(values: Floats, digits: int = 4) -> list[float]:

@@ -8,10 +8,11 @@ from app.simulate.decisions import Minds
 from app.simulate.persona import KINDS, Nature, deal, persona
 from app.simulate.population import POPULATIONS, RANDOM, draw
 from app.simulate.true_level import play, studies, true_level
-from app.statistics.intervals import printed_interval, t_interval
+from app.statistics.intervals import printed_interval
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.intervals import t_interval
 
 CONFIG = EnvConfig.of("random", (9, 13))
 SEEDS = tuple(range(40, 46))

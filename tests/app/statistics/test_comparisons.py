@@ -18,8 +18,9 @@ from app.statistics.comparisons import (
     player_means,
     variance,
 )
-from app.statistics.intervals import printed_interval, t_interval
+from app.statistics.intervals import printed_interval
 from app.statistics.learning import learning, tost
+from marsexplorer.evaluation.intervals import t_interval
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
 """Shrout and Fleiss 1979, table 2: between mean square 11.24, within 6.26, ICC(1,1) = 0.17."""

@@ -14,8 +14,8 @@ from app.statistics.intervals import (
     hall_interval,
     printed_interval,
     skewness,
-    t_interval,
 )
+from marsexplorer.evaluation.intervals import t_interval
 
 RNG = np.random.default_rng(7)
 SAMPLES = [RNG.standard_normal(5), 1 - RNG.standard_exponential(10), RNG.standard_exponential(30), RNG.lognormal(0, 1, 8)]
