@@ -19,22 +19,36 @@ def pytest_collection_modifyitems(items):
                 )
 
 
-@pytest.fixture
-def open_browser():
-    """`open_browser(flags)` starts Chromium; every one is closed at the end."""
+@pytest.fixture(scope="package")
+def browsers():
+    """`browsers(flags)` is Chromium with these flags: started once, used by all tests of this folder."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        started = []
+        started = {}
 
-        def start(flags=()):
-            flags = [*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])]
-            started.append(playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=flags))
-            return started[-1]
+        def start(flags):
+            if flags not in started:
+                started[flags] = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=list(flags))
+            return started[flags]
 
+        start.started = started
         yield start
-        for browser in started:
+        for browser in started.values():
             browser.close()
+
+
+@pytest.fixture
+def open_browser(browsers):
+    """`open_browser(flags)` is Chromium without any profile; every profile that a test opens is closed at its end."""
+
+    def start(flags=()):
+        return browsers((*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])))
+
+    yield start
+    for browser in browsers.started.values():
+        for profile in list(browser.contexts):
+            profile.close()
 
 
 class Player:

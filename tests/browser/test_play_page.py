@@ -11,8 +11,8 @@ from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
 from tests.support.servers import eventually
 
 
-def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn, player, tmp_path):
-    server = spawn()
+def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve, player, tmp_path):
+    server = serve()
     me = player(server, AS_A_PERSON)
     me.goto()
     about = me.begin(size=[9, 12])
@@ -65,8 +65,8 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(spawn,
     assert me.errors == []
 
 
-def test_a_driven_browser_is_never_human(spawn, player):
-    server = spawn()
+def test_a_driven_browser_is_never_human(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     me.begin(size=[5, 7])
@@ -79,8 +79,8 @@ def test_a_driven_browser_is_never_human(spawn, player):
     assert "human" not in drivers
 
 
-def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(spawn, player):
-    server = spawn()
+def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     me.begin(rival="frontier-cost", size=[15, 21])
@@ -105,8 +105,8 @@ def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(spawn, player):
     assert me.errors == []
 
 
-def test_holding_a_key_moves_once_and_typing_moves_never(spawn, player):
-    server = spawn()
+def test_holding_a_key_moves_once_and_typing_moves_never(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     me.begin(size=[15, 21], seed=3, rival="frontier-cost")
@@ -123,8 +123,8 @@ def test_holding_a_key_moves_once_and_typing_moves_never(spawn, player):
     assert me.state()["step"] == 1
 
 
-def test_watching_two_policies(spawn, player):
-    server = spawn()
+def test_watching_two_policies(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-watch").click()
@@ -133,8 +133,8 @@ def test_watching_two_policies(spawn, player):
     assert me.errors == []
 
 
-def test_the_ranked_game_shows_no_rival_until_its_end(spawn, player):
-    server = spawn()
+def test_the_ranked_game_shows_no_rival_until_its_end(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-ranked").click()
@@ -162,8 +162,8 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     again.kill()
 
 
-def test_a_second_tab_is_harmless(spawn, player):
-    server = spawn()
+def test_a_second_tab_is_harmless(serve, player):
+    server = serve()
     me = player(server, NO_3D)
     me.goto()
     about = me.begin(size=[9, 12], seed=3)
@@ -181,8 +181,8 @@ def test_a_second_tab_is_harmless(spawn, player):
     ("name", "width", "height", "flags"),
     [("desktop", 1440, 900, ()), ("phone", 390, 844, ()), ("no-webgl", 1440, 900, NO_3D)],
 )
-def test_mid_episode_looks_like_a_product(spawn, player, name, width, height, flags):
-    server = spawn()
+def test_mid_episode_looks_like_a_product(serve, player, name, width, height, flags):
+    server = serve()
     me = player(server, flags, width, height, device_scale_factor=2 if width < 500 else 1, has_touch=width < 500)
     me.goto()
     me.begin(seed=11, rival=policies.names()[0])
@@ -201,8 +201,8 @@ def test_mid_episode_looks_like_a_product(spawn, player, name, width, height, fl
     assert me.errors == []
 
 
-def test_touch_arrows_drive(spawn, player):
-    server = spawn()
+def test_touch_arrows_drive(serve, player):
+    server = serve()
     me = player(server, [*NO_3D, *AS_A_PERSON], 390, 844, has_touch=True, is_mobile=True)
     me.goto()
     me.begin(size=[9, 12], seed=3)

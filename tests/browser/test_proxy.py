@@ -56,8 +56,8 @@ def proxy(tmp_path):
         process.wait()
 
 
-def test_playing_behind_tls_and_a_path_prefix(spawn, player, proxy):
-    server = spawn()
+def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
+    server = serve()
     me = player(proxy(server.port), AS_A_PERSON, ignore_https_errors=True)
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))

@@ -25,8 +25,8 @@ def colours(picture):
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
 
-def test_the_sheet_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(spawn, player):
-    me = player(spawn())
+def test_the_sheet_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(serve, player):
+    me = player(serve())
     me.goto()
     me.begin(size=[9, 12], seed=3)
     view = view_of(me)
@@ -52,8 +52,8 @@ def test_the_sheet_shows_the_board_upright_follows_a_move_and_turns_with_the_mou
     assert me.errors == []
 
 
-def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(spawn, player):
-    server = spawn()
+def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serve, player):
+    server = serve()
     me = player(server)
     me.goto()
     about = me.begin(size=[9, 12], seed=3)

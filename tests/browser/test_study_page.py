@@ -299,8 +299,8 @@ def check_database(tmp_path, first, second):
     assert json.loads(settings[0])["modality"] == "keyboard"
 
 
-def test_remapped_keys_drive_and_colours_change_and_both_are_kept(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies())
+def test_remapped_keys_drive_and_colours_change_and_both_are_kept(serve, studies, participant, tmp_path):
+    server = serve(studies=studies())
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")
@@ -338,8 +338,8 @@ def chosen(tmp_path):
     return kept.get("palette"), (kept.get("keys") or {}).get("east")
 
 
-def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies())
+def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(serve, studies, participant, tmp_path):
+    server = serve(studies=studies())
     me = participant(server)
     held = []
     me.page.route("**/settings", lambda route: held.append(route) if not held else route.continue_())
@@ -359,8 +359,8 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
     assert me.errors == []
 
 
-def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies(pause_after_s=3))
+def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(serve, studies, participant, tmp_path):
+    server = serve(studies=studies(pause_after_s=3))
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")
@@ -381,8 +381,8 @@ def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(spawn, studies,
     assert me.errors == []
 
 
-def test_giving_up_asks_first_and_leaving_ends_it(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies(ranked=3, break_every=10))
+def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, tmp_path):
+    server = serve(studies=studies(ranked=3, break_every=10))
     me = participant(server)
     me.to_ranked()
     me.choose("open-give-up")
@@ -406,8 +406,8 @@ def test_giving_up_asks_first_and_leaving_ends_it(spawn, studies, participant, t
     assert me.errors == []
 
 
-def test_fingers_drive_on_a_phone(spawn, studies, participant, tmp_path):
-    server = spawn(studies=studies())
+def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
+    server = serve(studies=studies())
     me = participant(server, size="phone", has_touch=True, is_mobile=True)
     me.page.get_by_test_id("agree").tap()
     me.page.get_by_test_id("to-tutorial").tap()
@@ -420,9 +420,9 @@ def test_fingers_drive_on_a_phone(spawn, studies, participant, tmp_path):
     assert me.errors == []
 
 
-def test_a_closed_and_an_unknown_study_say_so(spawn, studies, participant):
+def test_a_closed_and_an_unknown_study_say_so(serve, studies, participant):
     folder = studies()
-    server = spawn(studies=folder)
+    server = serve(studies=folder)
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")
@@ -444,8 +444,8 @@ def violations(page, **options):
     return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
 
 
-def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participant):
-    server = spawn(studies=studies(size=(9, 12), pause_after_s=5, break_every=1))
+def test_axe_finds_nothing_on_any_screen_of_the_study(serve, studies, participant):
+    server = serve(studies=studies(size=(9, 12), pause_after_s=5, break_every=1))
     me = participant(server, reduced_motion="reduce")
     found, seen = {}, []
     SCREENSHOTS.mkdir(exist_ok=True)
@@ -532,8 +532,8 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(spawn, studies, participan
     assert me.errors == []
 
 
-def test_axe_finds_nothing_on_the_playground_and_its_documents(spawn, player):
-    server = spawn()
+def test_axe_finds_nothing_on_the_playground_and_its_documents(serve, player):
+    server = serve()
     me = player(server, NO_3D, reduced_motion="reduce")
     me.goto()
     found = {}

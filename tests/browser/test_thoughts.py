@@ -5,8 +5,8 @@ from tests.support.browser import NO_3D
 FIRST = "window.mars.state.rival.thought && window.mars.state.rival.thought.step === window.mars.state.rival.frame.step"
 
 
-def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(spawn, player):
-    me = player(spawn(), NO_3D)
+def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(serve, player):
+    me = player(serve(), NO_3D)
     me.goto()
     me.begin(rival="ppo", size=[9, 12], seed=5)
     me.wait(FIRST)
@@ -28,8 +28,8 @@ def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(spawn,
     assert me.errors == []
 
 
-def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the_end(spawn, player):
-    me = player(spawn(), NO_3D)
+def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the_end(serve, player):
+    me = player(serve(), NO_3D)
     me.goto()
     about = me.begin(size=[5, 7])
     assert about["counts"]
@@ -50,8 +50,8 @@ def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the
     assert me.errors == []
 
 
-def test_any_policy_can_be_given_to_either_board(spawn, player):
-    me = player(spawn(), NO_3D)
+def test_any_policy_can_be_given_to_either_board(serve, player):
+    me = player(serve(), NO_3D)
     me.goto()
     me.begin(player="frontier-cost", rival="ppo", size=[9, 12])
     for seat, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
