@@ -22,14 +22,17 @@ from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
-from app.play.agent import Policies
-from app.play.lobby import Lobby, Sources, UnknownSessionError
-from app.play.validation import NO_BODY, sentence
+from app.play.lobby import Lobby, UnknownSessionError
+from app.play.policy_catalogue import PolicyCatalogue
+from app.play.sources import Sources
+from app.play.validation import NO_BODY, describe_errors
 from app.settings import ROOT, Settings
 from app.storage.store import Store, StoreError
 from app.study.debrief import Debriefs
 from app.study.folder import Folder
+from app.study.participant_board import Participations
 from app.study.progress import ParticipantProgress
+from app.study.records import Records
 from app.viewer3d.viewer import Viewer
 from app.web import api, api_docs, sockets
 from app.web.access import enter
@@ -57,19 +60,20 @@ class ServerError(RuntimeError):
     """The server cannot start; its text says why and what to do."""
 
 
-def create_app(settings: Settings, sources: Sources | None = None, policies: Policies | None = None) -> FastAPI:
+def create_app(settings: Settings, sources: Sources | None = None, policies: PolicyCatalogue | None = None) -> FastAPI:
     """Return the app: page, API, sockets and 3-D viewer on one database. `sources` and `policies` are for tests and `run`."""
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        on_offer = policies if policies is not None else await asyncio.to_thread(Policies, settings.policies)
+        on_offer = policies if policies is not None else await asyncio.to_thread(PolicyCatalogue, settings.policies)
         await asyncio.to_thread(warm_up)
         store = Store(settings.database, settings.durable)
-        lobby = Lobby(store, on_offer, sources or Sources(), settings.idle_s)
+        records, folder, origin = Records(store), Folder(settings.studies), sources or Sources()
+        lobby = Lobby(store, on_offer, origin, settings.idle_s, Participations(folder, records, origin).of_session)
         viewer = Viewer()
         app.state.store, app.state.lobby, app.state.viewer = store, lobby, viewer
         app.state.players = PlayerCookies(store.secret())
-        app.state.progress, app.state.debriefs = ParticipantProgress(lobby, Folder(settings.studies)), Debriefs(store)
+        app.state.progress, app.state.debriefs = ParticipantProgress(lobby, folder, records), Debriefs(store)
         app.state.leaderboard = Leaderboard(store.path, on_offer.offers())
         if app.state.door:
             app.state.console = AdminServices(app.state.door, app.state.progress, settings.studies)
@@ -118,7 +122,7 @@ def _add_errors(app: FastAPI) -> None:
 
     def bad_input(_: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        return JSONResponse({"detail": sentence(error.errors())}, 422)
+        return JSONResponse({"detail": describe_errors(error.errors())}, 422)
 
     def http_error(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -231,7 +235,7 @@ def run(settings: Settings) -> None:
                 describe(str(path))
         print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
         with _policy_errors():
-            policies = Policies(settings.policies)
+            policies = PolicyCatalogue(settings.policies)
         Store(settings.database, settings.durable).close()  # last: a start that fails leaves no new file behind
         sys.setswitchinterval(0.001)  # a policy thinking in a thread lets a move through within a millisecond
         app = create_app(settings, policies=policies)

@@ -226,7 +226,7 @@ ALLOWED: dict[str, set[str]] = {
 LIBRARIES: dict[str, set[str]] = {
     "app.cli": {"click", "pydantic", "rich", "torch"},
     "app.leaderboard": {"numpy"},
-    "app.play": {"numpy", "pydantic"},
+    "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.release": {"cryptography", "gymnasium", "numpy"},
     "app.report": {"matplotlib", "numpy"},
     "app.server": {"fastapi", "starlette", "uvicorn"},

@@ -18,7 +18,7 @@ MOST = 60
 def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
     """Return the boards that somebody sits at now, a person or a script, participants' first; no player's id."""
     found = []
-    live = [session for session in lobby.sessions() if session.is_human and session.channel.followers]
+    live = [session for session in lobby.sessions() if session.is_human and session.channel.subscribers]
     for session in sorted(live, key=lambda session: session.participation is None)[:MOST]:
         participant = records.seated_at(session.id)
         trial = next((each for each in records.trials(participant.id)[::-1]), None) if participant else None
@@ -45,7 +45,7 @@ async def messages(session: Session) -> AsyncGenerator[str, None]:
     frame, episode, steps = "", "", 0
     woken = asyncio.Event()
     woken.set()
-    leave = session.channel.listen(woken.set)
+    leave = session.channel.add_listener(woken.set)
     try:
         while await woken.wait():
             woken.clear()

@@ -1,7 +1,7 @@
-"""The newest frame of a session, to any number of followers.
+"""The newest frame of a session, for any number of subscribers.
 
-Nothing is queued: a follower that was slow finds the newest frame and never sees those between. All of it runs on one
-event loop, so there are no locks.
+Nothing is queued: a slow subscriber finds the newest frame and never sees those between. All of it runs on one event loop,
+so there are no locks.
 """
 
 from __future__ import annotations
@@ -14,55 +14,55 @@ from weakref import WeakSet
 
 
 class Channel:
-    """Holds the newest frame, encoded; `publish` replaces it and wakes whoever follows or listens."""
+    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners."""
 
     def __init__(self) -> None:
         self.frame = ""
-        self._followers: WeakSet[Follower] = WeakSet()
+        self._subscribers: WeakSet[Subscriber] = WeakSet()
         self._listeners: dict[int, Callable[[], None]] = {}
-        self._count = 0
+        self._listeners_added = 0
 
     @property
-    def followers(self) -> int:
-        """How many follow now."""
-        return len(self._followers)
+    def subscribers(self) -> int:
+        """Return how many subscribers there are now."""
+        return len(self._subscribers)
 
     def publish(self, frame: str) -> None:
-        """Put the frame in the place of the last and wake everybody."""
+        """Replace the frame and wake everybody."""
         self.frame = frame
-        self.nudge()
+        self.notify()
 
-    def nudge(self) -> None:
-        """Wake everybody without a new frame: something beside it (the pace) has changed."""
-        for follower in list(self._followers):
-            follower.wake()
+    def notify(self) -> None:
+        """Wake everybody without a new frame: something else that is shown with it (the pace) has changed."""
+        for subscriber in list(self._subscribers):
+            subscriber.wake()
         for listener in list(self._listeners.values()):
             listener()
 
-    def follow(self) -> Follower:
-        """Return a new follower; close it, use it as a context manager, or simply drop it."""
-        follower = Follower(self)
-        self._followers.add(follower)
-        return follower
+    def subscribe(self) -> Subscriber:
+        """Return a new subscriber; close it, use it as a context manager, or simply drop it."""
+        subscriber = Subscriber(self)
+        self._subscribers.add(subscriber)
+        return subscriber
 
-    def leave(self, follower: Follower) -> None:
-        """Return with the follower forgotten; a second time changes nothing."""
-        self._followers.discard(follower)
+    def unsubscribe(self, subscriber: Subscriber) -> None:
+        """Forget the subscriber; a second call changes nothing."""
+        self._subscribers.discard(subscriber)
 
-    def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Call `listener` at each wake; return a function that ends it. A listener does not count as a follower."""
-        self._count += 1
-        number = self._count
+    def add_listener(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call `listener` at each wake; return a function that removes it. A listener does not count as a subscriber."""
+        self._listeners_added += 1
+        number = self._listeners_added
         self._listeners[number] = listener
-        return lambda: void(self._listeners.pop(number, None))
+
+        def remove() -> None:
+            self._listeners.pop(number, None)
+
+        return remove
 
 
-def void(_: object) -> None:
-    """Return None, whatever came."""
-
-
-class Follower:
-    """`async for frame in channel.follow()`: the frame that stands at once, then the newest after each wake."""
+class Subscriber:
+    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -78,7 +78,7 @@ class Follower:
     def close(self) -> None:
         """End the iteration and leave the channel."""
         self._closed = True
-        self._channel.leave(self)
+        self._channel.unsubscribe(self)
         self._woken.set()
 
     def __aiter__(self) -> Self:

@@ -1,7 +1,7 @@
-"""Every message in both directions, over HTTP and over the socket; `static/common/messages.js` is its twin.
+"""Every message in both directions, over HTTP and over the socket; `static/common/messages.js` is the page's copy.
 
-Messages that come in are pydantic models and checked strictly; what goes out is built once, as text, by the functions
-at the end.
+Messages that arrive are pydantic models and are checked strictly. What is sent is built once, as text, by the functions at
+the end.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from pydantic import (
 )
 
 from app.play.sizes import Size
-from app.play.validation import sentence
+from app.play.validation import describe_errors
 from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED
 from marsexplorer.episode import Episode
 
-MAX_BYTES = 64 * 1024
-"""Longest message or body taken."""
-MAX_EVENTS = 200
-"""Most input events in a message."""
-CELLS = bytes.maketrans(bytes(range(4)), b"?.@#")
+MAX_MESSAGE_BYTES = 64 * 1024
+"""Longest message or body that is accepted."""
+MAX_EVENTS_PER_MESSAGE = 200
+"""Most input events in one message."""
+CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
 
 ActionName = Literal["north", "east", "south", "west"]
@@ -39,7 +39,7 @@ Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class BadMessageError(ValueError):
-    """A message that is none of ours; its text is the sentence for whoever sent it."""
+    """A message that this server does not accept; the text is one sentence for its sender."""
 
 
 def _check_level(value: str) -> str:
@@ -53,7 +53,7 @@ Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 
 
 class Message(BaseModel):
-    """Anything that comes in: strict about types, and an unknown field is named, not ignored."""
+    """Any message that arrives: types are strict, and an unknown field is an error that names it."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
@@ -82,18 +82,18 @@ class Act(Message):
 
     @property
     def code(self) -> int:
-        """The action as the core counts it, 0..3."""
+        """Return the action as the core numbers it, 0..3."""
         return ACTIONS.index(self.action)
 
 
-class AskHistory(Message):
-    """Asks for the path so far: a follower that skipped a step does."""
+class HistoryRequest(Message):
+    """Asks for the path so far: a subscriber that has skipped a step sends it."""
 
     kind: Literal["history"]
 
 
 class InputEvent(Message):
-    """What a hand did or where the eyes were, as the page saw it."""
+    """One key press, touch, or change of focus, as the page saw it."""
 
     kind: Literal[
         "keydown", "keyup", "touchdown", "touchup", "focus", "blur", "visible", "hidden", "pause", "resume"
@@ -111,7 +111,7 @@ class Events(Message):
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
-    events: list[InputEvent] = Field(max_length=MAX_EVENTS)
+    events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 
 
 class NewEpisode(Message):
@@ -152,7 +152,7 @@ class ChangePace(Message):
 
 
 class Frame(BaseModel):
-    """Everything a board needs, and nothing the rover has not discovered."""
+    """Everything a board needs, and nothing that the rover has not discovered."""
 
     kind: Literal["frame"]
     episode: str
@@ -182,7 +182,7 @@ class History(BaseModel):
 
 
 class Thought(BaseModel):
-    """What a policy makes of the frame of `step`: from the observation alone, about a policy's own board only."""
+    """A policy's probabilities and value for the frame of `step`: from its observation alone, on its own board only."""
 
     kind: Literal["thought"]
     episode: str
@@ -202,7 +202,7 @@ class Pace(BaseModel):
 
 
 class Kept(BaseModel):
-    """The answer to `Events`: all are kept, or none for a reason that will not pass; none and no reason: send them again."""
+    """The answer to `Events`: all are kept, or none for a lasting reason; none without a reason means send them again."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -212,25 +212,25 @@ class Kept(BaseModel):
     reason: str | None = None
 
 
-ClientMessage = Annotated[Act | AskHistory | Events, Field(discriminator="kind")]
-_CLIENT: TypeAdapter[Act | AskHistory | Events] = TypeAdapter(ClientMessage)
+ClientMessage = Annotated[Act | HistoryRequest | Events, Field(discriminator="kind")]
+_CLIENT: TypeAdapter[Act | HistoryRequest | Events] = TypeAdapter(ClientMessage)
 
 
-def parse(text: str) -> Act | AskHistory | Events:
-    """Return the message a socket sent; BadMessageError with one sentence when it is none."""
+def parse_message(text: str) -> Act | HistoryRequest | Events:
+    """Return the message in a socket's text; BadMessageError with one sentence when there is none."""
     size = len(text.encode())
-    if size > MAX_BYTES:
-        raise BadMessageError(f"a message must be at most {MAX_BYTES} bytes, got {size}")
+    if size > MAX_MESSAGE_BYTES:
+        raise BadMessageError(f"a message must be at most {MAX_MESSAGE_BYTES} bytes, got {size}")
     try:
         return _CLIENT.validate_json(text)
     except ValidationError as error:
-        raise BadMessageError(sentence(error.errors(include_url=False))) from None
+        raise BadMessageError(describe_errors(error.errors(include_url=False))) from None
 
 
 def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:
     """Return the frame of an episode as it stands, as JSON text; reward, return and score null where they are hidden."""
     rows, cols = episode.codes.shape
-    cells = episode.codes.tobytes().translate(CELLS).decode()
+    cells = episode.codes.tobytes().translate(CELL_CHARACTERS).decode()
     row, col = episode.position
     frame = {
         "kind": "frame",

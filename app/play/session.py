@@ -1,7 +1,7 @@
-"""A player, an episode, a recorder: one board and the only way to move its rover.
+"""One board: its running episode, its record in the store, and the only method that moves its rover.
 
-`Session.act` is the journey of every move, whoever makes it: the move must answer the current frame, the rules step, the
-store commits, and only then is the new frame told. A move that cannot be committed did not happen.
+Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the rules step, the store
+commits, and only then is the new frame published. A move that cannot be committed did not happen.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
-from app.storage.store import Closing, EpisodeRow, Resumable, SessionRow, StepRow, Store
+from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
 from marsexplorer.episode import Episode, Record, replay
 
 HUMAN, SCRIPT = "human", "script"
@@ -25,7 +25,7 @@ class RefusedError(Exception):
 
 
 class StudyUnavailableError(RefusedError):
-    """The study cannot go on at the moment; whoever asks again later may be answered otherwise."""
+    """The study cannot go on at the moment; the same request may succeed later."""
 
 
 @dataclass(frozen=True)
@@ -43,39 +43,42 @@ class Move:
 
 
 class Participation(Protocol):
-    """What a study asks of a participant's board: a board without one is anybody's who knows its id."""
+    """A participant's part in a study, as far as their board must ask for it; `app.study` implements it.
+
+    A board without a participation belongs to anybody who knows its id.
+    """
 
     @property
     def driver(self) -> str:
-        """Who an episode is driven by at its start: "human" or "script"."""
+        """Return who drives an episode at its start: "human" or "script"."""
 
     def hides_scores(self, episode_id: str) -> bool:
-        """Return whether frames of the episode keep reward, return and score to themselves."""
+        """Return whether frames of the episode leave out reward, return and score."""
 
-    def check(self) -> None:
-        """Return when moves may be made; RefusedError when the study is closed."""
+    def check_open(self) -> None:
+        """Raise RefusedError when the study is closed and no move may be made."""
 
     def note_script(self, episode_id: str) -> None:
-        """Note that a person's episode has become a script's, in the transaction of the move that made it so."""
+        """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
 
     def note_end(self) -> None:
-        """Note that an episode has ended, in the transaction that ends it."""
+        """Record that an episode has ended, in the transaction that ends it."""
 
-    def take(self, events: Events) -> None:
-        """Keep input events; RefusedError when they are of no episode of this participation."""
+    def keep_events(self, events: Events) -> None:
+        """Store input events; RefusedError when they are of no episode of this participation."""
 
 
 class Session:
     """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
 
-    pace      how the policy at the controls moves, None for a person's board
-    number    of the current episode, counting from 1; 0 before the first
-    participation  a participant's, in a study; else None
-    fault     one sentence when the policy at the controls has failed, else None
-    thought   what the policy at the controls makes of the newest frame, encoded; "" when it says nothing
-    beside    the board shown beside it on the same terrain (a rival's, its player's, a replay's), else None
-    is_second  whether it is the second of the two: a rival's or a replay's
-    touched   monotonic seconds of the last access
+    pace           how the policy that drives it moves, None for a person's board
+    number         of the current episode, counting from 1; 0 before the first
+    participation  the participant's, for a board of a study; else None
+    fault          one sentence when the policy that drives it has failed, else None
+    thought        the policy's thought about the newest frame, encoded; "" when there is none
+    paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
+    is_second      whether it is the second of the two: a rival's or a replay's
+    touched        monotonic seconds of the last access
     """
 
     def __init__(
@@ -89,40 +92,50 @@ class Session:
         self.number = 0
         self.fault: str | None = None
         self.thought = ""
-        self.paired_with: Session | None = None
-        self.is_second = row.rival_of is not None
         self.touched = time.monotonic()
         self.current: EpisodeRow
         self.episode: Episode
+        self._paired_with: Session | None = None
+        self._is_second = row.rival_of is not None
         self._store = store
         self._clock = clock
 
     @property
     def is_human(self) -> bool:
-        """Whether no policy drives this board."""
+        """Return whether no policy drives this board."""
         return self.row.driver_name == HUMAN
 
     @property
     def frame(self) -> str:
-        """The newest frame, encoded."""
+        """Return the newest frame, encoded."""
         return self.channel.frame
 
     @property
+    def paired_with(self) -> Session | None:
+        """Return the board that is shown with this one, if any."""
+        return self._paired_with
+
+    @property
+    def is_second(self) -> bool:
+        """Return whether this is the second board of a pair."""
+        return self._is_second
+
+    @property
     def counts(self) -> bool:
-        """Whether the episode, as far as can be said while it runs, counts for the human score."""
+        """Return whether the episode, as far as can be said while it runs, counts for the human score."""
         row = self.current
-        mine = self.is_human and self.participation is None
-        return mine and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+        is_persons = self.is_human and self.participation is None
+        return is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen
 
     @property
     def driver(self) -> str:
-        """Who an episode is driven by at its start: "human", "script" or "policy:NAME"."""
+        """Return who drives an episode at its start: "human", "script" or "policy:NAME"."""
         if self.participation is not None:
             return self.participation.driver
         return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
 
     def act(self, move: Move) -> None:
-        """Return when the move is committed and told; RefusedError or StoreError otherwise, and then nothing has changed."""
+        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed."""
         self._check_current(move.episode, move.step)
         if not self.is_human and move.driver in (HUMAN, SCRIPT):
             raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
@@ -140,14 +153,14 @@ class Session:
             raise
         if is_deviation:
             self.current = dataclasses.replace(self.current, driver=SCRIPT)
-        self.tell()
+        self.publish_frame()
 
     def abandon(self, episode: str, step: int, note: Callable[[], None] | None = None) -> None:
-        """Return with the running episode given up, for good, and told; `note()` runs in the same transaction."""
+        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction."""
         self._check_current(episode, step)
         try:
             with self._store.transaction():
-                self._store.close_episode(*self.give_up())
+                self._store.close_episode(*self.stop_episode())
                 if note is not None:
                     note()
                 if self.participation is not None:
@@ -155,42 +168,57 @@ class Session:
         except BaseException:
             self.rewind(step)
             raise
-        self.tell()
+        self.publish_frame()
 
     def begin(self, row: EpisodeRow, episode: Episode) -> None:
-        """Return with the episode, which the store holds, on the board and its first frame told."""
+        """Put an episode that the store holds on the board and publish its frame."""
         self.current, self.episode, self.number = row, episode, row.number
         self.fault = None
-        self.tell()
+        self.publish_frame()
 
-    def give_up(self) -> Closing:
-        """Return what closes the running episode as abandoned; `rewind` takes it back."""
+    def stop_episode(self) -> Closing:
+        """Abandon the running episode in memory alone and return what the store needs to close it; `rewind` undoes it."""
         self.episode.abandon()
         return (self.current.id, self.episode.record(), self._clock())
 
     def rewind(self, steps: int) -> None:
-        """Return with the episode running after its first `steps` moves again."""
-        self.episode = revive(self.current, bytes(self.episode.actions[:steps]))
+        """Restore the episode as it was, running, after its first `steps` moves."""
+        self.episode = restore_episode(self.current, bytes(self.episode.actions[:steps]))
+
+    def pair_with(self, second: Session) -> None:
+        """Show `second`, a rival's board or a replay's, with this one from now on."""
+        self._paired_with = second
+        second._paired_with, second._is_second = self, True
+        self.channel.notify()
+
+    def unpair(self) -> None:
+        """Show no board with this one any more; the other board stays paired with it."""
+        self._paired_with = None
+
+    def touch(self) -> None:
+        """Note that somebody has asked for this session now."""
+        self.touched = time.monotonic()
 
     def set_pace(self, pace: Pace) -> None:
-        """Return with the pace kept and followers woken to hear of it."""
+        """Store the pace, forget a failure of the policy, and notify subscribers."""
+        self.fault = None
         self._store.set_pace(self.id, pace.mode, pace.moves_per_second)
         self.pace = pace
-        self.channel.nudge()
+        self.channel.notify()
 
     def fail(self, fault: str) -> None:
-        """Return with the policy's failure told."""
+        """Keep the policy's failure, one sentence, and notify subscribers."""
         self.fault = fault
-        self.channel.nudge()
+        self.channel.notify()
 
-    def tell_thought(self, thought: str) -> None:
-        """Return with the policy's thought about the newest frame told; RuntimeError on a board that a person plays."""
+    def publish_thought(self, thought: str) -> None:
+        """Publish the policy's thought about the newest frame; RuntimeError on a board that a person plays."""
         if self.is_human or self.participation is not None:
-            raise RuntimeError("a policy's thoughts about a person's board are nobody's business")
+            raise RuntimeError("a policy's thoughts about a person's board must not be published")
         self.thought = thought
-        self.channel.nudge()
+        self.channel.notify()
 
-    def tell(self) -> None:
+    def publish_frame(self) -> None:
         """Publish the frame as it stands, encoded once."""
         self.thought = ""
         hides_scores = self.participation is not None and self.participation.hides_scores(self.current.id)
@@ -198,7 +226,7 @@ class Session:
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:
-            self.participation.check()
+            self.participation.check_open()
         if episode != self.current.id:
             raise RefusedError(f"episode {episode!r} is not the current one, which is {self.current.id!r}")
         if self.episode.ended:
@@ -222,7 +250,7 @@ class Session:
         )
 
 
-def revive(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episode:
+def restore_episode(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episode:
     """Return the episode of a row after its actions; one that had ended without an ending move was abandoned."""
     record = Record(
         config=row.config,
@@ -237,10 +265,3 @@ def revive(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episod
         trajectory_hash="",
     )
     return replay(record)
-
-
-def resume(found: Resumable, store: Store, clock: Callable[[], int]) -> Session:
-    """Return the session as it stood; ValueError when its actions do not fit the rules any more."""
-    session = Session(found.session, store, clock)
-    session.begin(found.episode, revive(found.episode, found.actions, found.ended))
-    return session

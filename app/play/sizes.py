@@ -1,4 +1,4 @@
-"""How large a board may be over the API: one side, or rows and columns."""
+"""The size of a board over the API: one side, or rows and columns."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _check_side(name: str, value: object) -> int:
     return value
 
 
-def check_size(value: object) -> tuple[int, int]:
+def parse_size(value: object) -> tuple[int, int]:
     """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
@@ -40,4 +40,4 @@ _SIZE_SCHEMA = {
     "description": "One side for a square board, or [rows, cols]; cells.",
     "anyOf": [_SIDE_SCHEMA, {"type": "array", "items": _SIDE_SCHEMA, "minItems": 2, "maxItems": 2}],
 }
-Size = Annotated[tuple[int, int], BeforeValidator(check_size), WithJsonSchema(_SIZE_SCHEMA)]
+Size = Annotated[tuple[int, int], BeforeValidator(parse_size), WithJsonSchema(_SIZE_SCHEMA)]

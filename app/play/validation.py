@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a message, as one plain sentence: what was expected, what came."""
+"""Errors of pydantic as one plain sentence: what was expected and what came."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from collections.abc import Sequence
 from typing import Any
 
 NO_BODY = "expected a JSON object, sent with Content-Type: application/json"
-KINDS = '"act", "history" or "events"'
+CLIENT_KINDS = '"act", "history" or "events"'
 """The kinds of message that a socket takes."""
 
 _TYPES = {
     "int": "a whole number", "float": "a number", "string": "text", "bool": "true or false",
     "list": "a list", "dict": "a JSON object", "model": "a JSON object", "model_attributes": "a JSON object",
 }  # fmt: skip
-
-
 _TAGS = ("body", "query", "path", "act", "history", "events")
 
 
-def sentence(errors: Sequence[Any]) -> str:
-    """Return pydantic's findings as one sentence, the first three at most."""
+def describe_errors(errors: Sequence[Any]) -> str:
+    """Return pydantic's errors as one sentence, the first three at most."""
     return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
 
 
@@ -42,9 +40,9 @@ def _clause(error: dict[str, Any]) -> str:
     if kind == "model_attributes_type" and not names:
         return f"{NO_BODY}, got {came}"
     if kind == "union_tag_not_found":
-        return f"kind is missing: expected {KINDS}"
+        return f"kind is missing: expected {CLIENT_KINDS}"
     if kind == "union_tag_invalid":
-        return f"kind must be {KINDS}, got {context['tag']!r}"
+        return f"kind must be {CLIENT_KINDS}, got {context['tag']!r}"
     if kind == "literal_error":
         return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
     if bound is not None:

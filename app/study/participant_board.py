@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.play.lobby import Sources
 from app.play.messages import Events
 from app.play.session import RefusedError, StudyUnavailableError
+from app.play.sources import Sources
 from app.study.folder import Folder, Study, StudyError
 from app.study.records import Participant, Records
 
@@ -25,7 +25,7 @@ class StudyParticipation:
         """Return whether the episode is ranked and the participant has not come to the debrief."""
         return self._records.hides_scores(episode_id)
 
-    def check(self) -> None:
+    def check_open(self) -> None:
         """Return while the study is open; RefusedError otherwise."""
         if not self._study().is_open:
             raise RefusedError(CLOSED.format(self._participant.study))
@@ -39,9 +39,9 @@ class StudyParticipation:
         """Move the participant on when the episode that has ended was the last of its stage."""
         settle(self._records, self._records.get(self._participant.id), self._study(), self._clock(), self._code)
 
-    def take(self, events: Events) -> None:
+    def keep_events(self, events: Events) -> None:
         """Keep input events of one of the participant's episodes, each once; RefusedError for any other."""
-        self.check()
+        self.check_open()
         if not self._records.owns(self._participant.id, events.episode):
             raise RefusedError(f"episode {events.episode!r} is none of this participant's: no input events were kept")
         if not self._records.add_input(events, self._clock()):
@@ -54,6 +54,22 @@ class StudyParticipation:
             raise StudyUnavailableError(
                 f"the study {self._participant.study!r} cannot go on now; tell whoever invited you"
             ) from error
+
+
+class Participations:
+    """Finds the participation that a session belongs to; a lobby asks it when it resumes a session."""
+
+    def __init__(self, folder: Folder, records: Records, sources: Sources) -> None:
+        self._folder, self._records, self._sources = folder, records, sources
+
+    def of_session(self, session_id: str) -> StudyParticipation | None:
+        """Return the participation at a session; None when it is no participant's board."""
+        participant = self._records.seated_at(session_id)
+        return None if participant is None else self.of(participant)
+
+    def of(self, participant: Participant) -> StudyParticipation:
+        """Return the participation of a participant."""
+        return StudyParticipation(participant, self._folder, self._records, self._sources)
 
 
 def settle(records: Records, participant: Participant, study: Study, now: int, code: Callable[[], str]) -> None:

@@ -18,7 +18,7 @@ from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.store import EpisodeRow
 from app.study.folder import Folder, Study
-from app.study.participant_board import CLOSED, StudyParticipation
+from app.study.participant_board import CLOSED, Participations
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.records import Participant, Phase, Records, Stage, Trial
 from app.study.seeds import TUTORIAL_SEED, order
@@ -40,11 +40,11 @@ class NotJoinedError(LookupError):
 class ParticipantProgress:
     """The way of every participant of one server's studies."""
 
-    def __init__(self, lobby: Lobby, folder: Folder) -> None:
-        self.lobby, self.folder, self.records = lobby, folder, Records(lobby.store)
+    def __init__(self, lobby: Lobby, folder: Folder, records: Records) -> None:
+        self.lobby, self.folder, self.records = lobby, folder, records
         self._sources = lobby.sources
+        self._participations = Participations(folder, records, lobby.sources)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-        lobby.participation_of = self.participation_of
         self.note_closed()
 
     def note_closed(self) -> None:
@@ -77,11 +77,6 @@ class ParticipantProgress:
             _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
             raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you")
         return study
-
-    def participation_of(self, session_id: str) -> StudyParticipation | None:
-        """Return the participation at a session; None when it is no participant's board."""
-        participant = self.records.seated_at(session_id)
-        return None if participant is None else self._participation_of(participant)
 
     def participant(self, name: str, player_id: str | None) -> Participant:
         """Return who asks; NotJoinedError before joining."""
@@ -234,16 +229,13 @@ class ParticipantProgress:
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)
-        return found or self.lobby.new_board(participant.player_id, self._participation_of(participant))
+        return found or self.lobby.new_board(participant.player_id, self._participations.of(participant))
 
     def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
             self.records.note(participant.id, self._now(), "break", {"after": done, "length_ms": length})
-
-    def _participation_of(self, participant: Participant) -> StudyParticipation:
-        return StudyParticipation(participant, self.folder, self.records, self._sources)
 
     def _lock(self, participant_id: str) -> asyncio.Lock:
         lock = self._locks.get(participant_id)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, field_validator, model_validator
 
 from app.play.sizes import MAX_API_SIDE
-from app.play.validation import sentence
+from app.play.validation import describe_errors
 from app.study.texts import consent_text, questions
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
@@ -30,7 +30,7 @@ EXCLUSION: dict[str, Rules] = {
 
 
 class StudyError(Exception):
-    """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
+    """A study cannot be used as asked; the message is one describe_errors: what was expected, what came, the way out."""
 
 
 class UnknownStudyError(StudyError):
@@ -151,11 +151,11 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
 
 
 def checked(data: Mapping[str, Any]) -> Protocol:
-    """Return the protocol of plain values; StudyError with one sentence when they make none."""
+    """Return the protocol of plain values; StudyError with one describe_errors when they make none."""
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:
-        raise StudyError(f"the protocol does not hold: {sentence(error.errors(include_url=False))}") from error
+        raise StudyError(f"the protocol does not hold: {describe_errors(error.errors(include_url=False))}") from error
 
 
 def canonical_json(value: Any) -> bytes:

@@ -19,7 +19,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
-from app.play.paired_board import Neighbour, ghost_of
+from app.play.paired_board import PairedBoardListener, paired_episode
 from app.play.session import Session
 from app.viewer3d.camera import View
 from app.viewer3d.scene import Scene
@@ -142,14 +142,14 @@ async def mirror(client: viser.ClientHandle, session: Session) -> None:
     """Keep one browser's scene like the session's board, from now until cancelled."""
     scene: Scene | None = None
     view = View(client)
-    with session.channel.follow() as follower, Neighbour(session, follower.wake) as neighbour:
-        async for _ in follower:
-            neighbour.attend()
+    with session.channel.subscribe() as subscriber, PairedBoardListener(session, subscriber.wake) as paired_board:
+        async for _ in subscriber:
+            paired_board.update()
             episode = session.episode
             with client.atomic():
                 if scene is None:
                     scene = Scene(client.scene, episode, session.is_second)
                 scene.show(episode)
-                scene.show_ghost(ghost_of(session))
+                scene.show_ghost(paired_episode(session))
                 view.show(episode.config.rows, episode.config.cols)
             client.flush()

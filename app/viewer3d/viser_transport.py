@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosedOK
 from app.play.session import Session
 
 PROTOCOL = f"viser-v{viser.__version__}"
-MAX_BYTES = 64 * 1024
+MAX_VIEWER_MESSAGE_BYTES = 64 * 1024
 WELCOME = frozenset({"ViewerCameraMessage"})
 """What a browser may send: where it looks from, and nothing that opens a tunnel, uploads a file or changes a thing."""
 
@@ -67,8 +67,8 @@ class Connection:
         data = message.get("bytes")
         if data is None:
             raise ViewerMessageError(UNSUPPORTED, "expected a binary message of viser's client, got text")
-        if len(data) > MAX_BYTES:
-            raise ViewerMessageError(TOO_BIG, f"expected at most {MAX_BYTES} bytes, got {len(data)}")
+        if len(data) > MAX_VIEWER_MESSAGE_BYTES:
+            raise ViewerMessageError(TOO_BIG, f"expected at most {MAX_VIEWER_MESSAGE_BYTES} bytes, got {len(data)}")
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:

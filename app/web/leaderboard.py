@@ -16,7 +16,7 @@ from app.leaderboard.boards import Board, boards
 from app.leaderboard.figures import Figures
 from app.leaderboard.human_summaries import People
 from app.leaderboard.studies import Studies
-from app.play.agent import Offer
+from app.play.policy_catalogue import PolicyOffer
 from app.storage.reader import Reader
 
 NOBODY = "Nobody has played this for the human score yet."
@@ -25,7 +25,7 @@ NOBODY = "Nobody has played this for the human score yet."
 class Leaderboard:
     """One server's: reads people from the database, has policies evaluated beside it."""
 
-    def __init__(self, database: Path, offers: Sequence[Offer]) -> None:
+    def __init__(self, database: Path, offers: Sequence[PolicyOffer]) -> None:
         self._database, self._offers = database, offers
         self._figures = Figures(database.with_name(database.name + "-figures.json"))
         self._people = People()

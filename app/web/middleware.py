@@ -7,7 +7,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.play.messages import MAX_BYTES
+from app.play.messages import MAX_MESSAGE_BYTES
 
 PAGE_CSP = (
     "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -22,7 +22,7 @@ HEADERS = {
 
 
 class SecurityHeaders:
-    """Adds HEADERS where an answer has none of its own, and refuses bodies over MAX_BYTES with 413."""
+    """Adds HEADERS where an answer has none of its own, and refuses bodies over MAX_MESSAGE_BYTES with 413."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -40,14 +40,14 @@ class SecurityHeaders:
             await send(message)
 
         length = Headers(scope=scope).get("content-length", "0")
-        if length.isdigit() and int(length) > MAX_BYTES:
+        if length.isdigit() and int(length) > MAX_MESSAGE_BYTES:
             await JSONResponse({"detail": _too_large(int(length))}, 413)(scope, receive, send_guarded)
             return
         await self._app(scope, _capped(receive), send_guarded)
 
 
 def _too_large(size: int) -> str:
-    return f"a body must be at most {MAX_BYTES} bytes, got {size} or more"
+    return f"a body must be at most {MAX_MESSAGE_BYTES} bytes, got {size} or more"
 
 
 def _capped(receive: Receive) -> Receive:
@@ -58,7 +58,7 @@ def _capped(receive: Receive) -> Receive:
         nonlocal taken
         message = await receive()
         taken += len(message.get("body", b""))
-        if taken > MAX_BYTES:
+        if taken > MAX_MESSAGE_BYTES:
             raise HTTPException(413, _too_large(taken))
         return message
 

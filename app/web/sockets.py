@@ -12,7 +12,17 @@ import contextlib
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from app.play.lobby import UnknownSessionError
-from app.play.messages import Act, BadMessageError, Events, Kept, Pace, encode_error, encode_history, encode_refused, parse
+from app.play.messages import (
+    Act,
+    BadMessageError,
+    Events,
+    Kept,
+    Pace,
+    encode_error,
+    encode_history,
+    encode_refused,
+    parse_message,
+)
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.storage.store import StoreError
 from app.web.access import enter, owns
@@ -62,8 +72,8 @@ class Socket:
         frame, episode, thought = "", "", ""
         pace: Pace | None = None
         fault: str | None = None
-        with session.channel.follow() as follower:
-            async for newest in follower:
+        with session.channel.subscribe() as subscriber:
+            async for newest in subscriber:
                 if newest is not frame:
                     frame = newest
                     await send(frame)
@@ -100,7 +110,7 @@ class Socket:
         """Return the answer to a message, None for an act that went through: its frame answers."""
         session = self._session
         try:
-            message = parse(text)
+            message = parse_message(text)
             if isinstance(message, Events):
                 return self._take(message).model_dump_json()
             if isinstance(message, Act):
@@ -129,7 +139,7 @@ class Socket:
             if self._session.participation is None:
                 raise RefusedError("input events are kept for a study's episodes alone; this session belongs to none")
             self._check_owner()
-            self._session.participation.take(events)
+            self._session.participation.keep_events(events)
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
         except RefusedError as refusal:

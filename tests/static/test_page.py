@@ -134,7 +134,7 @@ def test_the_page_and_the_server_name_the_same_messages():
     assert listed("FROM_SERVER")[-2:] == told
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
-    sent = [messages.Act.model_fields["kind"].default, *get_args(messages.AskHistory.model_fields["kind"].annotation)]
+    sent = [messages.Act.model_fields["kind"].default, *get_args(messages.HistoryRequest.model_fields["kind"].annotation)]
     sent += get_args(messages.Events.model_fields["kind"].annotation)
     assert listed("TO_SERVER") == sent
     act = (STATIC / "common/messages.js").read_text()

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.play.agent import Decisions, Policies
+from app.play.decision_queue import DecisionQueue
+from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -161,7 +162,7 @@ class Broken:
         return 2 if self.moves % 2 else 0
 
 
-class Offering(Policies):
+class Offering(PolicyCatalogue):
     def load(self, name):
         return Broken() if name == "random" else super().load(name)
 
@@ -181,7 +182,7 @@ def test_a_policy_that_fails_stops_and_says_so(serve):
 
 def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serve, tmp_path):
     path = policy_files.write_sb3(tmp_path / "mine.zip")
-    client = serve(policies=Policies([path])).client()
+    client = serve(policies=PolicyCatalogue([path])).client()
     refused = client.post("/api/sessions", json={"size": 21, "rival": "mine"})
     assert refused.status_code == 422
     assert "made for 6x7 and cannot play 21x21" in refused.json()["detail"]
@@ -195,7 +196,7 @@ def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serv
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
     async def ask(names):
-        decisions, calls = Decisions(thread), []
+        decisions, calls = DecisionQueue(thread), []
         boards = [(load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)]
         net = shared_net(boards[0][0])
         decide = net.decide
@@ -222,7 +223,7 @@ def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_wou
 
 def test_a_policy_that_fails_fails_its_own_board_alone():
     async def ask():
-        decisions = Decisions(thread)
+        decisions = DecisionQueue(thread)
         codes = Episode.begin(EnvConfig(), seed=1).codes.copy()
         asked = (decisions.act(load("ppo"), grid) for grid in (codes, codes[:0], codes))
         return await asyncio.gather(*asked, return_exceptions=True)

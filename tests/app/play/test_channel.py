@@ -13,25 +13,25 @@ def test_a_late_follower_gets_the_newest_frame_at_once():
         channel = Channel()
         channel.publish("1")
         channel.publish("2")
-        return await asyncio.wait_for(anext(channel.follow()), 1)
+        return await asyncio.wait_for(anext(channel.subscribe()), 1)
 
     assert asyncio.run(story()) == "2"
 
 
-def test_a_slow_follower_skips_and_a_nudge_wakes_without_a_new_frame():
+def test_a_slow_follower_skips_and_a_notification_wakes_without_a_new_frame():
     async def story():
         channel = Channel()
-        with channel.follow() as slow:
+        with channel.subscribe() as slow:
             for frame in "abc":
                 channel.publish(frame)
             assert await anext(slow) == "c"
-            channel.nudge()
+            channel.notify()
             assert await anext(slow) == "c"
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(anext(slow), 0.01)
             slow.close()
             assert [frame async for frame in slow] == []
-        assert channel.followers == 0
+        assert channel.subscribers == 0
 
     asyncio.run(story())
 
@@ -39,12 +39,12 @@ def test_a_slow_follower_skips_and_a_nudge_wakes_without_a_new_frame():
 def test_a_dropped_follower_is_forgotten_and_a_listener_leaves():
     async def story():
         channel, heard = Channel(), []
-        leave = channel.listen(lambda: heard.append(channel.frame))
-        follower = channel.follow()
-        assert channel.followers == 1
+        leave = channel.add_listener(lambda: heard.append(channel.frame))
+        follower = channel.subscribe()
+        assert channel.subscribers == 1
         del follower
         gc.collect()
-        assert channel.followers == 0
+        assert channel.subscribers == 0
         channel.publish("a")
         leave()
         leave()

@@ -5,10 +5,11 @@ import itertools
 
 import pytest
 
-from app.play.agent import Policies
-from app.play.lobby import Lobby, Sources, UnknownSessionError
+from app.play.lobby import Lobby, UnknownSessionError
 from app.play.messages import ChangePace, NewEpisode, NewSession
+from app.play.policy_catalogue import PolicyCatalogue
 from app.play.session import Move, RefusedError
+from app.play.sources import Sources
 from app.storage.store import Store, StoreError
 
 DAY_MS = 86_400_000
@@ -16,7 +17,7 @@ DAY_MS = 86_400_000
 
 @pytest.fixture(scope="module")
 def policies():
-    return Policies()
+    return PolicyCatalogue()
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
     async def tell(lobby):
         session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
         rival = lobby.rival_of(session)
-        with rival.channel.follow():
+        with rival.channel.subscribe():
             session.act(move(session))
             await until(lambda: rival.episode.steps == 1)
             frames = session.frame, rival.frame
@@ -65,7 +66,7 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
         assert (beside.frame, woken.frame) == frames
         assert lobby.rival_of(beside) is woken
         assert beside is not session
-        with woken.channel.follow():
+        with woken.channel.subscribe():
             beside.act(move(beside))
             await until(lambda: woken.episode.steps == 2)
 

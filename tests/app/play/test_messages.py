@@ -1,4 +1,4 @@
-"""Every message in both directions, and every sentence a bad one gets."""
+"""Every message in both directions, and the sentence that each bad one gets."""
 
 import json
 
@@ -7,15 +7,15 @@ from pydantic import ValidationError
 
 from app.play.messages import (
     Act,
-    AskHistory,
     BadMessageError,
     ChangePace,
+    HistoryRequest,
     NewSession,
     encode_frame,
     encode_history,
-    parse,
-    sentence,
+    parse_message,
 )
+from app.play.validation import describe_errors
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -23,10 +23,10 @@ ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
 
 
 def test_an_act_and_a_request_for_history_are_understood():
-    act = parse(json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14}))
+    act = parse_message(json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14}))
     assert isinstance(act, Act)
     assert (act.code, act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
-    assert isinstance(parse('{"kind":"history"}'), AskHistory)
+    assert isinstance(parse_message('{"kind":"history"}'), HistoryRequest)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_an_act_and_a_request_for_history_are_understood():
 )
 def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
     with pytest.raises(BadMessageError) as caught:
-        parse(text)
+        parse_message(text)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
@@ -79,7 +79,7 @@ def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
 def test_a_bad_wish_is_told_what_was_expected_and_what_came(body, said):
     with pytest.raises(ValidationError) as caught:
         NewSession.model_validate(body)
-    assert said in sentence(caught.value.errors())
+    assert said in describe_errors(caught.value.errors())
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_bad_wish_is_told_what_was_expected_and_what_came(body, said):
 def test_a_pace_is_exactly_one_of_four(body, said):
     with pytest.raises(ValidationError) as caught:
         ChangePace.model_validate(body)
-    assert said in sentence(caught.value.errors())
+    assert said in describe_errors(caught.value.errors())
 
 
 def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from app.play.agent import Policies
 from app.play.messages import Thought
+from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer import policies
 from marsexplorer.policies.network.model import Net, save_network
 from tests.support.servers import eventually
@@ -26,7 +26,7 @@ def thinker(tmp_path_factory):
 
 @pytest.fixture
 def client_and_server(serve, thinker):
-    server = serve(policies=Policies([thinker]))
+    server = serve(policies=PolicyCatalogue([thinker]))
     return server.client(), server
 
 
@@ -111,7 +111,7 @@ def test_nothing_is_thought_about_a_persons_board(client_and_server, rival):
     assert "thought" not in seen
     session = server.app.state.lobby.sessions()[0]
     with pytest.raises(RuntimeError, match="person's board"):
-        session.tell_thought("{}")
+        session.publish_thought("{}")
     assert "probabilities" not in json.dumps(
         [client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")]
     )

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from app.play.lobby import Sources
+from app.play.sources import Sources
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually

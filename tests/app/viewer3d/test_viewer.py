@@ -373,7 +373,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_follower():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        session = SimpleNamespace(id="s", channel=channel, episode=episode, beside=None, is_second=False)
+        session = SimpleNamespace(id="s", channel=channel, episode=episode, paired_with=None, is_second=False)
         channel.publish("frame")
         client = SimpleNamespace(
             scene=viewer._server.scene,
@@ -383,13 +383,13 @@ def test_a_closed_viewer_leaves_no_task_and_no_follower():
         )
         task = asyncio.create_task(mirror(client, session))
         async with asyncio.timeout(20):
-            while channel.followers == 0:
+            while channel.subscribers == 0:
                 await asyncio.sleep(0.005)
-        assert channel.followers == 1
+        assert channel.subscribers == 1
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
         viewer.close()
         await asyncio.sleep(0)
-        return channel.followers, len(asyncio.all_tasks())
+        return channel.subscribers, len(asyncio.all_tasks())
 
     assert asyncio.run(run()) == (0, 1)

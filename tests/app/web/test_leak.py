@@ -14,8 +14,8 @@ from uuid import UUID
 
 import pytest
 
-from app.play.agent import Policies
-from app.play.lobby import Sources
+from app.play.policy_catalogue import PolicyCatalogue
+from app.play.sources import Sources
 from app.storage.store import Store
 from app.study.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
@@ -34,7 +34,7 @@ PATH = [1, 2] * 6
 
 @pytest.fixture(scope="module")
 def policies():
-    return Policies()
+    return PolicyCatalogue()
 
 
 def sights(config, seed):

@@ -135,8 +135,8 @@ def test_followers_are_counted_and_leave(server, board):
     with server.socket(begun["session"], client) as socket:
         socket.receive("history")
         channel = next(iter(server.app.state.lobby._groups.values())).player.channel
-        assert channel.followers == 1
-    eventually(lambda: channel.followers == 0)
+        assert channel.subscribers == 1
+    eventually(lambda: channel.subscribers == 0)
 
 
 def test_a_server_that_stops_says_so_to_its_sockets(server, board):
