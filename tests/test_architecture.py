@@ -228,7 +228,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.leaderboard": {"numpy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.release": {"cryptography", "gymnasium", "numpy"},
-    "app.report": {"matplotlib", "numpy"},
+    "app.report": {"jinja2", "matplotlib", "numpy"},
     "app.server": {"fastapi", "starlette", "uvicorn"},
     "app.settings": {"pydantic", "pydantic_settings"},
     "app.simulate": {"httpx", "numpy", "websockets"},

@@ -10,7 +10,7 @@ import click
 from app.cli.console import PATH, interruptible, print_table, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.report.model import Group, Report
+    from app.report.model import GroupReport, Report
     from app.report.policies import PolicyRun
     from app.study.data import StudyData
 
@@ -102,7 +102,7 @@ def _show(found: Report) -> None:
         click.echo(f"- {line}")
 
 
-def _show_group(found: Report, group: Group) -> None:
+def _show_group(found: Report, group: GroupReport) -> None:
     from app.statistics.formatting import interval, number, p_value
 
     mark = "SYNTHETIC, script " if found.synthetic else ""

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
-from app.report.model import SYNTHETIC, Group, Metric, PlayerRow, PolicyRow, Report
+from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.comparisons import (
     Comparison,
@@ -78,7 +78,7 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
     )
 
 
-def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]) -> Group:
+def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]) -> GroupReport:
     figures, primary = study_figures(data, cohort), primary_set(data)
     everybody = members(cohort, {})
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
@@ -87,7 +87,7 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
     gone = [
         person for person in cohort.people if person.stage == "withdrawn" or (data.closed_ms and person.completed_ms is None)
     ]
-    group = Group(
+    group = GroupReport(
         name=cohort.name,
         kind=cohort.kind,
         joined=len(cohort.people),
@@ -167,7 +167,7 @@ def _policy_row(run: PolicyRun) -> PolicyRow:
     return PolicyRow(run.name, int(known.sum()), *means, explored, failed, run.pictures)
 
 
-def _sentence(groups: Sequence[Group], synthetic: bool) -> str:
+def _sentence(groups: Sequence[GroupReport], synthetic: bool) -> str:
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
     group = groups[0]
@@ -178,7 +178,7 @@ def _sentence(groups: Sequence[Group], synthetic: bool) -> str:
     return NO_HUMAN_FIGURE
 
 
-def _facts(data: StudyData, groups: Sequence[Group], runs: Sequence[PolicyRun]) -> Facts:
+def _facts(data: StudyData, groups: Sequence[GroupReport], runs: Sequence[PolicyRun]) -> Facts:
     people = groups[0]
     ids = {person.id for person in data.people if person.kind == "human"}
     ranked = [each for each in data.trials if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None]

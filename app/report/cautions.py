@@ -15,13 +15,13 @@ from app.study.seeds import commitment, seed
 from marsexplorer.config import CORE_VERSION
 
 if TYPE_CHECKING:
-    from app.report.model import Group
+    from app.report.model import GroupReport
 
 LEAST_PLAYERS = 10
 STRONG_SKEW = 1.0
 
 
-def cautions(data: StudyData, group: Group) -> tuple[str, ...]:
+def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     """Return what to beware of in a group's primary figure."""
     figure = group.figure
     if figure.score is None or figure.steps is None:
@@ -50,7 +50,7 @@ def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:
             yield f"The players' means of {name} are skewed ({estimate.skewness:+.1f}): {side}."
 
 
-def _about_failures(group: Group) -> str:
+def _about_failures(group: GroupReport) -> str:
     """Return what these players cannot tell of failures that happened to few of them or to none."""
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)

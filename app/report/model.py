@@ -49,7 +49,7 @@ class PlayerRow:
 
 
 @dataclass(frozen=True)
-class Group:
+class GroupReport:
     """The people of a study, or one kind of script.
 
     joined, started, finished   participants who joined, began a ranked episode, ended all of them
@@ -128,7 +128,7 @@ class Report:
     rule_version: str
     labels_version: str
     sentence: str
-    groups: tuple[Group, ...]
+    groups: tuple[GroupReport, ...]
     policies: tuple[PolicyRow, ...]
     deviations: tuple[str, ...]
     scripts: dict[str, int]

@@ -1,4 +1,4 @@
-"""The report's pictures: matplotlib figures as SVG text that stands in a page without anything from outside."""
+"""The report's charts: matplotlib charts as SVG text that stands in a page without anything from outside."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from app.report.model import Group, PolicyRow, Report
+from app.report.model import GroupReport, PolicyRow, Report
 from app.statistics.comparisons import Comparison
 
 PEOPLE = "#1b2733"
@@ -63,8 +63,8 @@ def drawn(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic
     return svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
 
 
-def figures(report: Report, group: Group) -> dict[str, str]:
-    """Return the group's figures as SVG by name; what has nothing to show is left out."""
+def charts(report: Report, group: GroupReport) -> dict[str, str]:
+    """Return the group's charts as SVG by name; what has nothing to show is left out."""
     found: dict[str, str] = {}
 
     def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
@@ -86,7 +86,7 @@ def figures(report: Report, group: Group) -> dict[str, str]:
     return found
 
 
-def _players(canvas: Canvas, group: Group) -> None:
+def _players(canvas: Canvas, group: GroupReport) -> None:
     for axes, name, title in zip(canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True):
         values = sorted(getattr(player, name) for player in group.players if player.in_primary)
         heights = _stacked(values)
@@ -124,7 +124,7 @@ def _stacked(values: Sequence[float]) -> list[float]:
     return heights
 
 
-def _learning(canvas: Canvas, group: Group) -> None:
+def _learning(canvas: Canvas, group: GroupReport) -> None:
     for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
         rows = [(number, *row[1:]) for number, row in enumerate(metric.learning.by_trial, 1) if row[0]]
         trials, means = [row[0] for row in rows], [row[1] for row in rows]
@@ -150,7 +150,7 @@ def _learning(canvas: Canvas, group: Group) -> None:
     axes.set_xlabel("ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)")
 
 
-def _curves(canvas: Canvas, group: Group, policies: Sequence[PolicyRow]) -> None:
+def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -> None:
     axes = canvas.subplots()
     lines = [(group.name, group.pictures.get("curve"), PEOPLE, "-", 2.2)]
     for number, policy in enumerate(policies):
@@ -189,7 +189,7 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
         canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="% of moves", fraction=0.04)
 
 
-def _forest(canvas: Canvas, group: Group) -> None:
+def _forest(canvas: Canvas, group: GroupReport) -> None:
     score = [each for each in group.comparisons if each.metric == "score"]
     steps = [each for each in group.comparisons if each.metric == "steps"]
     who = group.name if group.kind == "human" else "players"

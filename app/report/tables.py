@@ -1,0 +1,234 @@
+"""The tables of the page, as text cells: a group's result, exclusion sets, spread, policies and learning, and the methods'."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.report.model import GroupReport, Metric, Report
+from app.statistics.coverage_table import POPULATIONS, Cell, nearest
+from app.statistics.exclusion_sets import METRICS
+from app.statistics.formatting import NONE, interval, number, p_value, percent
+from app.statistics.study_figures import StudyFigure
+
+METRIC_NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
+DIGITS = {"score": 4, "steps": 1}
+INTERVALS = ("95 % interval (printed)", "t interval", "studentised bootstrap", "new terrains too", "guaranteed")
+SPREAD = (
+    "ICC",
+    "95 % interval of the ICC",
+    "between-player SD",
+    "within-player SD",
+    "episodes a player (n0)",
+    "players",
+    "episodes",
+    "design effect",
+    "independent episodes these are worth",
+    "interquartile mean of all episodes",
+    "its 95 % interval over players",
+)
+LEARNING = (
+    "slope a trial",
+    "its 95 % interval",
+    "last third minus first third",
+    "its 95 % interval",
+    "its 90 % interval",
+    "margin for “flat”",
+    "p of the two one-sided tests",
+    "verdict",
+)
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table whose first column names the rows; a line break in a cell is kept.
+
+    is_text      left-aligned text instead of numbers
+    row_classes  a CSS class for each row, "" for none; empty when no row has one
+    """
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    is_text: bool = False
+    row_classes: Sequence[str] = ()
+
+    @property
+    def id(self) -> str:
+        """The caption's id in the page, the same for the same table."""
+        return "t" + hashlib.sha256(f"{self.caption}{self.rows}".encode()).hexdigest()[:10]
+
+
+@dataclass(frozen=True)
+class GroupTables:
+    """The tables of a group; None where it has nothing to show."""
+
+    result: PageTable | None
+    exclusion_sets: PageTable
+    variance: PageTable
+    players: PageTable
+    policies: PageTable
+    comparisons: tuple[PageTable, ...]
+    learning: PageTable
+
+
+def group_tables(report: Report, group: GroupReport) -> GroupTables:
+    """Return the tables of a group."""
+    return GroupTables(
+        result=_result(group),
+        exclusion_sets=_exclusion_sets(group),
+        variance=_by_metric(
+            "Variance components (one-way random effects, ANOVA estimator) and interquartile mean",
+            group,
+            SPREAD,
+            [_spread_column(metric) for metric in group.metrics],
+        ),
+        players=_players(group),
+        policies=_policies(report),
+        comparisons=tuple(_comparison(group, metric) for metric in METRICS if group.comparisons),
+        learning=_by_metric(
+            "Did players go on learning? Means over players",
+            group,
+            LEARNING,
+            [_learning_column(metric) for metric in group.metrics],
+        ),
+    )
+
+
+def checklist_table(report: Report) -> PageTable | None:
+    """Return the reporting checklist; None for a synthetic report, which has none."""
+    if not report.checklist:
+        return None
+    return PageTable(
+        caption="The checklist's items",
+        heads=("item", "name", "answer", "details", "from"),
+        rows=[(item.number, item.name, item.answer, item.detail, item.source) for item in report.checklist],
+        is_text=True,
+        row_classes=["missing" if item.source == "missing" else "" for item in report.checklist],
+    )
+
+
+def coverage_table(report: Report) -> PageTable | None:
+    """Return the measured coverage for about as many players as the report has; None below two players."""
+    players = max((group.figure.players for group in report.groups), default=0)
+    if players < 2:
+        return None
+    cells = nearest(players)
+    size = f"{cells[0].studies} simulated studies each, {cells[0].players} players x 30 terrains"
+    return PageTable(
+        caption=f"Coverage (%) of 95 % intervals in {size}",
+        heads=("population", "ICC", "printed", "t", "bootstrap", "guaranteed", "new terrains", "pooled episodes"),
+        rows=[_coverage_row(cell) for cell in cells],
+    )
+
+
+def _coverage_row(cell: Cell) -> tuple[str, ...]:
+    summary = {population.name: population.summary for population in POPULATIONS}[cell.population]
+    shares = (cell.printed, cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
+    return (f"{cell.population}: {summary}", f"{cell.icc:g}", *(number(share, 1) for share in shares))
+
+
+def _by_metric(caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]) -> PageTable:
+    """Return a table with a column for each metric of the group; no rows where the group has no metrics."""
+    rows = list(zip(names, *columns, strict=True)) if columns else []
+    return PageTable(caption, ("quantity", *(METRIC_NAMES[metric.name] for metric in group.metrics)), rows)
+
+
+def _result(group: GroupReport) -> PageTable | None:
+    found = group.figure
+    if found.score is None or found.steps is None:
+        return None
+    columns = []
+    for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
+        ends = (estimate.interval, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
+        digits = DIGITS[metric.name]
+        columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
+    who = f"{found.players} players, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
+    return _by_metric(f"Means over players. {who}", group, ("mean", *INTERVALS), columns)
+
+
+def _exclusion_sets(group: GroupReport) -> PageTable:
+    rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
+    return PageTable(
+        caption=f"The figure under each exclusion set; who enters: {rules}",
+        heads=("set", "players", "episodes", "score (95 % interval)", "steps to 99 % (95 % interval)", "reached 99 %"),
+        rows=[_exclusion_set_row(group, figure) for figure in group.figures],
+    )
+
+
+def _exclusion_set_row(group: GroupReport, figure: StudyFigure) -> tuple[str, ...]:
+    score, steps = figure.score, figure.steps
+    return (
+        figure.name + (" (primary)" if figure.name == group.primary else ""),
+        str(figure.players),
+        str(figure.episodes),
+        f"{number(score.mean, 4)}\n{interval(score.interval, 4)}" if score else NONE,
+        f"{number(steps.mean, 1)}\n{interval(steps.interval, 1)}" if steps else NONE,
+        NONE if figure.completed is None else percent(figure.completed, 1),
+    )
+
+
+def _spread_column(metric: Metric) -> tuple[str, ...]:
+    digits, found = DIGITS[metric.name], metric.variance
+    middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
+    if found is None:
+        return (*[NONE] * 9, *middle)
+    sds = number(found.between_sd, digits), number(found.within_sd, digits)
+    counts = f"{found.n0:.1f}", str(found.players), str(found.episodes), f"{found.design_effect:.1f}", f"{found.effective:.0f}"
+    return (number(found.icc, 3), interval(found.icc_interval, 2), *sds, *counts, *middle)
+
+
+def _players(group: GroupReport) -> PageTable:
+    return PageTable(
+        caption="Pseudonyms of this report alone, in no order of joining",
+        heads=("player", "episodes", "score", "steps to 99 %", "short of 99 %", "in the primary set"),
+        rows=[
+            (
+                row.name,
+                str(row.episodes),
+                number(row.score, 4),
+                number(row.steps, 1),
+                str(row.failed),
+                "yes" if row.in_primary else "no",
+            )
+            for row in group.players
+        ],
+    )
+
+
+def _policies(report: Report) -> PageTable:
+    rows = []
+    for policy in report.policies:
+        counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
+        rows.append((policy.name, number(policy.score, 4), number(policy.steps, 1), *counts))
+    heads = ("policy", "score", "steps to 99 %", "reached 99 %", "collisions")
+    return PageTable("Policies on this study's ranked terrains", heads, rows)
+
+
+def _comparison(group: GroupReport, metric: str) -> PageTable:
+    digits = DIGITS[metric]
+    rows = [
+        (
+            each.policy,
+            f"{number(each.difference, digits)}\n{interval(each.these, digits)}",
+            interval(each.new, digits),
+            p_value(each.p_adjusted),
+            f"{each.better}/{each.terrains}",
+            f"{number(each.ratio, 3)}\n{interval(each.ratio_interval, 3)}",
+            f"{number(each.normalized, 3)}\n{interval(each.normalized_interval, 3)}",
+        )
+        for each in group.comparisons
+        if each.metric == metric
+    ]
+    heads = ("policy", "difference", "new terrains", "p (Holm)", "better on", "ratio", "normalized")
+    return PageTable(f"{METRIC_NAMES[metric]}: policies minus {group.name}", heads, rows)
+
+
+def _learning_column(metric: Metric) -> tuple[str, ...]:
+    found, digits = metric.learning, DIGITS[metric.name] + 1
+    change = number(found.change, digits), interval(found.change_interval, digits), interval(found.equivalence, digits)
+    tested = NONE if found.margin is None else f"±{found.margin:g}", p_value(found.p_equivalence)
+    slope = number(found.slope, digits), interval(found.slope_interval, digits)
+    verdict = found.verdict if found.margin is not None else f"{found.verdict} (no margin)"
+    return (*slope, *change, *tested, verdict)
