@@ -5,13 +5,20 @@ import { follow } from "../common/socket.js";
 import { outcomeShort, percent, score } from "../common/words.js";
 import { stageName } from "./words.js";
 
-/** @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} Seat */
+/**
+ * @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} Seat
+ */
 /** @typedef {{frame: import("../common/messages.js").Frame | null, trail: import("../common/messages.js").Cell[]}} Board */
 /** @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: Board, link: ReturnType<typeof follow>, seat: Seat}} Watched */
 
 export const MOST = 12;
 
-/** The board after a message: the path is whole again at each history. @param {Board} board @param {import("../common/messages.js").FromServer} message @returns {Board} */
+/**
+ * The board after a message: the path is whole again at each history.
+ * @param {Board} board
+ * @param {import("../common/messages.js").FromServer} message
+ * @returns {Board}
+ */
 export function heard(board, message) {
   if (message.kind === "history" && message.episode === board.frame?.episode) return { ...board, trail: message.positions };
   if (message.kind !== "frame") return board;
@@ -19,13 +26,19 @@ export function heard(board, message) {
   return { frame: message, trail: isNew ? [message.position] : message.step === board.trail.length ? [...board.trail, message.position] : board.trail };
 }
 
-/** Who sits there and what is played, short. @param {Seat} seat */
+/**
+ * Who sits there and what is played, short.
+ * @param {Seat} seat
+ */
 export function caption({ label, kind, phase, trial }) {
   const who = label ? `${label}${kind === "script" ? " (script)" : ""}` : kind === "script" ? "a script" : "a player";
   return [who, phase ? `${stageName(phase)}${phase === "tutorial" ? "" : ` ${(trial ?? 0) + 1}`}` : "playground"];
 }
 
-/** @param {HTMLElement} place @param {string} base the page's address */
+/**
+ * @param {HTMLElement} place
+ * @param {string} base the page's address
+ */
 export function createLive(place, base) {
   /** @type {Map<string, Watched>} */
   const watched = new Map();
@@ -68,7 +81,10 @@ export function createLive(place, base) {
     paintBoard(canvas, { frame, trail }, { accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
   }
   return {
-    /** Watches these, and no others. @param {Seat[]} seats */
+    /**
+     * Watches these, and no others.
+     * @param {Seat[]} seats
+     */
     sync(seats) {
       const wanted = seats.filter(({ session }) => !gone.has(session)).slice(0, MOST);
       const sessions = new Set(wanted.map(({ session }) => session));

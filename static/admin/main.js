@@ -48,7 +48,10 @@ async function load() {
 }
 const next = () => { if (document.hidden) timer = setTimeout(next, EVERY_MS); else load(); };
 
-/** @param {"open" | "lost"} link @param {string} [why] */
+/**
+ * @param {"open" | "lost"} link
+ * @param {string} [why]
+ */
 function tell(link, why = "") {
   by("link").dataset.link = link;
   by("link").lastElementChild.textContent = link === "open" ? "live" : "not live";
@@ -77,7 +80,10 @@ function paint() {
   if (study) paintStudy(study, overview);
 }
 
-/** @param {Listed[]} studies @param {string} chosen */
+/**
+ * @param {Listed[]} studies
+ * @param {string} chosen
+ */
 function paintStudies(studies, chosen) {
   const select = by("study");
   const key = JSON.stringify(studies);
@@ -94,7 +100,10 @@ function paintStudies(studies, chosen) {
   by("status").hidden = true;
 }
 
-/** @param {import("./words.js").Study} study @param {Overview} overview */
+/**
+ * @param {import("./words.js").Study} study
+ * @param {Overview} overview
+ */
 function paintStudy(study, overview) {
   const isOpen = study.status === "open";
   by("title").textContent = study.title;
@@ -115,7 +124,10 @@ function paintStudy(study, overview) {
   by("close").closest("div").hidden = !isOpen;
 }
 
-/** Does what was asked, says what went wrong, looks again. @param {() => Promise<unknown>} act */
+/**
+ * Does what was asked, says what went wrong, looks again.
+ * @param {() => Promise<unknown>} act
+ */
 async function doing(act) {
   try {
     await act();

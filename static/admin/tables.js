@@ -3,9 +3,16 @@
 import { score } from "../common/words.js";
 import { ago, endings, flags, many, place, size, stageName } from "./words.js";
 
-/** @typedef {import("./words.js").Study} Study @typedef {import("./words.js").Interval} Interval */
+/**
+ * @typedef {import("./words.js").Study} Study
+ * @typedef {import("./words.js").Interval} Interval
+ */
 
-/** @param {string} kind @param {string | Node | (string | Node)[]} [content] @param {Record<string, string>} [data] */
+/**
+ * @param {string} kind
+ * @param {string | Node | (string | Node)[]} [content]
+ * @param {Record<string, string>} [data]
+ */
 function made(kind, content = [], data = {}) {
   const element = document.createElement(kind);
   element.append(...(Array.isArray(content) ? content : [content]));
@@ -17,7 +24,10 @@ function made(kind, content = [], data = {}) {
   return element;
 }
 
-/** @param {HTMLTableElement} table @param {Study["stages"]} stages */
+/**
+ * @param {HTMLTableElement} table
+ * @param {Study["stages"]} stages
+ */
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
   table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
@@ -31,7 +41,11 @@ export function paintStages(table, stages) {
   }));
 }
 
-/** @param {HTMLElement} where @param {HTMLElement} words @param {Study} study */
+/**
+ * @param {HTMLElement} where
+ * @param {HTMLElement} words
+ * @param {Study} study
+ */
 export function paintFigure(where, words, { figure, max_steps: limit }) {
   words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d; it moves until everybody is through.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
@@ -41,7 +55,13 @@ export function paintFigure(where, words, { figure, max_steps: limit }) {
   where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
 }
 
-/** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low @param {number} high */
+/**
+ * @param {string} name
+ * @param {Interval} value
+ * @param {(value: number) => string} text
+ * @param {number} low
+ * @param {number} high
+ */
 function measure(name, value, text, low, high) {
   const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;
   const span = made("div", [], { class: "span" });
@@ -58,7 +78,10 @@ function measure(name, value, text, low, high) {
   return made("div", [made("dl", [made("dt", name), made("dd", [text(value.mean), made("small", interval)])]), span], { class: "measure" });
 }
 
-/** @param {HTMLTableElement} table @param {Study} study */
+/**
+ * @param {HTMLTableElement} table
+ * @param {Study} study
+ */
 export function paintPeople(table, study) {
   const rows = study.participants.map((person) => {
     const bar = Object.assign(document.createElement("progress"), { max: study.ranked, value: person.ranked });
@@ -78,13 +101,20 @@ export function paintPeople(table, study) {
   table.tBodies[0].replaceChildren(...rows);
 }
 
-/** @param {HTMLElement} list @param {{text: string, detail: string, isWarning: boolean}[]} found */
+/**
+ * @param {HTMLElement} list
+ * @param {{text: string, detail: string, isWarning: boolean}[]} found
+ */
 export function paintAttention(list, found) {
   const items = found.map(({ text, detail, isWarning }) => made("li", [text, made("span", detail)], { tone: isWarning ? "warn" : "note" }));
   list.replaceChildren(...(items.length ? items : [made("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
 }
 
-/** @param {HTMLElement} list @param {import("./words.js").Health} health @param {number} now_ms */
+/**
+ * @param {HTMLElement} list
+ * @param {import("./words.js").Health} health
+ * @param {number} now_ms
+ */
 export function paintHealth(list, health, now_ms) {
   const { disk, database, check } = health;
   /** @type {[string, string, string][]} */
@@ -98,7 +128,12 @@ export function paintHealth(list, health, now_ms) {
   list.replaceChildren(...facts.flatMap(([name, text, tone]) => [made("dt", name), made("dd", text, { tone })]));
 }
 
-/** @param {HTMLElement} place @param {string} text @param {import("./words.js").Export | null} state @param {string} study */
+/**
+ * @param {HTMLElement} place
+ * @param {string} text
+ * @param {import("./words.js").Export | null} state
+ * @param {string} study
+ */
 export function paintExport(place, text, state, study) {
   const key = JSON.stringify([text, state?.files]);
   if (place.dataset.shown === key) return; // a link in focus stays the same link

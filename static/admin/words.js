@@ -2,22 +2,34 @@
 // The operator's console in words: times, sizes, stages, what is worth a look. No document here.
 
 /** @typedef {{stage: string, human: number, script: number}} Stage */
-/** @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
- *   left_at: string | null, deviations: number, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant */
+/**
+ * @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
+ *   left_at: string | null, deviations: number, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant
+ */
 /** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
 /** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
-/** @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export */
-/** @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
+/**
+ * @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export
+ */
+/**
+ * @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
  *   warm_up: number, ranked: number, stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
- *   exports: {report: Export | null, release: Export | null}, now_ms: number}} Study */
-/** @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
- *   check: {result: string, is_whole: boolean, at_ms: number}, sessions: number, up_s: number}} Health */
+ *   exports: {report: Export | null, release: Export | null}, now_ms: number}} Study
+ */
+/**
+ * @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
+ *   check: {result: string, is_whole: boolean, at_ms: number}, sessions: number, up_s: number}} Health
+ */
 
 /** @type {Record<string, string>} */
 const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
 /** @param {string} stage */
 export const stageName = (stage) => STAGES[stage] ?? stage;
-/** @param {number} count @param {string} one @param {string} [more] */
+/**
+ * @param {number} count
+ * @param {string} one
+ * @param {string} [more]
+ */
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
 /** @param {number} ms since then */
@@ -38,7 +50,10 @@ export function size(bytes) {
   return `${k === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[k]}`;
 }
 
-/** The line under a study's title. @param {Study} study */
+/**
+ * The line under a study's title.
+ * @param {Study} study
+ */
 export function summary(study) {
   const people = study.participants.filter(({ kind }) => kind === "human");
   const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
@@ -49,7 +64,12 @@ export function summary(study) {
     + `${who}${scripts ? `, and ${many(scripts, "script")} outside of every human figure` : ""}.`;
 }
 
-/** What the operator should look at, the worst first. @param {Study} study @param {Health | null} health @returns {{text: string, detail: string, isWarning: boolean}[]} */
+/**
+ * What the operator should look at, the worst first.
+ * @param {Study} study
+ * @param {Health | null} health
+ * @returns {{text: string, detail: string, isWarning: boolean}[]}
+ */
 export function attention({ participants, labels }, health) {
   /** @type {{text: string, detail: string, isWarning: boolean}[]} */
   const found = [];
@@ -75,20 +95,37 @@ export function attention({ participants, labels }, health) {
 
 /** @type {Record<string, string>} */
 const ENDINGS = { explored: "explored", collided: "collided", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "given up" };
-/** Endings, the commonest first. @param {Record<string, number>} outcomes */
+/**
+ * Endings, the commonest first.
+ * @param {Record<string, number>} outcomes
+ */
 export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${ENDINGS[outcome] ?? outcome}`).join(", ");
 
-/** Flags of one participant. @param {Participant} person @param {Study["labels"]} labels */
+/**
+ * Flags of one participant.
+ * @param {Participant} person
+ * @param {Study["labels"]} labels
+ */
 export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");
   return own.join(", ");
 }
 
-/** Where a mean stands between the ends of its measure, in percent. @param {number} value @param {number} low @param {number} high */
+/**
+ * Where a mean stands between the ends of its measure, in percent.
+ * @param {number} value
+ * @param {number} low
+ * @param {number} high
+ */
 export const place = (value, low, high) => Math.min(100, Math.max(0, (100 * (value - low)) / (high - low)));
 
-/** An export in words; its files are links beside. @param {Export | null} made @param {string} before @param {number} now_ms */
+/**
+ * An export in words; its files are links beside.
+ * @param {Export | null} made
+ * @param {string} before
+ * @param {number} now_ms
+ */
 export function exportText(made, before, now_ms) {
   if (!made) return before;
   if (made.state === "making") return `Being made, begun ${ago(now_ms - made.began_ms)}.`;

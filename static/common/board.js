@@ -10,7 +10,11 @@ export const SOIL = { shades: SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" };
 
 /**
  * The largest whole number of device pixels per cell that fits.
- * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr
+ * @param {number} width_px
+ * @param {number} height_px
+ * @param {number} rows
+ * @param {number} cols
+ * @param {number} dpr
  */
 export function cellSize(width_px, height_px, rows, cols, dpr) {
   return Math.max(1, Math.floor(Math.min((width_px * dpr) / cols, (height_px * dpr) / rows)));
@@ -18,7 +22,8 @@ export function cellSize(width_px, height_px, rows, cols, dpr) {
 
 /**
  * Maximal runs of equal characters: [start, length, character].
- * @param {string} line @returns {[number, number, string][]}
+ * @param {string} line
+ * @returns {[number, number, string][]}
  */
 export function runs(line) {
   /** @type {[number, number, string][]} */
@@ -33,7 +38,8 @@ export function runs(line) {
 
 /**
  * Paints one board to fill its frame, crisp at any pixel ratio.
- * @param {HTMLCanvasElement} canvas @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
+ * @param {HTMLCanvasElement} canvas
+ * @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
  * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
  *   ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null}} look
  *   ghost is another's path under this one; thought is drawn round the rover
@@ -57,7 +63,12 @@ export function paintBoard(canvas, board, look) {
   paintRover(context, frame, size, look.accent);
 }
 
-/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Frame} frame @param {number} size @param {Soil} soil */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("./messages.js").Frame} frame
+ * @param {number} size
+ * @param {Soil} soil
+ */
 function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   const gap = size >= 7 ? 1 : 0;
   context.fillStyle = shades["?"];
@@ -75,7 +86,13 @@ function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   });
 }
 
-/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Cell[]} trail @param {number} size @param {string} accent @param {boolean} [isGhost] */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("./messages.js").Cell[]} trail
+ * @param {number} size
+ * @param {string} accent
+ * @param {boolean} [isGhost]
+ */
 function paintTrail(context, trail, size, accent, isGhost = false) {
   if (trail.length < 2) return;
   context.beginPath();
@@ -97,7 +114,12 @@ function paintTrail(context, trail, size, accent, isGhost = false) {
 
 const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI };
 
-/** @param {CanvasRenderingContext2D} context @param {import("./messages.js").Frame} frame @param {number} size @param {string} accent */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("./messages.js").Frame} frame
+ * @param {number} size
+ * @param {string} accent
+ */
 function paintRover(context, frame, size, accent) {
   const [row, col] = frame.position;
   context.save();

@@ -19,12 +19,19 @@ export function axisEnd(steps) {
   return Math.ceil(wanted / unit) * unit;
 }
 
-/** Distances between labels: at most eight of them. @param {number} end */
+/**
+ * Distances between labels: at most eight of them.
+ * @param {number} end
+ */
 export function tickStep(end) {
   return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
 }
 
-/** Indices to draw: all of a short curve, an even choice of a long one, always the last. @param {number} count @param {number} most */
+/**
+ * Indices to draw: all of a short curve, an even choice of a long one, always the last.
+ * @param {number} count
+ * @param {number} most
+ */
 export function sampled(count, most) {
   const stride = Math.max(1, Math.ceil(count / most));
   const chosen = [];
@@ -34,7 +41,8 @@ export function sampled(count, most) {
 }
 
 /**
- * @param {HTMLCanvasElement} canvas @param {Curve[]} curves
+ * @param {HTMLCanvasElement} canvas
+ * @param {Curve[]} curves
  * @param {{width_px: number, height_px: number, dpr: number, font: string, inks?: Inks}} look
  */
 export function paintChart(canvas, curves, look) {
@@ -60,7 +68,11 @@ export function paintChart(canvas, curves, look) {
   for (const curve of curves) paintCurve(context, curve, at);
 }
 
-/** The lowest and highest of the numbers, a little apart at least; null when there are none. @param {(number | null | undefined)[]} values @returns {[number, number] | null} */
+/**
+ * The lowest and highest of the numbers, a little apart at least; null when there are none.
+ * @param {(number | null | undefined)[]} values
+ * @returns {[number, number] | null}
+ */
 export function span(values) {
   const known = values.filter((value) => typeof value === "number");
   if (known.length === 0) return null;
@@ -68,7 +80,13 @@ export function span(values) {
   return high - low < 1e-6 ? [low - 0.5, high + 0.5] : [low, high];
 }
 
-/** The value as a fine line between its own lowest and highest, its newest number beside it. @param {CanvasRenderingContext2D} context @param {Curve} curve @param {Scale} at @param {number} right */
+/**
+ * The value as a fine line between its own lowest and highest, its newest number beside it.
+ * @param {CanvasRenderingContext2D} context
+ * @param {Curve} curve
+ * @param {Scale} at
+ * @param {number} right
+ */
 function paintValue(context, { values = [], colour }, at, right) {
   const range = span(values);
   if (!range) return;
@@ -98,8 +116,11 @@ function paintValue(context, { values = [], colour }, at, right) {
 /** @typedef {{x: (step: number) => number, y: (share: number) => number}} Scale */
 
 /**
- * @param {CanvasRenderingContext2D} context @param {{left: number, right: number, top: number, bottom: number}} box
- * @param {Scale} at @param {{end: number, height: number}} size @param {Inks} inks
+ * @param {CanvasRenderingContext2D} context
+ * @param {{left: number, right: number, top: number, bottom: number}} box
+ * @param {Scale} at
+ * @param {{end: number, height: number}} size
+ * @param {Inks} inks
  */
 function paintAxes(context, box, at, { end, height }, inks) {
   context.textBaseline = "middle";
@@ -126,7 +147,13 @@ function paintAxes(context, box, at, { end, height }, inks) {
   }
 }
 
-/** @param {CanvasRenderingContext2D} context @param {number} x1 @param {number} y1 @param {number} x2 @param {number} y2 */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {number} x1
+ * @param {number} y1
+ * @param {number} x2
+ * @param {number} y2
+ */
 function line(context, x1, y1, x2, y2) {
   context.beginPath();
   context.moveTo(x1, Math.round(y1) + 0.5);
@@ -134,7 +161,11 @@ function line(context, x1, y1, x2, y2) {
   context.stroke();
 }
 
-/** @param {CanvasRenderingContext2D} context @param {Curve} curve @param {Scale} at */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {Curve} curve
+ * @param {Scale} at
+ */
 function paintCurve(context, curve, at) {
   const { discovered, cells } = curve;
   if (discovered.length === 0) return;

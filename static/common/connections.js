@@ -3,9 +3,16 @@
 import { askHistory } from "./messages.js";
 import { follow } from "./socket.js";
 
-/** @typedef {import("./game_state.js").State} State @typedef {import("./game_state.js").Seat} Seat */
+/**
+ * @typedef {import("./game_state.js").State} State
+ * @typedef {import("./game_state.js").Seat} Seat
+ */
 
-/** The socket of a session, beside the page and with its scheme. @param {string} session @param {string} base */
+/**
+ * The socket of a session, beside the page and with its scheme.
+ * @param {string} session
+ * @param {string} base
+ */
 export function socketUrl(session, base) {
   const url = new URL(`ws/sessions/${encodeURIComponent(session)}`, base);
   url.protocol = url.protocol.replace("http", "ws");
@@ -21,7 +28,10 @@ export function createLinks({ base, onMessage, onLink, beforeRetry }) {
   /** @type {Map<Seat, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
   const open = new Map();
   return {
-    /** Follows what is seated now, and asks for the history wherever steps are missing. @param {State} state */
+    /**
+     * Follows what is seated now, and asks for the history wherever steps are missing.
+     * @param {State} state
+     */
     sync(state) {
       for (const seat of /** @type {const} */ (["player", "rival"])) {
         const board = state[seat];
@@ -41,7 +51,11 @@ export function createLinks({ base, onMessage, onLink, beforeRetry }) {
         if (board.hasGap && link.askedFor !== board.frame && link.follower.send(askHistory())) link.askedFor = board.frame;
       }
     },
-    /** True when the message left. @param {Seat} seat @param {object} message */
+    /**
+     * True when the message left.
+     * @param {Seat} seat
+     * @param {object} message
+     */
     send: (seat, message) => open.get(seat)?.follower.send(message) ?? false,
     silence_ms: () => open.get("player")?.follower.silence_ms() ?? Infinity,
     restart() {

@@ -2,12 +2,20 @@
 // From fingers to acts: keys and on-screen arrows, each with the times that belong to it.
 import { hookKeys } from "./keyboard.js";
 
-/** @typedef {import("./messages.js").Action} Action @typedef {import("./messages.js").Timing} Timing */
+/**
+ * @typedef {import("./messages.js").Action} Action
+ * @typedef {import("./messages.js").Timing} Timing
+ */
 
 /**
  * The timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
- * @param {"key" | "touch"} input @param {{isTrusted: boolean}} event @param {boolean} isDriven @param {number} down_ms
- * @param {number | null} up_ms release of the press before, if known @param {number} now_ms @returns {Timing}
+ * @param {"key" | "touch"} input
+ * @param {{isTrusted: boolean}} event
+ * @param {boolean} isDriven
+ * @param {number} down_ms
+ * @param {number | null} up_ms release of the press before, if known
+ * @param {number} now_ms
+ * @returns {Timing}
  */
 export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
   return { input: event.isTrusted && !isDriven ? input : null, key_down_ms: round(down_ms), key_up_ms: up_ms === null ? null : round(up_ms),
@@ -25,14 +33,23 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
   /** @type {number | null} */
   let up_ms = null;
   const isDriven = () => page.navigator.webdriver === true;
-  /** @param {"key" | "touch"} input @param {Action} action @param {globalThis.Event} event @param {number} at_ms */
+  /**
+   * @param {"key" | "touch"} input
+   * @param {Action} action
+   * @param {globalThis.Event} event
+   * @param {number} at_ms
+   */
   function press(input, action, event, at_ms) {
     const previous_ms = up_ms;
     up_ms = null;
     onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms);
   }
   const tell = {
-    /** @param {Action} action @param {KeyboardEvent} event @param {number} at_ms */
+    /**
+     * @param {Action} action
+     * @param {KeyboardEvent} event
+     * @param {number} at_ms
+     */
     onPress: (action, event, at_ms) => press("key", action, event, at_ms),
     /** @param {number} at_ms */
     onRelease: (at_ms) => { up_ms = at_ms; },

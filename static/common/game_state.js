@@ -29,13 +29,23 @@ export function initialState() {
     nextNotice: 1 };
 }
 
-/** The way of playing that a session stands for. @param {About} about @returns {Mode} */
+/**
+ * The way of playing that a session stands for.
+ * @param {About} about
+ * @returns {Mode}
+ */
 export function modeOf(about) {
   if (about.player !== "human") return "watch";
   return about.rival ? "practice" : "ranked";
 }
 
-/** @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before @returns {Board} */
+/**
+ * @param {string} session
+ * @param {string} name
+ * @param {Frame} frame
+ * @param {Board | null} before
+ * @returns {Board}
+ */
 function seated(session, name, frame, before) {
   if (before && before.session === session) return { ...withFrame(before, frame), name };
   return withFrame({ session, name, frame, trail: [], discovered: [], hasGap: false, pace: null, isReplay: false }, frame);
@@ -43,7 +53,9 @@ function seated(session, name, frame, before) {
 
 /**
  * The board after `frame`: the newest wins, an older one of the same episode changes nothing.
- * @param {Board} board @param {Frame} frame @returns {Board}
+ * @param {Board} board
+ * @param {Frame} frame
+ * @returns {Board}
  */
 export function withFrame(board, frame) {
   const isNew = frame.episode !== board.frame.episode;
@@ -56,14 +68,22 @@ export function withFrame(board, frame) {
   return { ...board, frame, trail: [...trail, frame.position], discovered: [...discovered, frame.discovered], hasGap: false };
 }
 
-/** @param {Board} board @param {import("./messages.js").History} history @returns {Board} */
+/**
+ * @param {Board} board
+ * @param {import("./messages.js").History} history
+ * @returns {Board}
+ */
 function withHistory(board, history) {
   if (history.episode !== board.frame.episode || history.positions.length < board.trail.length) return board;
   const { positions: trail, discovered } = history;
   return { ...board, trail, discovered, hasGap: trail.length <= board.frame.step };
 }
 
-/** @param {Board} board @param {import("./messages.js").Thought} thought @returns {Board} */
+/**
+ * @param {Board} board
+ * @param {import("./messages.js").Thought} thought
+ * @returns {Board}
+ */
 function withThought(board, thought) {
   if (thought.episode !== board.frame.episode) return board;
   const values = [...(board.values ?? [])];
@@ -71,7 +91,11 @@ function withThought(board, thought) {
   return { ...board, thought, values };
 }
 
-/** @param {Board | null} board @param {FromServer} message @returns {Board | null} */
+/**
+ * @param {Board | null} board
+ * @param {FromServer} message
+ * @returns {Board | null}
+ */
 function received(board, message) {
   if (!board) return board;
   switch (message.kind) {
@@ -84,13 +108,23 @@ function received(board, message) {
   }
 }
 
-/** @param {State} state @param {string} text @param {"error" | "note"} tone @returns {State} */
+/**
+ * @param {State} state
+ * @param {string} text
+ * @param {"error" | "note"} tone
+ * @returns {State}
+ */
 function noticed(state, text, tone) {
   const others = state.notices.filter((notice) => notice.text !== text);
   return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
 }
 
-/** The state after `event`. @param {State} state @param {Event} event @returns {State} */
+/**
+ * The state after `event`.
+ * @param {State} state
+ * @param {Event} event
+ * @returns {State}
+ */
 export function apply(state, event) {
   switch (event.kind) {
     case "begun": {

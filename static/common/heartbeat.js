@@ -3,7 +3,7 @@
 // asks api/health whenever nothing was heard for a second. A page left alone asks rarely.
 
 /**
- *   silence_ms   ms since the server was last heard
+ * silence_ms   ms since the server was last heard
  *   idle_ms      ms since the player last did something
  *   ask          api/health; rejects when no answer comes
  *   onFailure    called with the number of failures in a row

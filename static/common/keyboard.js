@@ -20,7 +20,10 @@ export function ownsKeys(element) {
   return Boolean(element.closest?.("[role=slider],[role=tab],dialog[open]"));
 }
 
-/** The element an event really started at. @param {globalThis.Event} event */
+/**
+ * The element an event really started at.
+ * @param {globalThis.Event} event
+ */
 function origin(event) {
   return /** @type {any} */ (event.composedPath?.()[0] ?? event.target);
 }
@@ -31,8 +34,10 @@ function origin(event) {
  *   onRelease  it came up again
  *   onEnter    Enter outside fields; true when it was used
  *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
- * @param {Window & typeof globalThis} view @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
- *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} tell @param {number} timeOrigin of the page
+ * @param {Window & typeof globalThis} view
+ * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} tell
+ * @param {number} timeOrigin of the page
  */
 export function hookKeys(view, tell, timeOrigin) {
   /** @param {KeyboardEvent} event */

@@ -41,7 +41,10 @@ export const TO_SERVER = ["act", "history", "events"];
 
 /**
  * The act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
- * @param {string} episode @param {number} step @param {Action} action @param {Timing} timing
+ * @param {string} episode
+ * @param {number} step
+ * @param {Action} action
+ * @param {Timing} timing
  */
 export function act(episode, step, action, timing) {
   return { kind: "act", episode, step, action, ...timing };
@@ -54,7 +57,11 @@ export function act(episode, step, action, timing) {
  *   round_trip_ms: number | null}} InputEvent
  */
 
-/** The message that brings input events. @param {string} episode @param {InputEvent[]} batch at most 200 */
+/**
+ * The message that brings input events.
+ * @param {string} episode
+ * @param {InputEvent[]} batch at most 200
+ */
 export function events(episode, batch) {
   return { kind: "events", episode, events: batch };
 }
@@ -66,7 +73,8 @@ export function askHistory() {
 
 /**
  * The message in `text`, or null when it is none of ours.
- * @param {string} text @returns {FromServer | null}
+ * @param {string} text
+ * @returns {FromServer | null}
  */
 export function parse(text) {
   try {

@@ -2,15 +2,29 @@
 // One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
 import * as words from "./words.js";
 
-/** @typedef {import("./game_state.js").Board} Board @typedef {import("./game_state.js").State} State @typedef {import("./game_state.js").Seat} Seat */
-/** @typedef {{seat: Seat, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel */
+/**
+ * @typedef {import("./game_state.js").Board} Board
+ * @typedef {import("./game_state.js").State} State
+ * @typedef {import("./game_state.js").Seat} Seat
+ */
+/**
+ * @typedef {{seat: Seat, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel
+ */
 
-/** @param {HTMLElement} element @param {string} text */
+/**
+ * @param {HTMLElement} element
+ * @param {string} text
+ */
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** The panel of a seat, its parts named and marked for tests. @param {HTMLElement} root @param {HTMLTemplateElement} template @returns {Panel} */
+/**
+ * The panel of a seat, its parts named and marked for tests.
+ * @param {HTMLElement} root
+ * @param {HTMLTemplateElement} template
+ * @returns {Panel}
+ */
 export function createPanel(root, template) {
   root.append(template.content.cloneNode(true));
   const seat = /** @type {Seat} */ (root.dataset.seat);
@@ -34,14 +48,23 @@ export function createPanel(root, template) {
   return { seat, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
 
-/** Lets the end card shrink to its buttons, for a look at the board beneath. @param {Record<string, HTMLElement>} part @param {boolean} isFolded */
+/**
+ * Lets the end card shrink to its buttons, for a look at the board beneath.
+ * @param {Record<string, HTMLElement>} part
+ * @param {boolean} isFolded
+ */
 function fold(part, isFolded) {
   part.end.classList.toggle("is-folded", isFolded);
   part.fold.setAttribute("aria-expanded", String(!isFolded));
   put(part.fold, isFolded ? "More" : "Less");
 }
 
-/** The numbers of one board. @param {Panel} panel @param {Board | null} board @param {string} brief what stands in an empty seat */
+/**
+ * The numbers of one board.
+ * @param {Panel} panel
+ * @param {Board | null} board
+ * @param {string} brief what stands in an empty seat
+ */
 export function paintPanel({ root, part, canvas }, board, brief) {
   root.classList.toggle("is-empty", !board);
   part.brief.hidden = Boolean(board);
@@ -62,12 +85,20 @@ export function paintPanel({ root, part, canvas }, board, brief) {
   canvas.setAttribute("aria-label", words.describeBoard(frame, board.name));
 }
 
-/** The policies that a board can be given. @param {Panel} panel @param {string[]} names */
+/**
+ * The policies that a board can be given.
+ * @param {Panel} panel
+ * @param {string[]} names
+ */
 export function offerPolicies({ part }, names) {
   part.pick.replaceChildren(...names.map((name) => new Option(name, name)));
 }
 
-/** The choice of a policy in the place of its name; a person's board has none. @param {Panel} panel @param {Board | null} board */
+/**
+ * The choice of a policy in the place of its name; a person's board has none.
+ * @param {Panel} panel
+ * @param {Board | null} board
+ */
 export function paintPick({ part }, board) {
   const pick = /** @type {HTMLSelectElement} */ (part.pick);
   const isOffered = Boolean(board) && [...pick.options].some(({ value }) => value === board?.name);
@@ -76,7 +107,12 @@ export function paintPick({ part }, board) {
   if (board && isOffered && pick.value !== board.name) pick.value = board.name;
 }
 
-/** The pace of a policy's board. @param {Panel} panel @param {Board | null} board @param {boolean} mayFollow true beside someone to follow */
+/**
+ * The pace of a policy's board.
+ * @param {Panel} panel
+ * @param {Board | null} board
+ * @param {boolean} mayFollow true beside someone to follow
+ */
 export function paintPace({ part }, board, mayFollow) {
   const pace = board?.pace;
   part.pace.hidden = !pace;
@@ -92,7 +128,11 @@ export function paintPace({ part }, board, mayFollow) {
   put(/** @type {HTMLElement} */ (speed.querySelector("output")), `${slider.value}/s`);
 }
 
-/** The end card of the player's board. @param {Panel} panel @param {State} state */
+/**
+ * The end card of the player's board.
+ * @param {Panel} panel
+ * @param {State} state
+ */
 export function paintEnd({ part }, state) {
   const frame = state.player?.frame;
   const wasHidden = part.end.hidden;
@@ -113,7 +153,11 @@ export function paintEnd({ part }, state) {
   return wasHidden;
 }
 
-/** The top bar: mode, badge, terrain, health of the line. @param {State} state @param {Document} page */
+/**
+ * The top bar: mode, badge, terrain, health of the line.
+ * @param {State} state
+ * @param {Document} page
+ */
 export function paintBar(state, page) {
   const by = (/** @type {string} */ id) => /** @type {HTMLElement} */ (page.getElementById(id));
   for (const button of page.querySelectorAll("button[data-mode]")) {
@@ -133,7 +177,12 @@ export function paintBar(state, page) {
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
 }
 
-/** Sentences that can be dismissed. @param {HTMLElement} root @param {State["notices"]} notices @param {(id: number) => void} dismiss */
+/**
+ * Sentences that can be dismissed.
+ * @param {HTMLElement} root
+ * @param {State["notices"]} notices
+ * @param {(id: number) => void} dismiss
+ */
 export function paintNotices(root, notices, dismiss) {
   root.replaceChildren(...notices.map(({ id, text, tone }) => {
     const line = document.createElement("p");
@@ -149,7 +198,12 @@ export function paintNotices(root, notices, dismiss) {
   }));
 }
 
-/** The human level: the figure of the terrain being played, and the server's sentence. @param {{figures: any[], sentence: string}} level @param {State} state @param {Document} page */
+/**
+ * The human level: the figure of the terrain being played, and the server's sentence.
+ * @param {{figures: any[], sentence: string}} level
+ * @param {State} state
+ * @param {Document} page
+ */
 export function paintHumanLevel({ figures, sentence }, state, page) {
   const frame = state.player?.frame;
   const figure = figures.find((each) => each.level === state.level && each.rows === frame?.rows && each.cols === frame?.cols);

@@ -2,7 +2,10 @@
 // One session's socket, which heals itself: it tells of every message and of its own health, and comes back with patience.
 import { parse } from "./messages.js";
 
-/** The wait before attempt k, in ms: 250, 500, ... at most 5,000. @param {number} attempt counted from 0 */
+/**
+ * The wait before attempt k, in ms: 250, 500, ... at most 5,000.
+ * @param {number} attempt counted from 0
+ */
 export function backoff_ms(attempt) {
   return Math.min(5000, 250 * 2 ** attempt);
 }
@@ -53,7 +56,10 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   }
   connect();
   return {
-    /** True when the message left. @param {object} message */
+    /**
+     * True when the message left.
+     * @param {object} message
+     */
     send(message) {
       if (socket?.readyState !== WebSocket.OPEN) return false;
       socket.send(JSON.stringify(message));

@@ -1,7 +1,11 @@
 // @ts-check
 // What a policy thinks, as shapes: wedges round its rover, as long as it is sure, and where its paths are drawn on the other board.
 
-/** @typedef {import("./messages.js").Thought} Thought @typedef {import("./game_state.js").Board} Board @typedef {import("./game_state.js").State} State */
+/**
+ * @typedef {import("./messages.js").Thought} Thought
+ * @typedef {import("./game_state.js").Board} Board
+ * @typedef {import("./game_state.js").State} State
+ */
 
 /** Shares below it draw nothing. */
 const LEAST = 0.02;
@@ -10,7 +14,8 @@ const OUTWARD = [[0, -1], [1, 0], [0, 1], [-1, 0]];
 
 /**
  * The wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
- * @param {readonly number[]} probabilities @param {number} unit_px length that stands for a cell
+ * @param {readonly number[]} probabilities
+ * @param {number} unit_px length that stands for a cell
  * @returns {{share: number, points: [number, number][]}[]}
  */
 export function wedges(probabilities, unit_px) {
@@ -26,7 +31,11 @@ export function wedges(probabilities, unit_px) {
   });
 }
 
-/** The thought that belongs to a board's newest frame, while there is a move to make. @param {Board | null} board @returns {Thought | null} */
+/**
+ * The thought that belongs to a board's newest frame, while there is a move to make.
+ * @param {Board | null} board
+ * @returns {Thought | null}
+ */
 export function thoughtOf(board) {
   const thought = board?.thought;
   return thought && !board.frame.outcome && thought.step === board.frame.step ? thought : null;
@@ -34,7 +43,9 @@ export function thoughtOf(board) {
 
 /**
  * The path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
- * @param {State} state @param {"player" | "rival"} seat @returns {import("./messages.js").Cell[] | null}
+ * @param {State} state
+ * @param {"player" | "rival"} seat
+ * @returns {import("./messages.js").Cell[] | null}
  */
 export function ghostOf({ player, rival }, seat) {
   if (!player?.frame.outcome || !rival) return null;
@@ -44,7 +55,13 @@ export function ghostOf({ player, rival }, seat) {
   return other.trail;
 }
 
-/** @param {CanvasRenderingContext2D} context @param {Thought} thought @param {import("./messages.js").Cell} position @param {number} size cell, device pixels @param {{accent: string, dpr: number}} look */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {Thought} thought
+ * @param {import("./messages.js").Cell} position
+ * @param {number} size cell, device pixels
+ * @param {{accent: string, dpr: number}} look
+ */
 export function paintThought(context, thought, [row, col], size, { accent, dpr }) {
   context.save();
   context.translate((col + 0.5) * size, (row + 0.5) * size);

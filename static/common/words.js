@@ -26,27 +26,43 @@ export const signed = (value) => value === null ? "\u2013" : `${value < 0 ? "\u2
 export const score = (value) => value === null ? "\u2013" : value.toFixed(3).replace("-", "\u2212");
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${size[1]}` : `${size} \u00d7 ${size}`);
-/** @param {number} count @param {string} one */
+/**
+ * @param {number} count
+ * @param {string} one
+ */
 export const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 
-/** What stands where a rival will be. @param {{player: object | null, counts: boolean}} state @param {string} rival */
+/**
+ * What stands where a rival will be.
+ * @param {{player: object | null, counts: boolean}} state
+ * @param {string} rival
+ */
 export function emptySeat({ player, counts }, rival) {
   if (!player) return "Preparing a terrain.";
   const standing = counts ? "This episode counts for the human score." : "This terrain was chosen or met before, so it does not count for the human score.";
   return `${standing} After the end, ${rival || "a policy"} explores the same terrain here.`;
 }
 
-/** The human level of one configuration, short. @param {{score: {mean: number}, steps: {mean: number}}} figure */
+/**
+ * The human level of one configuration, short.
+ * @param {{score: {mean: number}, steps: {mean: number}}} figure
+ */
 export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
 
-/** Moves until 99 % was known, or null when it never was. @param {Frame} frame */
+/**
+ * Moves until 99 % was known, or null when it never was.
+ * @param {Frame} frame
+ */
 export function stepsToGoal(frame) {
   return frame.outcome === "explored" ? frame.step : null;
 }
 
 /**
  * One sentence that sets the player beside the rival on the same terrain.
- * @param {Frame} mine @param {Frame | null} theirs @param {string} rival @param {string} who "You" or a policy's name
+ * @param {Frame} mine
+ * @param {Frame | null} theirs
+ * @param {string} rival
+ * @param {string} who "You" or a policy's name
  */
 export function compare(mine, theirs, rival, who = "You") {
   if (!theirs) return "";
@@ -64,7 +80,11 @@ const AROUND = /** @type {const} */ ([["north", -1, 0], ["east", 0, 1], ["south"
 /** @type {Record<string, string>} */
 const CELLS = { "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" };
 
-/** The matrix in words: where the rover stands and what lies next to it. @param {Frame} frame @param {string} name */
+/**
+ * The matrix in words: where the rover stands and what lies next to it.
+ * @param {Frame} frame
+ * @param {string} name
+ */
 export function describeBoard(frame, name) {
   const [row, col] = frame.position;
   const around = AROUND.map(([word, down, right]) => `${word} ${CELLS[frame.grid[row + down]?.[col + right] ?? ""] ?? "edge"}`);
@@ -74,7 +94,8 @@ export function describeBoard(frame, name) {
 
 /**
  * What a screen reader should hear after a change, or "" when it would only chatter: each tenth of the terrain, and the end.
- * @param {Frame | null} before @param {Frame} after
+ * @param {Frame | null} before
+ * @param {Frame} after
  */
 export function announcement(before, after) {
   const scored = after.score === null ? "" : `, score ${score(after.score)}`;

@@ -1,12 +1,18 @@
 // @ts-check
 // Lines with bands, as SVG: coverage against moves, trials. Widths are the element's own, so text stays text-sized.
 
-/** @typedef {{name: string, colour: string, dash: string, x: number[], y: number[], low: (number | null)[], high: (number | null)[], dots?: boolean}} Line  `dots`: points with whiskers for a band */
+/**
+ * @typedef {{name: string, colour: string, dash: string, x: number[], y: number[], low: (number | null)[], high: (number | null)[], dots?: boolean}} Line  `dots`: points with whiskers for a band
+ */
 /** @typedef {{low: number, high: number, ticks: number[], text: (value: number) => string, title: string}} Axis */
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** @param {string} kind @param {Record<string, string | number>} attributes @param {string} [text] */
+/**
+ * @param {string} kind
+ * @param {Record<string, string | number>} attributes
+ * @param {string} [text]
+ */
 export function shape(kind, attributes, text) {
   const element = document.createElementNS(SVG, kind);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
@@ -15,7 +21,8 @@ export function shape(kind, attributes, text) {
 }
 
 /**
- * @param {SVGSVGElement} svg @param {Line[]} lines those drawn last stand in front
+ * @param {SVGSVGElement} svg
+ * @param {Line[]} lines those drawn last stand in front
  * @param {{x: Axis, y: Axis, goal?: number, label: string}} how
  */
 export function paintLines(svg, lines, { x, y, goal, label }) {
@@ -35,9 +42,17 @@ export function paintLines(svg, lines, { x, y, goal, label }) {
   if (goal !== undefined) svg.append(shape("line", { class: "goal", x1: box.left, x2: box.right, y1: at.y(goal), y2: at.y(goal) }));
 }
 
-/** @typedef {{left: number, right: number, top: number, bottom: number}} Box @typedef {{x: (value: number) => number, y: (value: number) => number}} Scale */
+/**
+ * @typedef {{left: number, right: number, top: number, bottom: number}} Box
+ * @typedef {{x: (value: number) => number, y: (value: number) => number}} Scale
+ */
 
-/** @param {Box} box @param {Scale} at @param {Axis} x @param {Axis} y */
+/**
+ * @param {Box} box
+ * @param {Scale} at
+ * @param {Axis} x
+ * @param {Axis} y
+ */
 function axes(box, at, x, y) {
   const found = y.ticks.flatMap((tick) => [
     shape("line", { class: "grid", x1: box.left, x2: box.right, y1: at.y(tick), y2: at.y(tick) }),
@@ -49,7 +64,10 @@ function axes(box, at, x, y) {
   return found;
 }
 
-/** @param {Line} line @param {Scale} at */
+/**
+ * @param {Line} line
+ * @param {Scale} at
+ */
 function drawn({ colour, dash, x, y, low, high, dots }, at) {
   const point = (/** @type {number} */ value, /** @type {number} */ k) => `${at.x(x[k]).toFixed(1)} ${at.y(value).toFixed(1)}`;
   const line = shape("path", { class: "line", d: `M${y.map(point).join("L")}`, stroke: colour, "stroke-dasharray": dash });
@@ -59,7 +77,13 @@ function drawn({ colour, dash, x, y, low, high, dots }, at) {
   return [shape("path", { class: "band", d: `M${round.join("L")}Z`, fill: colour }), line];
 }
 
-/** @param {number[]} x @param {(number | null)[]} low @param {(number | null)[]} high @param {Scale} at @param {string} colour */
+/**
+ * @param {number[]} x
+ * @param {(number | null)[]} low
+ * @param {(number | null)[]} high
+ * @param {Scale} at
+ * @param {string} colour
+ */
 function whiskers(x, low, high, at, colour) {
   return x.flatMap((value, k) => {
     const [from, to] = [low[k], high[k]];
@@ -68,7 +92,11 @@ function whiskers(x, low, high, at, colour) {
   });
 }
 
-/** The key of a chart. @param {HTMLElement} place @param {{name: string, colour: string, dash: string}[]} lines */
+/**
+ * The key of a chart.
+ * @param {HTMLElement} place
+ * @param {{name: string, colour: string, dash: string}[]} lines
+ */
 export function paintLegend(place, lines) {
   place.replaceChildren(...lines.map(({ name, colour, dash }) => {
     const item = document.createElement("span");

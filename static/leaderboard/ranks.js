@@ -2,9 +2,16 @@
 // The table of ranks: a row an explorer, its interval on the common scale, the human level as a line through all of them.
 import { intervalText, shown, source, tickText } from "./standing.js";
 
-/** @typedef {import("./standing.js").Row} Row @typedef {import("./standing.js").Measure} Measure */
+/**
+ * @typedef {import("./standing.js").Row} Row
+ * @typedef {import("./standing.js").Measure} Measure
+ */
 
-/** @param {string} kind @param {string} name @param {string} [text] */
+/**
+ * @param {string} kind
+ * @param {string} name
+ * @param {string} [text]
+ */
 function made(kind, name, text) {
   const element = document.createElement(kind);
   element.className = name;
@@ -13,8 +20,11 @@ function made(kind, name, text) {
 }
 
 /**
- * @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go @param {Row[]} rows
- * @param {{low: number, high: number, ticks: number[]}} scale @param {Measure} measure
+ * @param {HTMLTableElement} table
+ * @param {HTMLElement} marks where the scale's numbers go
+ * @param {Row[]} rows
+ * @param {{low: number, high: number, ticks: number[]}} scale
+ * @param {Measure} measure
  */
 export function paintRanks(table, marks, rows, scale, measure) {
   const share = (/** @type {number} */ value) => `${(100 * (value - scale.low)) / (scale.high - scale.low)}%`;
@@ -36,7 +46,10 @@ export function paintRanks(table, marks, rows, scale, measure) {
     return line;
   }));
 
-  /** @param {Row} row @param {import("./standing.js").Interval} value */
+  /**
+   * @param {Row} row
+   * @param {import("./standing.js").Interval} value
+   */
   function standing(row, value) {
     const cell = made("td", "scale");
     const place = document.createElement("div");
@@ -58,7 +71,10 @@ export function paintRanks(table, marks, rows, scale, measure) {
     return [cell, made("td", "number", shown(value.mean, measure)), made("td", "number wide", intervalText(value, measure)),
       made("td", "number wide", completed), made("td", "number wide", source(row))];
   }
-  /** @param {string} name @param {number} value */
+  /**
+   * @param {string} name
+   * @param {number} value
+   */
   function placed(name, value) {
     const mark = made("i", name);
     mark.style.left = share(value);
@@ -66,7 +82,10 @@ export function paintRanks(table, marks, rows, scale, measure) {
   }
 }
 
-/** The row of a policy without a figure: how far it is. @param {Row} row */
+/**
+ * The row of a policy without a figure: how far it is.
+ * @param {Row} row
+ */
 function missing({ policy }) {
   const cell = document.createElement("td");
   cell.colSpan = 5;

@@ -4,28 +4,51 @@
 /** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
 /** @typedef {{steps: number[], mean: number[], low: number[], high: number[]}} Curve */
 /** @typedef {{trial: number, players: number, score: Interval, steps: Interval}} Trial */
-/** @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure */
+/**
+ * @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure
+ */
 /** @typedef {Figure & {players: number, trials: Trial[], set?: string}} People */
-/** @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy */
-/** @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} Board */
+/**
+ * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy
+ */
+/**
+ * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} Board
+ */
 /** @typedef {{board: Board, people: People | null, policies: Policy[]}} Detail */
 /** @typedef {"steps" | "score"} Measure */
 /** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
 
-/** Colour and dash of the policies everybody has, the same on every board; others take the rest in turn. @type {Record<string, [string, string]>} */
+/**
+ * Colour and dash of the policies everybody has, the same on every board; others take the rest in turn.
+ * @type {Record<string, [string, string]>}
+ */
 const OWN = { ppo: ["#5fd0c5", "7 4"], "frontier-utility": ["#b9a3f5", "2 3"], "frontier-cost": ["#8fb8f0", "9 3 2 3"], planner: ["#cfc3b6", "1 4"], random: ["#e08fa8", "4 4"] };
 /** @type {[string, string][]} */
 const REST = [["#a9c77f", "12 4"], ["#7fb5c7", "5 2"], ["#d9a07a", "3 6"], ["#c7c77f", "10 2 2 2"]];
 export const PEOPLE_INK = "#ffb347";
 
-/** @param {number} count @param {string} one */
+/**
+ * @param {number} count
+ * @param {string} one
+ */
 const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
-/** @param {number} value @param {Measure} measure */
+/**
+ * @param {number} value
+ * @param {Measure} measure
+ */
 export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1) : value.toFixed(3).replace("-", "\u2212"));
-/** @param {Interval} value @param {Measure} measure */
+/**
+ * @param {Interval} value
+ * @param {Measure} measure
+ */
 export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
 
-/** Everyone on the board, the best first; those still without a figure last. @param {Detail} detail @param {Measure} measure @returns {Row[]} */
+/**
+ * Everyone on the board, the best first; those still without a figure last.
+ * @param {Detail} detail
+ * @param {Measure} measure
+ * @returns {Row[]}
+ */
 export function rows({ people, policies }, measure) {
   /** @type {Row[]} */
   const others = policies.filter(({ name }) => !OWN[name]);
@@ -38,7 +61,11 @@ export function rows({ people, policies }, measure) {
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
 }
 
-/** At most six round numbers that span low..high. @param {number} low @param {number} high */
+/**
+ * At most six round numbers that span low..high.
+ * @param {number} low
+ * @param {number} high
+ */
 export function ticks(low, high) {
   const rough = (high - low) / 5 || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -48,12 +75,17 @@ export function ticks(low, high) {
   return found;
 }
 
-/** A round number as it stands at an axis. @param {number} tick */
+/**
+ * A round number as it stands at an axis.
+ * @param {number} tick
+ */
 export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
 
 /**
  * The scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
- * @param {Figure[]} figures @param {Measure} measure @returns {{low: number, high: number, ticks: number[]}}
+ * @param {Figure[]} figures
+ * @param {Measure} measure
+ * @returns {{low: number, high: number, ticks: number[]}}
  */
 export function scaleOf(figures, measure) {
   const means = figures.map((figure) => figure[measure].mean).sort((a, b) => a - b);
@@ -68,7 +100,10 @@ export function scaleOf(figures, measure) {
   return { low, high, ticks: ticks(low, high) };
 }
 
-/** Where the axis of coverage ends: when the last of those who finish has 98.5 % on the map. @param {Curve[]} curves */
+/**
+ * Where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
+ * @param {Curve[]} curves
+ */
 export function coverageEnd(curves) {
   const ends = curves.flatMap(({ steps, mean }) => {
     const at = mean.findIndex((share) => share >= 0.985);
@@ -79,13 +114,20 @@ export function coverageEnd(curves) {
   return Math.ceil((longest * 1.06) / unit) * unit;
 }
 
-/** Moves until a curve's mean first reaches a share, or null. @param {Curve} curve @param {number} share */
+/**
+ * Moves until a curve's mean first reaches a share, or null.
+ * @param {Curve} curve
+ * @param {number} share
+ */
 export function movesTo({ steps, mean }, share) {
   const at = mean.findIndex((each) => each >= share);
   return at < 0 ? null : steps[at];
 }
 
-/** The sentence under the heading. @param {Detail} detail */
+/**
+ * The sentence under the heading.
+ * @param {Detail} detail
+ */
 export function headline({ board, people, policies }) {
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
@@ -100,7 +142,11 @@ export function headline({ board, people, policies }) {
   return `Human level ${where}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${many(people.players, "player")} and ${many(people.episodes, "episode")}.${policy}`;
 }
 
-/** Who people are here, and what policies play. @param {Detail} detail @returns {[string, string]} */
+/**
+ * Who people are here, and what policies play.
+ * @param {Detail} detail
+ * @returns {[string, string]}
+ */
 export function reading({ board, people }) {
   if (!board.study) {
     return ["People are those who played for the human score on the page: terrains neither chosen nor met before, no policy beside them. Each person weighs once, however much they played, so the interval is over players.",
@@ -111,13 +157,20 @@ export function reading({ board, people }) {
     `Policies and frontier rules play exactly the ${board.terrains} ranked terrains of the study; their interval is over terrains. The study's report compares them pair by pair.`];
 }
 
-/** Where a figure comes from. @param {Row} row */
+/**
+ * Where a figure comes from.
+ * @param {Row} row
+ */
 export function source({ who, figure }) {
   if (!figure) return "";
   return who === "people" ? `${many(/** @type {People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
 }
 
-/** What is still being made, or null. @param {Policy[]} policies @returns {{text: string, done: number, of: number} | null} */
+/**
+ * What is still being made, or null.
+ * @param {Policy[]} policies
+ * @returns {{text: string, done: number, of: number} | null}
+ */
 export function working(policies) {
   const open = policies.filter(({ state }) => state === "waiting" || state === "computing");
   if (open.length === 0) return null;
@@ -128,7 +181,11 @@ export function working(policies) {
   return { text: `Evaluating ${many(open.length, "policy").replace("policys", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 
-/** A coverage curve in words. @param {string} name @param {Curve} curve */
+/**
+ * A coverage curve in words.
+ * @param {string} name
+ * @param {Curve} curve
+ */
 export function curveText(name, curve) {
   const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
   const last = curve.mean[curve.mean.length - 1];

@@ -3,10 +3,17 @@
 import { paintLegend, paintLines } from "./lines.js";
 import { PEOPLE_INK, shown, tickText, ticks } from "./standing.js";
 
-/** @typedef {import("./standing.js").Row} Row @typedef {import("./standing.js").Trial} Trial @typedef {import("./standing.js").Measure} Measure */
+/**
+ * @typedef {import("./standing.js").Row} Row
+ * @typedef {import("./standing.js").Trial} Trial
+ * @typedef {import("./standing.js").Measure} Measure
+ */
 const people = (/** @type {number} */ count) => (count === 1 ? "1 player" : `${count} players`);
 
-/** What the points rest on. @param {Trial[]} trials */
+/**
+ * What the points rest on.
+ * @param {Trial[]} trials
+ */
 export function footing(trials) {
   const [first, last] = [trials[0], trials[trials.length - 1]];
   const few = last.players < first.players ? ": the later points rest on fewer people" : "";
@@ -15,7 +22,9 @@ export function footing(trials) {
 
 /**
  * @param {{svg: SVGSVGElement, legend: HTMLElement, note: HTMLElement}} place
- * @param {Trial[]} trials @param {Row[]} rows @param {Measure} measure
+ * @param {Trial[]} trials
+ * @param {Row[]} rows
+ * @param {Measure} measure
  */
 export function paintTrials({ svg, legend, note }, trials, rows, measure) {
   /** @type {HTMLElement} */ (svg.parentElement).hidden = trials.length === 0;

@@ -15,7 +15,10 @@ import { apply, initialState } from "../common/game_state.js";
 import { createViews } from "./views.js";
 import { announcement } from "../common/words.js";
 
-/** @typedef {import("../common/game_state.js").Event} Event @typedef {import("../common/game_state.js").Seat} Seat */
+/**
+ * @typedef {import("../common/game_state.js").Event} Event
+ * @typedef {import("../common/game_state.js").Seat} Seat
+ */
 const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 const SEATS = /** @type {const} */ (["player", "rival"]);
 
@@ -77,7 +80,10 @@ const links = createLinks({
   },
 });
 
-/** Moves that this message answers leave the line. @param {import("../common/messages.js").FromServer} message */
+/**
+ * Moves that this message answers leave the line.
+ * @param {import("../common/messages.js").FromServer} message
+ */
 function settle(message) {
   if (message.kind === "refused" || message.kind === "error") line = dropped(line);
   if (message.kind !== "frame") return;
@@ -86,7 +92,10 @@ function settle(message) {
   painter.answered(answered);
 }
 
-/** The one door to the state. @param {Event} event */
+/**
+ * The one door to the state.
+ * @param {Event} event
+ */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
@@ -103,7 +112,10 @@ function dispatch(event) {
   repaint();
 }
 
-/** Schedules the one repaint. @param {boolean} [isAll] also what did not change: the page was resized */
+/**
+ * Schedules the one repaint.
+ * @param {boolean} [isAll] also what did not change: the page was resized
+ */
 function repaint(isAll = false) {
   if (isAll) painter.forget();
   if (isScheduled) return;

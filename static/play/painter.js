@@ -27,7 +27,11 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
   /** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
   const latencies = [];
 
-  /** @param {State} state @param {State | null} before @param {number} dpr */
+  /**
+   * @param {State} state
+   * @param {State | null} before
+   * @param {number} dpr
+   */
   function paintBoards(state, before, dpr) {
     for (const seat of SEATS) {
       const board = state[seat];
@@ -43,7 +47,10 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
     latencies.splice(0, latencies.length - 1000);
     waiting = [];
   }
-  /** @param {State} state @param {State | null} before */
+  /**
+   * @param {State} state
+   * @param {State | null} before
+   */
   function paintPanels(state, before) {
     for (const seat of SEATS) {
       if (before && state[seat] === before[seat] && state.mode === before.mode) continue;
@@ -53,7 +60,10 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       views.load(panels[seat], state[seat]?.session ?? null);
     }
   }
-  /** @param {State} state @param {number} dpr */
+  /**
+   * @param {State} state
+   * @param {number} dpr
+   */
   function paintCurves(state, dpr) {
     const curves = SEATS.flatMap((seat) => {
       const board = state[seat];
@@ -83,7 +93,10 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
     },
     /** Paints all next time: sizes changed. */
     forget() { painted = null; },
-    /** Moves whose answer the next repaint shows. @param {{sent: number}[]} moves */
+    /**
+     * Moves whose answer the next repaint shows.
+     * @param {{sent: number}[]} moves
+     */
     answered(moves) { waiting.push(...moves); },
     latencies: () => [...latencies],
   };

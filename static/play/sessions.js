@@ -2,16 +2,27 @@
 // Sessions and episodes: which to open, when the next begins, what follows the end of a ranked one.
 import { ApiError } from "../common/api.js";
 
-/** @typedef {import("../common/game_state.js").Mode} Mode @typedef {import("./terrain_dialog.js").Wish} Wish @typedef {import("../common/game_state.js").Event} Event */
+/**
+ * @typedef {import("../common/game_state.js").Mode} Mode
+ * @typedef {import("./terrain_dialog.js").Wish} Wish
+ * @typedef {import("../common/game_state.js").Event} Event
+ */
 
-/** The body of POST api/sessions. @param {Mode} mode @param {Wish} wish */
+/**
+ * The body of POST api/sessions.
+ * @param {Mode} mode
+ * @param {Wish} wish
+ */
 export function sessionWish(mode, { level, size, seed, rival, player }) {
   const terrain = seed === null ? { level, size } : { level, size, seed };
   if (mode === "ranked") return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
 
-/** The session named in the address, if any. @param {string} hash */
+/**
+ * The session named in the address, if any.
+ * @param {string} hash
+ */
 export function sessionInHash(hash) {
   return /^#s=([\w-]{4,128})$/.exec(hash)?.[1] ?? null;
 }
@@ -25,7 +36,11 @@ export function createJourney({ api, wish, dispatch, remember, recall, onBegun }
   /** @type {string | null} */
   let replayedEpisode = null;
 
-  /** One request at a time; its failure becomes a sentence. @template T @param {() => Promise<T>} work */
+  /**
+   * One request at a time; its failure becomes a sentence.
+   * @template T
+   * @param {() => Promise<T>} work
+   */
   async function once(work) {
     if (isBusy) return;
     isBusy = true;
@@ -42,7 +57,10 @@ export function createJourney({ api, wish, dispatch, remember, recall, onBegun }
     dispatch({ kind: "begun", about });
     onBegun(about);
   }
-  /** @param {Mode} mode @param {Wish} [chosen] */
+  /**
+   * @param {Mode} mode
+   * @param {Wish} [chosen]
+   */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
@@ -62,18 +80,30 @@ export function createJourney({ api, wish, dispatch, remember, recall, onBegun }
         await start("practice");
       }
     },
-    /** The next terrain of the same session. @param {string} session @param {number | null} seed */
+    /**
+     * The next terrain of the same session.
+     * @param {string} session
+     * @param {number | null} seed
+     */
     next: (session, seed) => once(async () => {
       const { level, size } = wish();
       begin(await api.nextEpisode(session, seed === null ? { level, size } : { level, size, seed }));
     }),
-    /** The terrain just finished, once more. @param {string} session @param {string} episode */
+    /**
+     * The terrain just finished, once more.
+     * @param {string} session
+     * @param {string} episode
+     */
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
       const { level, size } = wish();
       begin(await api.nextEpisode(session, { level, size, seed }));
     }),
-    /** Shows a policy on the terrain of a finished ranked episode, once unless asked again. @param {import("../common/game_state.js").State} state @param {boolean} [isAgain] */
+    /**
+     * Shows a policy on the terrain of a finished ranked episode, once unless asked again.
+     * @param {import("../common/game_state.js").State} state
+     * @param {boolean} [isAgain]
+     */
     async replay({ player, level, size }, isAgain = false) {
       const episode = player?.frame.episode;
       if (!player || !episode || (replayedEpisode === episode && !isAgain)) return;

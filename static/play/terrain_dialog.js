@@ -6,7 +6,8 @@ export const MAX_SEED = 2 ** 53 - 1;
 
 /**
  * The wish that a filled sheet stands for, or a sentence that says what is wrong.
- * @param {Record<string, string>} fields @returns {Wish | string}
+ * @param {Record<string, string>} fields
+ * @returns {Wish | string}
  */
 export function readWish({ level, side, rows, cols, seed, rival, player }) {
   /** @type {number | [number, number]} */
@@ -21,18 +22,26 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   return { level, size, seed: digits ? Number(digits) : null, rival, player };
 }
 
-/** The policy that plays beside a newcomer. @param {string[]} names */
+/**
+ * The policy that plays beside a newcomer.
+ * @param {string[]} names
+ */
 export function favourite(names) {
   return names.find((name) => name.includes("ppo")) ?? names.find((name) => name === "frontier-utility") ?? names.at(-1) ?? "";
 }
 
-/** @param {HTMLSelectElement} select @param {{name: string, summary?: string}[]} choices @param {string} chosen */
+/**
+ * @param {HTMLSelectElement} select
+ * @param {{name: string, summary?: string}[]} choices
+ * @param {string} chosen
+ */
 function fill(select, choices, chosen) {
   select.replaceChildren(...choices.map(({ name }) => new Option(name, name, false, name === chosen)));
 }
 
 /**
- * @param {HTMLDialogElement} dialog @param {{onStart: (wish: Wish) => void, onWrong: (sentence: string) => void,
+ * @param {HTMLDialogElement} dialog
+ * @param {{onStart: (wish: Wish) => void, onWrong: (sentence: string) => void,
  *   onPad: (isShown: boolean) => void}} tell
  */
 export function createSheet(dialog, tell) {
@@ -62,16 +71,26 @@ export function createSheet(dialog, tell) {
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return {
     open: () => dialog.showModal(),
-    /** The wish as it stands; a wrong sheet counts as an untouched one. @returns {Wish} */
+    /**
+     * The wish as it stands; a wrong sheet counts as an untouched one.
+     * @returns {Wish}
+     */
     wish() {
       const wish = read();
       return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: field("rival").value, player: field("player").value } : wish;
     },
-    /** Chooses the policy of a board. @param {import("../common/game_state.js").Seat} seat @param {string} name */
+    /**
+     * Chooses the policy of a board.
+     * @param {import("../common/game_state.js").Seat} seat
+     * @param {string} name
+     */
     choose(seat, name) { field(seat).value = name; },
     /** A chosen seed serves one terrain; the next is drawn by the server again. */
     forgetSeed() { field("seed").value = ""; },
-    /** @param {{name: string, summary: string}[]} found @param {{name: string, summary: string}[]} policies */
+    /**
+     * @param {{name: string, summary: string}[]} found
+     * @param {{name: string, summary: string}[]} policies
+     */
     offer(found, policies) {
       levels = found;
       const names = policies.map(({ name }) => name);
@@ -81,7 +100,10 @@ export function createSheet(dialog, tell) {
       fill(field("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
       follow();
     },
-    /** Shows what is being played, after a reload. @param {import("../common/messages.js").About} about */
+    /**
+     * Shows what is being played, after a reload.
+     * @param {import("../common/messages.js").About} about
+     */
     show({ level, frame, player, rival }) {
       field("level").value = level;
       const side = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";

@@ -1,7 +1,10 @@
 // @ts-check
 // 3-D or matrix: which of the two fills a board, and what the canvases measure.
 
-/** Whether this browser can draw the 3-D view, and whether its processor has to do it. @param {Document} page */
+/**
+ * Whether this browser can draw the 3-D view, and whether its processor has to do it.
+ * @param {Document} page
+ */
 export function probeWebGL(page) {
   try {
     const canvas = page.createElement("canvas");
@@ -16,7 +19,12 @@ export function probeWebGL(page) {
   }
 }
 
-/** The address of a session's 3-D view; where the processor draws it, with coarser pixels and on an easel (easel.js), so that keys stay quick. @param {string} session @param {boolean} isSoftware */
+/**
+ * The address of a session's 3-D view; where the processor draws it, with coarser pixels and on an easel
+ * (easel.js), so that keys stay quick.
+ * @param {string} session
+ * @param {boolean} isSoftware
+ */
 export function viewerUrl(session, isSoftware) {
   return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&easel" : ""}`;
 }
@@ -53,7 +61,11 @@ export function createViews({ page, panels, storage, onChange }) {
     watch: (element) => observer.observe(element),
     /** @param {HTMLElement} element */
     size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
-    /** Shows a session in 3-D, once; nothing is loaded while the matrix is on stage. @param {import("../common/panels.js").Panel} panel @param {string | null} session */
+    /**
+     * Shows a session in 3-D, once; nothing is loaded while the matrix is on stage.
+     * @param {import("../common/panels.js").Panel} panel
+     * @param {string | null} session
+     */
     load({ viewer }, session) {
       if (view !== "3d" || viewer.dataset.session === (session ?? "")) return;
       viewer.dataset.session = session ?? "";

@@ -21,42 +21,76 @@
  *   debrief: Debrief | null, note?: string | null}} Where  note: a closed study, or what is kept of one who left
  */
 
-/** The study's name in the page's address. @param {string} pathname */
+/**
+ * The study's name in the page's address.
+ * @param {string} pathname
+ */
 export function studyName(pathname) {
   return decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 }
 
-/** Ids that another site put into the address: each name once, no empty ones; the server knows which it wants. @param {string} search */
+/**
+ * Ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
+ * @param {string} search
+ */
 export function outsideIds(search) {
   const found = [...new URLSearchParams(search)].filter(([name, value]) => name && value && name.length <= 64 && value.length <= 200);
   return Object.fromEntries(found.slice(0, 20));
 }
 
-/** @param {ReturnType<import("../common/api.js").createCall>} call @param {string} name of the study */
+/**
+ * @param {ReturnType<import("../common/api.js").createCall>} call
+ * @param {string} name of the study
+ */
 export function createStudy(call, name) {
   const path = `studies/${encodeURIComponent(name)}`;
   return {
     /** @returns {Promise<{status: "open" | "closed", rows: number, cols: number}>} */
     show: () => call(path),
-    /** @param {Record<string, string>} outside_ids @returns {Promise<Where>} */
+    /**
+     * @param {Record<string, string>} outside_ids
+     * @returns {Promise<Where>}
+     */
     join: (outside_ids) => call(`${path}/join`, { outside_ids }),
     /** @returns {Promise<Where>} */
     me: () => call(`${path}/me`, undefined, 5000),
-    /** @param {string} version @param {boolean} agree @returns {Promise<Where>} */
+    /**
+     * @param {string} version
+     * @param {boolean} agree
+     * @returns {Promise<Where>}
+     */
     consent: (version, agree) => call(`${path}/consent`, { version, agree }),
-    /** @param {Stage} from @returns {Promise<Where>} */
+    /**
+     * @param {Stage} from
+     * @returns {Promise<Where>}
+     */
     advance: (from) => call(`${path}/advance`, { from }),
-    /** @param {number[]} answers @returns {Promise<Where>} */
+    /**
+     * @param {number[]} answers
+     * @returns {Promise<Where>}
+     */
     answers: (answers) => call(`${path}/answers`, { answers }),
     /** @returns {Promise<Where>} */
     next: () => call(`${path}/next`, {}),
-    /** @param {string} episode @param {number} step @returns {Promise<Where>} */
+    /**
+     * @param {string} episode
+     * @param {number} step
+     * @returns {Promise<Where>}
+     */
     giveUp: (episode, step) => call(`${path}/give-up`, { episode, step }),
-    /** A call that outlives the page. @param {Settings} settings @param {AbortSignal} signal ends it @returns {Promise<Where>} */
+    /**
+     * A call that outlives the page.
+     * @param {Settings} settings
+     * @param {AbortSignal} signal ends it
+     * @returns {Promise<Where>}
+     */
     settings: (settings, signal) => call(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
     /** @returns {Promise<Where>} */
     withdraw: () => call(`${path}/withdraw`, {}),
-    /** @param {number} index @returns {Promise<import("./replay.js").Runs>} */
+    /**
+     * @param {number} index
+     * @returns {Promise<import("./replay.js").Runs>}
+     */
     terrain: (index) => call(`${path}/debrief/${index}`),
   };
 }

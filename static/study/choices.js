@@ -2,7 +2,7 @@
 // Choices on their way to the server: one call at a time, each with the newest choices, so that no older ones arrive last.
 
 /**
- *   save         tells the server the choices as they are now; `signal` ends the call
+ * save         tells the server the choices as they are now; `signal` ends the call
  *   settle_ms    how long the choices must stand still before they are told
  *   retry_ms     how long to wait after a call that did not get through
  *   patience_ms  how long a call may take

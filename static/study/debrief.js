@@ -7,18 +7,25 @@ import { boardAt, lastStep } from "./replay.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 
-/** @typedef {import("./state.js").State} State @typedef {import("./api.js").Debrief} Debrief */
+/**
+ * @typedef {import("./state.js").State} State
+ * @typedef {import("./api.js").Debrief} Debrief
+ */
 
 const TICK_MS = 160;
 
 /**
- * @param {Document} page @param {{look: () => import("./play_screen.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
+ * @param {Document} page
+ * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
  *   dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
  */
 export function createDebrief(page, { look, terrain, dispatch, replay: current }) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
 
-  /** Both runs of a warm-up terrain. @param {number} index */
+  /**
+   * Both runs of a warm-up terrain.
+   * @param {number} index
+   */
   async function load(index) {
     try {
       dispatch({ kind: "replay-loaded", index, runs: await terrain(index) });
@@ -44,7 +51,10 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
       by("replay-index").replaceChildren(...Array.from({ length: terrains }, (_, index) => new Option(`${index + 1} of ${terrains}`, String(index))));
     }
   }
-  /** A row a trial, its score as a bar. @param {Debrief["episodes"]} episodes */
+  /**
+   * A row a trial, its score as a bar.
+   * @param {Debrief["episodes"]} episodes
+   */
   function trialTable(episodes) {
     const table = page.createElement("table");
     table.className = "bars";
@@ -63,7 +73,12 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     }
     return table;
   }
-  /** @param {"own" | "policy"} side @param {import("../common/messages.js").Frame[]} frames @param {string} name @param {number} step */
+  /**
+   * @param {"own" | "policy"} side
+   * @param {import("../common/messages.js").Frame[]} frames
+   * @param {string} name
+   * @param {number} step
+   */
   function paintSide(side, frames, name, step) {
     const board = boardAt(frames, name, step);
     if (!board) return;
@@ -90,7 +105,10 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
   }
   return {
     load,
-    /** @param {State} state @param {State | null} before */
+    /**
+     * @param {State} state
+     * @param {State | null} before
+     */
     paint(state, before) {
       if (screenOf(state) !== "debrief" || !state.where?.debrief) return;
       const isNew = before === null || screenOf(before) !== "debrief";

@@ -3,7 +3,10 @@
 import { describeBoard } from "../common/words.js";
 import { mapInWords } from "./words.js";
 
-/** @param {Document} page @param {{frame: () => import("../common/messages.js").Frame | undefined, onClose: () => void}} how */
+/**
+ * @param {Document} page
+ * @param {{frame: () => import("../common/messages.js").Frame | undefined, onClose: () => void}} how
+ */
 export function startDialogs(page, { frame, onClose }) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
   for (const dialog of page.querySelectorAll("dialog")) {

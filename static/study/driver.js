@@ -4,7 +4,7 @@ import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "../common/pe
 import { act } from "../common/messages.js";
 
 /**
- *   send     true when the message left
+ * send     true when the message left
  *   now_ms   performance.now
  * @param {{send: (message: object) => boolean, now_ms: () => number}} how
  */
@@ -13,12 +13,20 @@ export function createDriver({ send, now_ms }) {
   /** @type {number | null} */
   let round_trip_ms = null;
   return {
-    /** Sends a move if the line has room. @param {import("../common/messages.js").Frame} frame @param {import("../common/messages.js").Action} action @param {import("../common/messages.js").Timing} timing */
+    /**
+     * Sends a move if the line has room.
+     * @param {import("../common/messages.js").Frame} frame
+     * @param {import("../common/messages.js").Action} action
+     * @param {import("../common/messages.js").Timing} timing
+     */
     press(frame, action, timing) {
       const step = nextStep(line, frame);
       if (step !== null && send(act(frame.episode, step, action, timing))) line = sent(line, { episode: frame.episode, step, sent: now_ms() });
     },
-    /** Moves that a message answers leave the line. @param {import("../common/messages.js").FromServer} message */
+    /**
+     * Moves that a message answers leave the line.
+     * @param {import("../common/messages.js").FromServer} message
+     */
     heard(message) {
       if (message.kind === "refused" || message.kind === "error") line = dropped(line);
       if (message.kind !== "frame") return;

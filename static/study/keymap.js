@@ -12,15 +12,27 @@ const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", Ar
   Semicolon: ";", Quote: "'", BracketLeft: "[", BracketRight: "]", Backslash: "\\", Minus: "-", Equal: "=", Backquote: "`" };
 const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
 
-/** Whether a key may drive: Tab, Enter, Escape, space and the like stay with the page. @param {string} code */
+/**
+ * Whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
+ * @param {string} code
+ */
 export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 
-/** Where a key drives, or undefined. @param {KeyMap} keys @param {string} code @returns {Action | undefined} */
+/**
+ * Where a key drives, or undefined.
+ * @param {KeyMap} keys
+ * @param {string} code
+ * @returns {Action | undefined}
+ */
 export const actionOf = (keys, code) => ACTIONS.find((action) => keys[action].includes(code));
 
 /**
  * The map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the one it replaces.
- * @param {KeyMap} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {KeyMap | string}
+ * @param {KeyMap} keys
+ * @param {Action} action
+ * @param {number} slot 0 or 1
+ * @param {string} code
+ * @returns {KeyMap | string}
  */
 export function assign(keys, action, slot, code) {
   if (!mayDrive(code)) return `${keyName(code)} cannot drive the rover: choose a letter, a digit, an arrow or a number-pad key.`;
@@ -32,7 +44,11 @@ export function assign(keys, action, slot, code) {
   return /** @type {KeyMap} */ (Object.fromEntries(swapped));
 }
 
-/** A kept map if it is a whole one, else the default. @param {any} kept @returns {KeyMap} */
+/**
+ * A kept map if it is a whole one, else the default.
+ * @param {any} kept
+ * @returns {KeyMap}
+ */
 export function readKeys(kept) {
   const lists = ACTIONS.map((action) => kept?.[action]);
   const isWhole = lists.every((list) => Array.isArray(list) && list.length === 2 && list.every((code) => typeof code === "string" && mayDrive(code)));
@@ -41,7 +57,9 @@ export function readKeys(kept) {
 }
 
 /**
- * What stands on a key. @param {string} code @param {{get: (code: string) => string | undefined}} [layout] of navigator.keyboard
+ * What stands on a key.
+ * @param {string} code
+ * @param {{get: (code: string) => string | undefined}} [layout] of navigator.keyboard
  */
 export function keyName(code, layout) {
   const own = /** @type {Record<string, string>} */ (NAMES)[code];
@@ -49,5 +67,9 @@ export function keyName(code, layout) {
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/** The same for a screen reader. @param {string} code @param {{get: (code: string) => string | undefined}} [layout] */
+/**
+ * The same for a screen reader.
+ * @param {string} code
+ * @param {{get: (code: string) => string | undefined}} [layout]
+ */
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);

@@ -96,7 +96,10 @@ const links = createLinks({
   },
 });
 
-/** The one door to the state. @param {Event} event */
+/**
+ * The one door to the state.
+ * @param {Event} event
+ */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
@@ -114,14 +117,20 @@ function dispatch(event) {
   repaint();
 }
 
-/** An episode is on the board: moves of the last one are void, and a pause that a reload cut goes on. @param {import("../common/messages.js").Frame} first */
+/**
+ * An episode is on the board: moves of the last one are void, and a pause that a reload cut goes on.
+ * @param {import("../common/messages.js").Frame} first
+ */
 function begun({ episode }) {
   driver.drop();
   idle.touch();
   if (sessionStorage.getItem(keep("paused")) === episode) state = apply(state, { kind: "paused", isPaused: true });
 }
 
-/** Schedules the one repaint. @param {boolean} [isAll] also what did not change: sizes or colours did */
+/**
+ * Schedules the one repaint.
+ * @param {boolean} [isAll] also what did not change: sizes or colours did
+ */
 function repaint(isAll = false) {
   isWhole ||= isAll;
   if (isScheduled) return;

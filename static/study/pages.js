@@ -5,9 +5,16 @@ import { keyName } from "./keymap.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/** @typedef {import("./state.js").State} State @typedef {import("./api.js").Where} Where */
+/**
+ * @typedef {import("./state.js").State} State
+ * @typedef {import("./api.js").Where} Where
+ */
 
-/** @param {Document} page @param {string[]} lines @returns {HTMLElement[]} */
+/**
+ * @param {Document} page
+ * @param {string[]} lines
+ * @returns {HTMLElement[]}
+ */
 const paragraphs = (page, lines) => lines.map((text) => Object.assign(page.createElement("p"), { textContent: text }));
 
 /** @param {Document} page */
@@ -17,7 +24,10 @@ export function createPages(page) {
   /** @type {string | null} */
   let shown = null;
 
-  /** Shows one screen, and hands it the focus unless it is the first. @param {string} screen */
+  /**
+   * Shows one screen, and hands it the focus unless it is the first.
+   * @param {string} screen
+   */
   function show(screen) {
     if (shown === screen) return;
     const isFirst = shown === null || shown === "loading";
@@ -51,7 +61,10 @@ export function createPages(page) {
     put(by("label"), participant);
   }
   return {
-    /** @param {State} state @param {State | null} before */
+    /**
+     * @param {State} state
+     * @param {State | null} before
+     */
     paint(state, before) {
       const { where, problem } = state;
       const screen = screenOf(state);
@@ -72,7 +85,11 @@ export function createPages(page) {
         show(screen);
       }
     },
-    /** The keys as they drive now, wherever the page shows them. @param {import("./keymap.js").KeyMap} keys @param {any} layout */
+    /**
+     * The keys as they drive now, wherever the page shows them.
+     * @param {import("./keymap.js").KeyMap} keys
+     * @param {any} layout
+     */
     paintKeys(keys, layout) {
       for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-keys]"))) {
         line.replaceChildren(...[0, 1].flatMap((slot) => [

@@ -20,7 +20,12 @@ export const PALETTES = {
   },
 };
 
-/** A kept name if it is one of ours, else what the system asks for. @param {unknown} name @param {boolean} wantsContrast @returns {PaletteName} */
+/**
+ * A kept name if it is one of ours, else what the system asks for.
+ * @param {unknown} name
+ * @param {boolean} wantsContrast
+ * @returns {PaletteName}
+ */
 export function readPalette(name, wantsContrast) {
   if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {PaletteName} */ (name);
   return wantsContrast ? "high-contrast" : "mars";

@@ -7,22 +7,34 @@ import { describeBoard, outcomeShort, percent, score } from "../common/words.js"
 import { knowsTheEnd, screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/** @typedef {import("./state.js").State} State @typedef {import("./palettes.js").Palette} Palette */
+/**
+ * @typedef {import("./state.js").State} State
+ * @typedef {import("./palettes.js").Palette} Palette
+ */
 /** @typedef {{soil: Palette["soil"], inks: Palette["inks"], accent: string, rival: string, font: string}} Look  of the palette in force */
 
-/** @param {Document} page @param {{look: () => Look, keys: () => {east: string, south: string}}} how */
+/**
+ * @param {Document} page
+ * @param {{look: () => Look, keys: () => {east: string, south: string}}} how
+ */
 export function createTable(page, { look, keys }) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
   const dpr = () => page.defaultView?.devicePixelRatio || 1;
   const room = (/** @type {HTMLElement} */ element) => ({ width_px: element.clientWidth, height_px: element.clientHeight });
 
-  /** @param {import("../common/game_state.js").Board} board @param {Look} colours */
+  /**
+   * @param {import("../common/game_state.js").Board} board
+   * @param {Look} colours
+   */
   function paintCurve(board, { accent, inks, font }) {
     const { name, discovered, frame } = board;
     const curve = { name, colour: accent, isDashed: false, discovered, cells: frame.rows * frame.cols };
     paintChart(by("chart"), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
   }
-  /** @param {import("../common/messages.js").Frame} frame @param {import("./api.js").Where} where */
+  /**
+   * @param {import("../common/messages.js").Frame} frame
+   * @param {import("./api.js").Where} where
+   */
   function paintNumbers(frame, { phase }) {
     put(by("moves"), String(frame.step));
     put(by("coverage"), percent(frame.coverage));
@@ -38,7 +50,10 @@ export function createTable(page, { look, keys }) {
     put(by("coach-line"), line);
     by("board").setAttribute("aria-label", describeBoard(frame, "the terrain"));
   }
-  /** @param {State} state @returns {boolean} whether the card has just come up */
+  /**
+   * @param {State} state
+   * @returns {boolean} whether the card has just come up
+   */
   function paintEnd(state) {
     const frame = state.table.player?.frame;
     const { where } = state;
@@ -62,7 +77,10 @@ export function createTable(page, { look, keys }) {
     return wasHidden;
   }
   return {
-    /** @param {State} state @param {State | null} before */
+    /**
+     * @param {State} state
+     * @param {State | null} before
+     */
     paint(state, before) {
       const { table, where, isPaused } = state;
       const { player } = table;

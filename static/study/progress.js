@@ -2,10 +2,13 @@
 // The way through the study: one request at a time, each answering where one stands; other tabs are told.
 import { ApiError } from "../common/api.js";
 
-/** @typedef {import("./api.js").Where} Where @typedef {import("./state.js").Event} Event */
+/**
+ * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./state.js").Event} Event
+ */
 
 /**
- *   study       the calls
+ * study       the calls
  *   dispatch    the door to the state
  *   ids         ids of another site, from the address
  *   channel     to other tabs of this study; null where there is none
@@ -17,7 +20,10 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
   let queue = Promise.resolve();
   let isBusy = false;
 
-  /** @param {() => Promise<void>} work @returns {Promise<void>} */
+  /**
+   * @param {() => Promise<void>} work
+   * @returns {Promise<void>}
+   */
   function inTurn(work) {
     const done = queue.then(work);
     queue = done.catch(() => {});
@@ -32,7 +38,12 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
       if (/** @type {any} */ (error).status === 0) dispatch({ kind: "link", link: "lost" });
     }
   });
-  /** A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's sentence if nothing moved. @param {unknown} error @param {string | undefined} stage */
+  /**
+   * A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's
+   * sentence if nothing moved.
+   * @param {unknown} error
+   * @param {string | undefined} stage
+   */
   async function refused(error, stage) {
     if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
     if (error.status === 0) dispatch({ kind: "link", link: "lost" });
@@ -44,7 +55,11 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
     refresh,
     /** Whether a step of the way is being taken: another press of its button would be one too many. */
     isBusy: () => isBusy,
-    /** Takes a step, unless one is being taken. @param {() => Promise<Where>} ask @param {string} [stage] the step is taken from */
+    /**
+     * Takes a step, unless one is being taken.
+     * @param {() => Promise<Where>} ask
+     * @param {string} [stage] the step is taken from
+     */
     async take(ask, stage) {
       if (isBusy) return;
       isBusy = true;

@@ -4,7 +4,10 @@
 /** @typedef {import("./api.js").Where} Where */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 
-/** @param {Document} page @param {(answers: number[]) => void} onAnswers */
+/**
+ * @param {Document} page
+ * @param {(answers: number[]) => void} onAnswers
+ */
 export function createQuiz(page, onAnswers) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
   const form = /** @type {HTMLFormElement} */ (by("quiz"));
@@ -13,7 +16,10 @@ export function createQuiz(page, onAnswers) {
   /** @type {any} */
   let judged = null;
 
-  /** @param {{question: string, choices: string[]}} each @param {number} number */
+  /**
+   * @param {{question: string, choices: string[]}} each
+   * @param {number} number
+   */
   function item({ question, choices }, number) {
     const field = page.createElement("fieldset");
     field.dataset.testid = `question-${number}`;
@@ -28,7 +34,10 @@ export function createQuiz(page, onAnswers) {
     field.append(legend, ...labels, verdict);
     return field;
   }
-  /** @param {number} number @returns {number} -1 while nothing is chosen */
+  /**
+   * @param {number} number
+   * @returns {number} -1 while nothing is chosen
+   */
   const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
 
   form.addEventListener("submit", (event) => {

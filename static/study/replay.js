@@ -1,32 +1,62 @@
 // @ts-check
 // The debrief's replay: the participant's run and a policy's on one terrain, in step. Pure: a tick answers the next replay.
 
-/** @typedef {import("../common/messages.js").Frame} Frame @typedef {import("../common/game_state.js").Board} Board */
+/**
+ * @typedef {import("../common/messages.js").Frame} Frame
+ * @typedef {import("../common/game_state.js").Board} Board
+ */
 /** @typedef {{own: Frame[], policy: {name: string, frames: Frame[]}}} Runs  what GET debrief/{index} answers */
 /** @typedef {{index: number, runs: Runs, step: number, isPlaying: boolean}} Replay */
 
-/** @param {number} index @param {Runs} runs @returns {Replay} */
+/**
+ * @param {number} index
+ * @param {Runs} runs
+ * @returns {Replay}
+ */
 export const begun = (index, runs) => ({ index, runs, step: 0, isPlaying: false });
 
-/** The last step of the longer run. @param {Replay} replay */
+/**
+ * The last step of the longer run.
+ * @param {Replay} replay
+ */
 export const lastStep = ({ runs }) => Math.max(0, ...[runs.own, runs.policy.frames].map((frames) => frames.at(-1)?.step ?? 0));
 
-/** One step on; at the end it stops. @param {Replay} replay @returns {Replay} */
+/**
+ * One step on; at the end it stops.
+ * @param {Replay} replay
+ * @returns {Replay}
+ */
 export function stepped(replay) {
   const step = Math.min(replay.step + 1, lastStep(replay));
   return { ...replay, step, isPlaying: replay.isPlaying && step < lastStep(replay) };
 }
 
-/** At a step of its own choosing, standing. @param {Replay} replay @param {number} step @returns {Replay} */
+/**
+ * At a step of its own choosing, standing.
+ * @param {Replay} replay
+ * @param {number} step
+ * @returns {Replay}
+ */
 export const moved = (replay, step) => ({ ...replay, step: Math.max(0, Math.min(step, lastStep(replay))), isPlaying: false });
 
-/** Playing, from the start when it stood at the end; or standing. @param {Replay} replay @returns {Replay} */
+/**
+ * Playing, from the start when it stood at the end; or standing.
+ * @param {Replay} replay
+ * @returns {Replay}
+ */
 export function toggled(replay) {
   if (replay.isPlaying) return { ...replay, isPlaying: false };
   return { ...replay, isPlaying: true, step: replay.step >= lastStep(replay) ? 0 : replay.step };
 }
 
-/** A run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames left out. @param {Frame[]} frames @param {string} name @param {number} step @returns {Board | null} */
+/**
+ * A run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames
+ * left out.
+ * @param {Frame[]} frames
+ * @param {string} name
+ * @param {number} step
+ * @returns {Board | null}
+ */
 export function boardAt(frames, name, step) {
   if (frames.length === 0) return null;
   const shown = frames.filter((frame) => frame.step <= step);

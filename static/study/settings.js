@@ -5,10 +5,18 @@ import { ACTIONS } from "../common/messages.js";
 import { assign, DEFAULT_KEYS, keyName, readKeys, spokenKey } from "./keymap.js";
 import { PALETTES, readPalette } from "./palettes.js";
 
-/** @typedef {import("./api.js").Settings} Settings @typedef {Settings & {pad: boolean}} Choices */
+/**
+ * @typedef {import("./api.js").Settings} Settings
+ * @typedef {Settings & {pad: boolean}} Choices
+ */
 const KEPT = "mars.study.settings";
 
-/** Choices from what was kept, whole whatever was kept. @param {any} kept @param {{wantsContrast: boolean, isTouch: boolean}} system @returns {Choices} */
+/**
+ * Choices from what was kept, whole whatever was kept.
+ * @param {any} kept
+ * @param {{wantsContrast: boolean, isTouch: boolean}} system
+ * @returns {Choices}
+ */
 export function readChoices(kept, { wantsContrast, isTouch }) {
   const pad = typeof kept?.pad === "boolean" ? kept.pad : isTouch;
   const modality = kept?.modality === "touch" || kept?.modality === "keyboard" ? kept.modality : isTouch ? "touch" : "keyboard";
@@ -25,7 +33,8 @@ function parsed(text) {
 }
 
 /**
- * @param {Document} page @param {{storage: Storage, layout: () => any, onChange: (choices: Choices) => void}} how
+ * @param {Document} page
+ * @param {{storage: Storage, layout: () => any, onChange: (choices: Choices) => void}} how
  */
 export function createSettings(page, { storage, layout, onChange }) {
   const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
@@ -114,14 +123,20 @@ export function createSettings(page, { storage, layout, onChange }) {
     /** @returns {Choices} */
     get: () => choices,
     paint,
-    /** What the server keeps wins over what this browser kept. @param {import("./api.js").Where["settings"]} told */
+    /**
+     * What the server keeps wins over what this browser kept.
+     * @param {import("./api.js").Where["settings"]} told
+     */
     adopt(told) {
       if (!told.keys || !told.palette) return;
       choices = { ...choices, keys: readKeys(told.keys), palette: readPalette(told.palette, false), modality: told.modality ?? choices.modality };
       storage.setItem(KEPT, JSON.stringify(choices));
       paint();
     },
-    /** The last move was made so. @param {Settings["modality"]} modality */
+    /**
+     * The last move was made so.
+     * @param {Settings["modality"]} modality
+     */
     drove(modality) { if (modality !== choices.modality) change({ modality }); },
   };
 }

@@ -3,10 +3,15 @@
 import * as game from "../common/game_state.js";
 import * as replays from "./replay.js";
 
-/** @typedef {import("./api.js").Where} Where @typedef {import("./replay.js").Replay} Replay */
-/** @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen */
 /**
- *   table    the board, the line and the notices: the playground's own state, its rival's seat empty
+ * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./replay.js").Replay} Replay
+ */
+/**
+ * @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen
+ */
+/**
+ * table    the board, the line and the notices: the playground's own state, its rival's seat empty
  *   problem  one sentence when the study cannot be taken part in
  *   passed   the finished episode whose end card was passed by
  *   isPaused the board waits for a key
@@ -25,19 +30,32 @@ export function initialState() {
   return { table: game.initialState(), where: null, problem: null, passed: null, isPaused: false, replay: null };
 }
 
-/** @param {State} state @param {Where} where @returns {State} */
+/**
+ * @param {State} state
+ * @param {Where} where
+ * @returns {State}
+ */
 function arrived(state, where) {
   const table = where.about ? game.apply(state.table, { kind: "begun", about: where.about }) : { ...state.table, player: null };
   return settled({ ...state, where, table, problem: where.stage === "withdrawn" ? null : where.note ?? null });
 }
 
-/** No pause outlives its episode. @param {State} state @returns {State} */
+/**
+ * No pause outlives its episode.
+ * @param {State} state
+ * @returns {State}
+ */
 function settled(state) {
   const frame = state.table.player?.frame;
   return state.isPaused && (!frame || frame.outcome) ? { ...state, isPaused: false } : state;
 }
 
-/** The state after `event`. @param {State} state @param {Event} event @returns {State} */
+/**
+ * The state after `event`.
+ * @param {State} state
+ * @param {Event} event
+ * @returns {State}
+ */
 export function apply(state, event) {
   const { replay } = state;
   switch (event.kind) {
@@ -58,12 +76,20 @@ export function apply(state, event) {
 
 const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
 
-/** Whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one before. @param {Where} where */
+/**
+ * Whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one
+ * before.
+ * @param {Where} where
+ */
 function endsHere({ stage, phase }) {
   return phase !== null && (stage === phase || stage === FOLLOWS[phase]);
 }
 
-/** The screen of a state: where the server says one is, and what was seen of it. @param {State} state @returns {Screen} */
+/**
+ * The screen of a state: where the server says one is, and what was seen of it.
+ * @param {State} state
+ * @returns {Screen}
+ */
 export function screenOf({ where, table, passed, problem }) {
   if (problem !== null) return "problem";
   if (!where) return "loading";
@@ -74,16 +100,25 @@ export function screenOf({ where, table, passed, problem }) {
   return stage;
 }
 
-/** Whether the board waits for a move. @param {State} state */
+/**
+ * Whether the board waits for a move.
+ * @param {State} state
+ */
 export function isDriving(state) {
   return screenOf(state) === "play" && state.table.player?.frame.outcome === null;
 }
 
-/** Whether the server has told where one stands after the end of the episode on the board. @param {State} state */
+/**
+ * Whether the server has told where one stands after the end of the episode on the board.
+ * @param {State} state
+ */
 export function knowsTheEnd({ where, table }) {
   const frame = table.player?.frame;
   return Boolean(frame?.outcome && where?.about?.frame.episode === frame.episode && where.about.frame.outcome);
 }
 
-/** Whether the next episode follows at once: the same stage goes on and no break is due. @param {Where} where */
+/**
+ * Whether the next episode follows at once: the same stage goes on and no break is due.
+ * @param {Where} where
+ */
 export const goesOn = (where) => where.stage === where.phase && !where.break_due;

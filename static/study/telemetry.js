@@ -2,12 +2,18 @@
 // What the fingers did and where the eyes were, until the server says that it is kept: in batches of one episode, 200 events at most.
 import { events } from "../common/messages.js";
 
-/** @typedef {import("../common/messages.js").InputEvent} InputEvent @typedef {ReturnType<typeof events>} Batch */
+/**
+ * @typedef {import("../common/messages.js").InputEvent} InputEvent
+ * @typedef {ReturnType<typeof events>} Batch
+ */
 export const MOST_EVENTS = 200;
 /** Events kept while there is no connection; the oldest go first. */
 export const MOST_KEPT = 5000;
 
-/** The events that stand first and belong to one episode. @param {{episode: string, event: InputEvent}[]} waiting */
+/**
+ * The events that stand first and belong to one episode.
+ * @param {{episode: string, event: InputEvent}[]} waiting
+ */
 export function nextBatch(waiting) {
   const episode = waiting[0]?.episode;
   let count = 0;
@@ -16,7 +22,7 @@ export function nextBatch(waiting) {
 }
 
 /**
- *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
+ * context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
  *   send      true when the message left
  *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for the next
  * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null}, now_ms: () => number,
@@ -27,7 +33,10 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
   let waiting = [];
   /** Batches in order; they never change, so that the server knows them again. */
   let batches = stored;
-  /** Those of them that no answer has come for on this line. @type {Batch[]} */
+  /**
+   * Those of them that no answer has come for on this line.
+   * @type {Batch[]}
+   */
   let underWay = [];
   let isDue = false;
   /** The newest time of each kind and code: no two events of a page are the same, however coarse its clock. */
@@ -41,7 +50,10 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
   const tell = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
   const count = () => batches.reduce((sum, batch) => sum + batch.events.length, waiting.length);
   const telemetry = {
-    /** @param {InputEvent["kind"]} kind @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} [fields] */
+    /**
+     * @param {InputEvent["kind"]} kind
+     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} [fields]
+     */
     note(kind, { code, repeat, trusted, at_ms } = {}) {
       const { episode, step, round_trip_ms } = context();
       if (episode === null) return;
@@ -59,7 +71,10 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       isDue = waiting.length > 0;
       if (batches.length > 0) tell(batches[0]);
     },
-    /** What was sent first is kept, or never will be; without a reason it is sent again. @param {import("../common/messages.js").Kept} answer */
+    /**
+     * What was sent first is kept, or never will be; without a reason it is sent again.
+     * @param {import("../common/messages.js").Kept} answer
+     */
     answered({ count, reason }) {
       const batch = underWay.shift();
       if (!batch || (reason === null && count < batch.events.length)) return;

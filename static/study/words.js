@@ -2,9 +2,16 @@
 // The study's sentences; no document here, so node can test every one.
 import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
 
-/** @typedef {import("./api.js").Where} Where @typedef {import("../common/messages.js").Frame} Frame */
+/**
+ * @typedef {import("./api.js").Where} Where
+ * @typedef {import("../common/messages.js").Frame} Frame
+ */
 
-/** Where one stands, for the bar. @param {Where} where @param {boolean} isPlaying while an episode runs its number counts as begun */
+/**
+ * Where one stands, for the bar.
+ * @param {Where} where
+ * @param {boolean} isPlaying while an episode runs its number counts as begun
+ */
 export function progress(where, isPlaying) {
   const { stage } = where;
   const part = stage === "warm_up" || stage === "ranked" ? where[stage] : null;
@@ -14,14 +21,20 @@ export function progress(where, isPlaying) {
     complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
 }
 
-/** The share of the whole way, 0..1: each terrain weighs the same, the rest a little. @param {Where} where */
+/**
+ * The share of the whole way, 0..1: each terrain weighs the same, the rest a little.
+ * @param {Where} where
+ */
 export function share({ stage, warm_up, ranked }) {
   const terrains = warm_up.of + ranked.of;
   const before = { consent: 0, instructions: 1, tutorial: 2, questions: 3, warm_up: 4, ranked: 4, debrief: 5, complete: 6, withdrawn: 0 }[stage];
   return (before + warm_up.done + ranked.done) / (terrains + 6);
 }
 
-/** The screen before the first episode of a phase. @param {Where} where */
+/**
+ * The screen before the first episode of a phase.
+ * @param {Where} where
+ */
 export function readyText({ stage, warm_up, ranked }) {
   if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
   if (stage === "warm_up") {
@@ -38,11 +51,18 @@ export function readyText({ stage, warm_up, ranked }) {
     : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? "Start the first terrain" : "Go on" };
 }
 
-/** The break screen. @param {Where} where */
+/**
+ * The break screen.
+ * @param {Where} where
+ */
 export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
-/** The card at the end of an episode: warm-up tells the score, ranked keeps it. @param {Frame} frame @param {Where} where */
+/**
+ * The card at the end of an episode: warm-up tells the score, ranked keeps it.
+ * @param {Frame} frame
+ * @param {Where} where
+ */
 export function endCard(frame, where) {
   const { phase } = where;
   const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
@@ -50,7 +70,10 @@ export function endCard(frame, where) {
   return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome), figures, note: endNote(frame, where), go: endGo(where, phase) };
 }
 
-/** @param {Frame} frame @param {Where} where */
+/**
+ * @param {Frame} frame
+ * @param {Where} where
+ */
 function endNote({ outcome, score: scored }, { phase, stage }) {
   if (phase === "tutorial") {
     return outcome === "explored" ? "That is all there is to it."
@@ -60,13 +83,20 @@ function endNote({ outcome, score: scored }, { phase, stage }) {
   return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
 }
 
-/** @param {Where} where @param {Where["phase"]} phase */
+/**
+ * @param {Where} where
+ * @param {Where["phase"]} phase
+ */
 function endGo(where, phase) {
   if (phase === "tutorial") return "Go on to three questions";
   return where.stage === where.phase && !where.break_due ? "Next terrain" : "Go on";
 }
 
-/** What the coach says during the practice drive. @param {Frame} frame @param {{east: string, south: string}} keys as printed on them */
+/**
+ * What the coach says during the practice drive.
+ * @param {Frame} frame
+ * @param {{east: string, south: string}} keys as printed on them
+ */
 export function coach(frame, keys) {
   const { step, coverage } = frame;
   if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keys.east} or ${keys.south} to drive one cell.`];
@@ -77,7 +107,10 @@ export function coach(frame, keys) {
   return ["Nearly there", "The terrain is done at 99 %. The last black cells are often behind rocks and in corners."];
 }
 
-/** The debrief in one sentence. @param {import("./api.js").Debrief} debrief */
+/**
+ * The debrief in one sentence.
+ * @param {import("./api.js").Debrief} debrief
+ */
 export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";
@@ -86,7 +119,10 @@ export function debriefLine({ policy }) {
   return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${told} (${mine.toFixed(1)}).`;
 }
 
-/** Rows of a grid in words, for those who hear the map: "row 1: rover, 3 free, 2 rock, 15 unknown". @param {Frame} frame */
+/**
+ * Rows of a grid in words, for those who hear the map: "row 1: rover, 3 free, 2 rock, 15 unknown".
+ * @param {Frame} frame
+ */
 export function mapInWords({ grid }) {
   const names = { "?": "unknown", ".": "free", "#": "rock", "@": "rover" };
   return grid.map((line) => (line.match(/(.)\1*/g) ?? []).map((run) => {

@@ -61,7 +61,10 @@
     return context;
   });
 
-  /** @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} gl */
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {WebGL2RenderingContext} gl
+   */
   function createEasel(canvas, gl) {
     const sheet = document.createElement("canvas");
     sheet.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none"; // rows come from the bottom up
@@ -85,7 +88,10 @@
       paper.putImageData(picture, 0, 0);
     }
     return {
-      /** Asks for what was drawn since the last time; false when nothing was. @param {(took_ms: number) => void} onDone */
+      /**
+       * Asks for what was drawn since the last time; false when nothing was.
+       * @param {(took_ms: number) => void} onDone
+       */
       fetch(onDone) {
         if (!isDrawn || gl.isContextLost()) return false;
         isDrawn = false;
