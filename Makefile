@@ -27,6 +27,7 @@ check: $(STAMP) ## format, lint, types (the module-import rules are a test: test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	@sh tests/static/check_types.sh
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
 format: $(STAMP) ## reformat and mend what ruff can mend

@@ -1,25 +1,27 @@
 // @ts-check
 // Boards that are being played: one socket each, the frames as the operator sees them, scores and all.
 import { paintBoard } from "../common/board.js";
+import { socketUrl } from "../common/connections.js";
+import { create } from "../common/page.js";
 import { follow } from "../common/socket.js";
 import { outcomeShort, percent, score } from "../common/words.js";
 import { stageName } from "./words.js";
 
 /**
- * @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} Seat
+ * @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} BoardInfo
  */
-/** @typedef {{frame: import("../common/messages.js").Frame | null, trail: import("../common/messages.js").Cell[]}} Board */
-/** @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: Board, link: ReturnType<typeof follow>, seat: Seat}} Watched */
+/** @typedef {{frame: import("../common/messages.js").Frame | null, trail: import("../common/messages.js").Cell[]}} WatchedBoard */
+/** @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: WatchedBoard, link: ReturnType<typeof follow>, info: BoardInfo}} Watched */
 
-export const MOST = 12;
+export const MAX_BOARDS = 12;
 
 /**
  * The board after a message: the path is whole again at each history.
- * @param {Board} board
+ * @param {WatchedBoard} board
  * @param {import("../common/messages.js").FromServer} message
- * @returns {Board}
+ * @returns {WatchedBoard}
  */
-export function heard(board, message) {
+export function boardAfter(board, message) {
   if (message.kind === "history" && message.episode === board.frame?.episode) return { ...board, trail: message.positions };
   if (message.kind !== "frame") return board;
   const isNew = message.episode !== board.frame?.episode;
@@ -27,8 +29,8 @@ export function heard(board, message) {
 }
 
 /**
- * Who sits there and what is played, short.
- * @param {Seat} seat
+ * Who plays and what is played, short.
+ * @param {BoardInfo} info
  */
 export function caption({ label, kind, phase, trial }) {
   const who = label ? `${label}${kind === "script" ? " (script)" : ""}` : kind === "script" ? "a script" : "a player";
@@ -42,51 +44,40 @@ export function caption({ label, kind, phase, trial }) {
 export function createLive(place, base) {
   /** @type {Map<string, Watched>} */
   const watched = new Map();
-  /** @type {Set<string>} sessions whose board the server does not know any more */
-  const gone = new Set();
 
-  /** @param {Seat} seat */
-  function open(seat) {
-    const figure = document.createElement("figure");
-    figure.dataset.testid = `live-${seat.label ?? seat.session}`;
-    figure.dataset.outcome = "";
-    const canvas = document.createElement("canvas");
-    canvas.setAttribute("role", "img");
-    const matrix = Object.assign(document.createElement("div"), { className: "matrix" });
-    matrix.append(canvas);
-    figure.append(matrix, document.createElement("figcaption"));
-    const url = new URL(`ws/admin/sessions/${encodeURIComponent(seat.session)}`, base);
-    url.protocol = url.protocol.replace("http", "ws");
-    url.hash = "";
+  /** @param {BoardInfo} info */
+  function open(info) {
+    const canvas = create("canvas", [], { role: "img" });
+    const figure = create("figure", [create("div", canvas, { class: "matrix" }), create("figcaption")],
+      { "data-testid": `live-${info.label ?? info.session}`, "data-outcome": "" });
     /** @type {Watched} */
-    const one = { figure, canvas, seat, board: { frame: null, trail: [] }, link: follow({
-      url: url.href, onLink: () => {}, beforeRetry: async () => watched.has(seat.session),
-      onMessage: (message) => { one.board = heard(one.board, message); paint(one); },
+    const one = { figure, canvas, info, board: { frame: null, trail: [] }, link: follow({
+      url: socketUrl(info.session, base, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
+      onMessage: (message) => { one.board = boardAfter(one.board, message); paint(one); },
     }) };
     place.append(figure);
-    watched.set(seat.session, one);
+    watched.set(info.session, one);
     return one;
   }
   /** @param {Watched} one */
-  function paint({ figure, canvas, board: { frame, trail }, seat }) {
-    const [who, what] = caption(seat);
+  function paint({ figure, canvas, board: { frame, trail }, info }) {
+    const [who, what] = caption(info);
     const numbers = frame ? `${frame.step} moves \u00b7 ${percent(frame.coverage)} % \u00b7 ${frame.score === null ? "" : score(frame.score)}${frame.outcome ? ` \u00b7 ${outcomeShort(frame.outcome)}` : ""}` : "";
-    const parts = [["b", who, ""], ["span", what, ""], ["span", numbers, "numbers"]].map(([kind, textContent, className]) => Object.assign(document.createElement(kind), { textContent, className }));
-    /** @type {HTMLElement} */ (figure.querySelector("figcaption")).replaceChildren(...parts);
+    figure.querySelector("figcaption")?.replaceChildren(create("b", who), create("span", what), create("span", numbers, { class: "numbers" }));
     if (!frame) return;
     figure.dataset.outcome = frame.outcome ?? "";
     canvas.setAttribute("aria-label", `Board of ${who}, ${what}: ${percent(frame.coverage)} percent explored after ${frame.step} moves`);
     const { width } = /** @type {HTMLElement} */ (canvas.parentElement).getBoundingClientRect();
-    const accent = getComputedStyle(document.documentElement).getPropertyValue(seat.kind === "script" ? "--rival" : "--accent").trim();
+    const accent = getComputedStyle(document.documentElement).getPropertyValue(info.kind === "script" ? "--rival" : "--accent").trim();
     paintBoard(canvas, { frame, trail }, { accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
   }
   return {
     /**
      * Watches these, and no others.
-     * @param {Seat[]} seats
+     * @param {BoardInfo[]} infos
      */
-    sync(seats) {
-      const wanted = seats.filter(({ session }) => !gone.has(session)).slice(0, MOST);
+    sync(infos) {
+      const wanted = infos.slice(0, MAX_BOARDS);
       const sessions = new Set(wanted.map(({ session }) => session));
       for (const [session, one] of watched) {
         if (sessions.has(session)) continue;
@@ -94,9 +85,9 @@ export function createLive(place, base) {
         one.link.close();
         one.figure.remove();
       }
-      for (const seat of wanted) {
-        const one = watched.get(seat.session) ?? open(seat);
-        one.seat = seat;
+      for (const info of wanted) {
+        const one = watched.get(info.session) ?? open(info);
+        one.info = info;
         paint(one);
       }
     },

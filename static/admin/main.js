@@ -1,16 +1,20 @@
 // @ts-check
-// Wires the operator's console: log in, ask every two seconds, paint; the door's 401 leads back to the login.
-import { createCall } from "../common/api.js";
-import { createLive, MOST } from "./live.js";
+// Wires the operator's console: log in, ask every two seconds, paint; an answer of 401 leads back to the login.
+import { ApiError, createRequest } from "../common/api.js";
+import { create, elementsOf } from "../common/page.js";
+import { many } from "../common/words.js";
+import { createLive, MAX_BOARDS } from "./live.js";
 import * as tables from "./tables.js";
-import { attention, exportText, many, summary } from "./words.js";
+import { attention, exportText, summary } from "./words.js";
 
 /** @typedef {{name: string, title: string, status: string, error: string | null}} Listed */
-/** @typedef {{studies: Listed[], boards: import("./live.js").Seat[], health: import("./words.js").Health, now_ms: number}} Overview */
+/** @typedef {{studies: Listed[], boards: import("./live.js").BoardInfo[], health: import("./words.js").Health, now_ms: number}} Overview */
 
 const EVERY_MS = 2000;
-const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
-const call = createCall((path, options) => fetch(path, options), "");
+const by = elementsOf(document);
+const request = createRequest((path, options) => fetch(path, options), "");
+const password = by("password", HTMLInputElement);
+const typed = by("typed", HTMLInputElement);
 const live = createLive(by("boards"), document.baseURI);
 
 /** @type {{chosen: string, overview: Overview | null, study: import("./words.js").Study | null}} */
@@ -25,24 +29,26 @@ function enter(isIn) {
   clearTimeout(timer);
   state = { ...state, overview: null, study: null };
   live.sync([]);
-  by("password").focus();
+  password.focus();
 }
 
 async function load() {
   clearTimeout(timer);
   try {
-    const overview = await call("admin/overview");
+    /** @type {Overview} */
+    const overview = await request("admin/overview");
     const { studies } = overview;
-    const usable = studies.filter((/** @type {Listed} */ { status }) => status === "open" || status === "closed");
-    const chosen = usable.some((/** @type {Listed} */ { name }) => name === state.chosen) ? state.chosen : (usable.find((/** @type {Listed} */ { status }) => status === "open") ?? usable[0])?.name ?? "";
-    const study = chosen ? await call(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
+    const usable = studies.filter(({ status }) => status === "open" || status === "closed");
+    const chosen = usable.some(({ name }) => name === state.chosen) ? state.chosen : (usable.find(({ status }) => status === "open") ?? usable[0])?.name ?? "";
+    /** @type {import("./words.js").Study | null} */
+    const study = chosen ? await request(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
     state = { chosen, overview, study };
     enter(true);
     paint();
-    tell("open");
+    showLink("open");
   } catch (error) {
-    if (/** @type {any} */ (error).status === 401) return enter(false);
-    tell("lost", /** @type {Error} */ (error).message);
+    if (error instanceof ApiError && error.status === 401) return enter(false);
+    showLink("lost", /** @type {Error} */ (error).message);
   }
   timer = setTimeout(next, EVERY_MS);
 }
@@ -52,18 +58,17 @@ const next = () => { if (document.hidden) timer = setTimeout(next, EVERY_MS); el
  * @param {"open" | "lost"} link
  * @param {string} [why]
  */
-function tell(link, why = "") {
+function showLink(link, why = "") {
   by("link").dataset.link = link;
-  by("link").lastElementChild.textContent = link === "open" ? "live" : "not live";
+  /** @type {HTMLElement} */ (by("link").lastElementChild).textContent = link === "open" ? "live" : "not live";
   by("link").title = why;
 }
 
 /** @param {string} text */
 function notice(text) {
-  const line = document.createElement("p");
-  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Dismiss" });
+  const button = create("button", "Dismiss", { type: "button", class: "quiet" });
+  const line = create("p", [text, button]);
   button.addEventListener("click", () => line.remove());
-  line.append(text, button);
   by("notices").replaceChildren(line);
 }
 
@@ -75,7 +80,7 @@ function paint() {
   const mine = overview.boards.filter((board) => board.study === chosen);
   const boards = [...mine, ...overview.boards.filter((board) => board.study !== chosen)];
   live.sync(boards);
-  by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MOST ? `${MOST} of ${boards.length}` : String(boards.length);
+  by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
   if (study) paintStudy(study, overview);
 }
@@ -85,7 +90,7 @@ function paint() {
  * @param {string} chosen
  */
 function paintStudies(studies, chosen) {
-  const select = by("study");
+  const select = by("study", HTMLSelectElement);
   const key = JSON.stringify(studies);
   if (select.dataset.shown !== key) {
     select.dataset.shown = key;
@@ -93,7 +98,7 @@ function paintStudies(studies, chosen) {
     for (const { error } of studies) if (error) notice(error);
   }
   select.value = chosen;
-  select.closest("label").hidden = studies.length === 0;
+  /** @type {HTMLElement} */ (select.closest("label")).hidden = studies.length === 0;
   if (chosen) return;
   by("title").textContent = studies.length ? "No study is open" : "No study yet";
   by("summary").textContent = studies.length ? "Drafts become studies with `marsexplorer study freeze NAME`." : "Begin one with `marsexplorer study new NAME`, then `marsexplorer study freeze NAME`: it appears here at once.";
@@ -110,73 +115,73 @@ function paintStudy(study, overview) {
   by("summary").textContent = summary(study);
   by("status").hidden = false;
   by("status").textContent = by("status").dataset.status = study.status;
-  tables.paintStages(by("stages"), study.stages);
+  tables.paintStages(by("stages", HTMLTableElement), study.stages);
   tables.paintFigure(by("figure"), by("figure-words"), study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
-  tables.paintPeople(by("people"), study);
+  tables.paintPeople(by("people", HTMLTableElement), study);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
   const isBusy = report?.state === "making" || release?.state === "making";
-  by("make-report").disabled = isBusy;
-  by("make-release").disabled = isBusy || isOpen || study.participants.length === 0;
-  by("authors").closest("p").hidden = isOpen;
-  by("close").closest("div").hidden = !isOpen;
+  by("make-report", HTMLButtonElement).disabled = isBusy;
+  by("make-release", HTMLButtonElement).disabled = isBusy || isOpen || study.participants.length === 0;
+  /** @type {HTMLElement} */ (by("authors").closest("p")).hidden = isOpen;
+  /** @type {HTMLElement} */ (by("close").closest("div")).hidden = !isOpen;
 }
 
 /**
  * Does what was asked, says what went wrong, looks again.
- * @param {() => Promise<unknown>} act
+ * @param {() => Promise<unknown>} work
  */
-async function doing(act) {
+async function run(work) {
   try {
-    await act();
+    await work();
   } catch (error) {
     notice(/** @type {Error} */ (error).message);
   }
   await load();
 }
 
-by("login").addEventListener("submit", async (/** @type {Event} */ event) => {
+by("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   by("wrong").textContent = "";
   try {
-    await call("admin/login", { password: by("password").value });
-    by("password").value = "";
+    await request("admin/login", { password: password.value });
+    password.value = "";
     await load();
   } catch (error) {
     by("wrong").textContent = /** @type {Error} */ (error).message;
-    by("password").select();
+    password.select();
   }
 });
 by("logout").addEventListener("click", async () => {
-  await call("admin/logout", {}).catch(() => {});
+  await request("admin/logout", {}).catch(() => {});
   enter(false);
 });
 by("study").addEventListener("change", () => {
-  state = { ...state, chosen: by("study").value };
+  state = { ...state, chosen: by("study", HTMLSelectElement).value };
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
 const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
-by("make-report").addEventListener("click", () => doing(() => call(ofStudy("exports/report"), {})));
+by("make-report").addEventListener("click", () => run(() => request(ofStudy("exports/report"), {})));
 by("make-release").addEventListener("click", () => {
-  const authors = by("authors").value.split(",").map((/** @type {string} */ name) => name.trim()).filter(Boolean);
-  doing(() => call(ofStudy("exports/release"), { authors }));
+  const authors = by("authors", HTMLInputElement).value.split(",").map((name) => name.trim()).filter(Boolean);
+  run(() => request(ofStudy("exports/release"), { authors }));
 });
-by("check").addEventListener("click", () => doing(() => call("admin/check", {}, 600000)));
+by("check").addEventListener("click", () => run(() => request("admin/check", {}, 600000)));
 
 by("close").addEventListener("click", () => {
   const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;
   by("confirm-words").textContent = `${under ? `${many(under, "person is", "people are")} on the way and cannot finish. ` : "Nobody is on the way. "}The secret behind the terrains of ${state.chosen} is revealed, and nothing takes that back.`;
-  by("typed").value = "";
-  by("close-now").disabled = true;
-  by("confirm").showModal();
+  typed.value = "";
+  by("close-now", HTMLButtonElement).disabled = true;
+  by("confirm", HTMLDialogElement).showModal();
 });
-by("typed").addEventListener("input", () => { by("close-now").disabled = by("typed").value !== state.chosen; });
-by("keep-open").addEventListener("click", () => by("confirm").close());
-by("confirm-form").addEventListener("submit", (/** @type {SubmitEvent} */ event) => {
-  if (by("typed").value !== state.chosen) return event.preventDefault();
-  return doing(() => call(ofStudy("close"), { name: by("typed").value }));
+typed.addEventListener("input", () => { by("close-now", HTMLButtonElement).disabled = typed.value !== state.chosen; });
+by("keep-open").addEventListener("click", () => by("confirm", HTMLDialogElement).close());
+by("confirm-form").addEventListener("submit", (event) => {
+  if (typed.value !== state.chosen) return event.preventDefault();
+  return run(() => request(ofStudy("close"), { name: typed.value }));
 });
 load();

@@ -1,28 +1,13 @@
 // @ts-check
 // Stages, figure, participants, health: elements made from what the server says.
-import { score } from "../common/words.js";
-import { ago, endings, flags, many, place, size, stageName } from "./words.js";
+import { create } from "../common/page.js";
+import { many, score } from "../common/words.js";
+import { ago, endings, flags, place, size, stageName } from "./words.js";
 
 /**
  * @typedef {import("./words.js").Study} Study
  * @typedef {import("./words.js").Interval} Interval
  */
-
-/**
- * @param {string} kind
- * @param {string | Node | (string | Node)[]} [content]
- * @param {Record<string, string>} [data]
- */
-function made(kind, content = [], data = {}) {
-  const element = document.createElement(kind);
-  element.append(...(Array.isArray(content) ? content : [content]));
-  for (const [name, value] of Object.entries(data)) {
-    if (name === "class") element.className = value;
-    else if (name === "scope") element.setAttribute(name, value);
-    else element.dataset[name] = value;
-  }
-  return element;
-}
 
 /**
  * @param {HTMLTableElement} table
@@ -31,13 +16,13 @@ function made(kind, content = [], data = {}) {
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
   table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
-    const track = made("div", [human, script].map((count) => {
-      const bar = made("i");
+    const track = create("div", [human, script].map((count) => {
+      const bar = create("i");
       bar.style.width = `${(100 * count) / most}%`;
       return bar;
     }), { class: "track" });
-    const cells = [made("th", stageName(stage), { scope: "row" }), made("td", track), made("td", String(human), { class: "number" }), made("td", String(script), { class: "number" })];
-    return made("tr", cells, { testid: `stage-${stage}`, empty: String(human + script === 0) });
+    const cells = [create("th", stageName(stage), { scope: "row" }), create("td", track), create("td", String(human), { class: "number" }), create("td", String(script), { class: "number" })];
+    return create("tr", cells, { "data-testid": `stage-${stage}`, "data-empty": String(human + script === 0) });
   }));
 }
 
@@ -49,7 +34,7 @@ export function paintStages(table, stages) {
 export function paintFigure(where, words, { figure, max_steps: limit }) {
   words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d; it moves until everybody is through.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
-    where.replaceChildren(made("p", "No person has finished a ranked episode yet, so there is no figure.", { class: "empty" }));
+    where.replaceChildren(create("p", "No person has finished a ranked episode yet, so there is no figure.", { class: "empty" }));
     return;
   }
   where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
@@ -64,18 +49,17 @@ export function paintFigure(where, words, { figure, max_steps: limit }) {
  */
 function measure(name, value, text, low, high) {
   const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;
-  const span = made("div", [], { class: "span" });
-  span.setAttribute("aria-hidden", "true");
+  const span = create("div", [], { class: "span", "aria-hidden": "true" });
   if (value.low !== null && value.high !== null) {
-    const spread = made("i");
+    const spread = create("i");
     spread.style.left = `${place(value.low, low, high)}%`;
     spread.style.width = `${place(value.high, low, high) - place(value.low, low, high)}%`;
     span.append(spread);
   }
-  const dot = made("b");
+  const dot = create("b");
   dot.style.left = `${place(value.mean, low, high)}%`;
   span.append(dot);
-  return made("div", [made("dl", [made("dt", name), made("dd", [text(value.mean), made("small", interval)])]), span], { class: "measure" });
+  return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
 /**
@@ -84,19 +68,16 @@ function measure(name, value, text, low, high) {
  */
 export function paintPeople(table, study) {
   const rows = study.participants.map((person) => {
-    const bar = Object.assign(document.createElement("progress"), { max: study.ranked, value: person.ranked });
-    bar.setAttribute("aria-label", `Ranked episodes of ${person.label}`);
-    const kind = person.kind === "script" ? [made("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
+    const bar = create("progress", [], { max: String(study.ranked), value: String(person.ranked), "aria-label": `Ranked episodes of ${person.label}` });
+    const kind = person.kind === "script" ? [create("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
     const progress = person.stage === "warm_up" ? `warm-up ${person.warm_up} of ${study.warm_up}` : `${person.ranked} of ${study.ranked}`;
-    const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => made("td", text, { class: "number" }));
-    const cells = [made("th", [person.label, ...kind], { scope: "row" }), made("td", stageName(person.stage)), made("td", [bar, progress]), ...numbers,
-      made("td", endings(person.outcomes)), made("td", flags(person, study.labels)), made("td", ago(study.now_ms - person.last_ms), { class: "number" })];
-    return made("tr", cells, { testid: `person-${person.label}`, quiet: String(person.is_quiet), stage: person.stage });
+    const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
+    const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [bar, progress]), ...numbers,
+      create("td", endings(person.outcomes)), create("td", flags(person, study.labels)), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
+    return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
   if (rows.length === 0) {
-    const cell = made("td", "Nobody has joined yet.");
-    /** @type {HTMLTableCellElement} */ (cell).colSpan = 8;
-    rows.push(made("tr", cell));
+    rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "8" })));
   }
   table.tBodies[0].replaceChildren(...rows);
 }
@@ -106,8 +87,8 @@ export function paintPeople(table, study) {
  * @param {{text: string, detail: string, isWarning: boolean}[]} found
  */
 export function paintAttention(list, found) {
-  const items = found.map(({ text, detail, isWarning }) => made("li", [text, made("span", detail)], { tone: isWarning ? "warn" : "note" }));
-  list.replaceChildren(...(items.length ? items : [made("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
+  const items = found.map(({ text, detail, isWarning }) => create("li", [text, create("span", detail)], { "data-tone": isWarning ? "warn" : "note" }));
+  list.replaceChildren(...(items.length ? items : [create("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
 }
 
 /**
@@ -125,7 +106,7 @@ export function paintHealth(list, health, now_ms) {
     ["Integrity", check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, check.is_whole ? "good" : "warn"],
     ["Server", `${many(health.sessions, "board")} in memory, up for ${ago(1000 * health.up_s + 10000).replace(" ago", "")}`, ""],
   ];
-  list.replaceChildren(...facts.flatMap(([name, text, tone]) => [made("dt", name), made("dd", text, { tone })]));
+  list.replaceChildren(...facts.flatMap(([name, text, tone]) => [create("dt", name), create("dd", text, { "data-tone": tone })]));
 }
 
 /**
@@ -140,9 +121,8 @@ export function paintExport(place, text, state, study) {
   place.dataset.shown = key;
   place.dataset.state = state?.state ?? "none";
   const links = (state?.files ?? []).map(({ name, size: bytes }) => {
-    const link = Object.assign(document.createElement("a"), { href: `api/admin/studies/${encodeURIComponent(study)}/files/${encodeURIComponent(name)}`, textContent: `${name} (${size(bytes)})` });
-    link.setAttribute("download", name);
-    return link;
+    const href = `api/admin/studies/${encodeURIComponent(study)}/files/${encodeURIComponent(name)}`;
+    return create("a", `${name} (${size(bytes)})`, { href, download: name });
   });
   place.replaceChildren(`${text} `, ...links);
 }

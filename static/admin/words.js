@@ -1,12 +1,13 @@
 // @ts-check
-// The operator's console in words: times, sizes, stages, what is worth a look. No document here.
+// The operator's console in words: times, sizes, stages, what needs attention. No document here.
+import { many, outcomeShort } from "../common/words.js";
 
 /** @typedef {{stage: string, human: number, script: number}} Stage */
 /**
  * @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
  *   left_at: string | null, deviations: number, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant
  */
-/** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
+/** @typedef {import("../common/api.js").Interval} Interval */
 /** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
 /**
  * @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export
@@ -25,12 +26,6 @@
 const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
 /** @param {string} stage */
 export const stageName = (stage) => STAGES[stage] ?? stage;
-/**
- * @param {number} count
- * @param {string} one
- * @param {string} [more]
- */
-export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
 /** @param {number} ms since then */
 export function ago(ms) {
@@ -93,13 +88,11 @@ export function attention({ participants, labels }, health) {
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
 }
 
-/** @type {Record<string, string>} */
-const ENDINGS = { explored: "explored", collided: "collided", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "given up" };
 /**
  * Endings, the commonest first.
  * @param {Record<string, number>} outcomes
  */
-export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${ENDINGS[outcome] ?? outcome}`).join(", ");
+export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : outcomeShort(outcome)}`).join(", ");
 
 /**
  * Flags of one participant.
@@ -121,7 +114,7 @@ export function flags(person, labels) {
 export const place = (value, low, high) => Math.min(100, Math.max(0, (100 * (value - low)) / (high - low)));
 
 /**
- * An export in words; its files are links beside.
+ * An export in words; its files are links next to it.
  * @param {Export | null} made
  * @param {string} before
  * @param {number} now_ms

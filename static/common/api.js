@@ -1,5 +1,5 @@
 // @ts-check
-// The HTTP API, one function a call. URLs are relative to the page, so any mount point works.
+// The HTTP API, one function for each route. URLs are relative to the page, so any mount point works.
 
 /** An answer that was not a success; `status` is 0 when no answer came at all. */
 export class ApiError extends Error {
@@ -14,8 +14,9 @@ export class ApiError extends Error {
 }
 
 /**
+ * One readable sentence from FastAPI's `detail`.
  * @param {unknown} detail
- * @param {number} status one readable sentence from FastAPI's `detail`
+ * @param {number} status
  */
 export function readDetail(detail, status) {
   if (typeof detail === "string" && detail) return detail;
@@ -24,23 +25,29 @@ export function readDetail(detail, status) {
 }
 
 /**
- * One call: its path below api/, a body for a POST, a promise of the parsed answer.
- * @param {typeof fetch} fetcher
- * @param {string} root the way from the page to the server's root: "" or "../"
+ * @typedef {{name: string, summary: string}} Choice  a level or a policy
+ * @typedef {{mean: number, low: number | null, high: number | null}} Interval  low and high are null for a single player
+ * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, score: Interval, steps: Interval}} HumanFigure
+ * @typedef {{figures: HumanFigure[], sentence: string}} HumanLevel
+ * @typedef {import("./messages.js").About} About
+ * @typedef {<T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>} Request
  */
-export function createCall(fetcher, root) {
-  /**
-   * @param {string} path
-   * @param {unknown} [body]
-   * @param {number} [timeout_ms]
-   * @param {RequestInit} [rest]
-   * @returns {Promise<any>}
-   */
-  return async function call(path, body, timeout_ms = 15000, rest = {}) {
+
+/** A signal that aborts by itself; Debian 12's TypeScript does not know `AbortSignal.timeout` yet. */
+const Timer = /** @type {{timeout: (ms: number) => AbortSignal}} */ (/** @type {unknown} */ (AbortSignal));
+
+/**
+ * The function that asks the server: a path below api/, a body for a POST, a promise of the parsed answer.
+ * @param {typeof fetch} fetcher
+ * @param {string} root the path from the page to the server's root: "" or "../"
+ * @returns {Request}
+ */
+export function createRequest(fetcher, root) {
+  return async function request(path, body, timeout_ms = 15000, rest = {}) {
     const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
     let response;
     try {
-      response = await fetcher(`${root}api/${path}`, { ...options, cache: "no-store", signal: AbortSignal.timeout(timeout_ms), ...rest });
+      response = await fetcher(`${root}api/${path}`, { ...options, cache: "no-store", signal: Timer.timeout(timeout_ms), ...rest });
     } catch {
       throw new ApiError("The server cannot be reached.", 0);
     }
@@ -51,34 +58,49 @@ export function createCall(fetcher, root) {
 }
 
 /**
+ * The playground's API.
  * @param {typeof fetch} fetcher
  * @param {string} [root]
- * @returns the calls, each a promise of the parsed answer
  */
 export function createApi(fetcher, root = "") {
-  const call = createCall(fetcher, root);
+  const request = createRequest(fetcher, root);
   /** @param {string} id */
   const session = (id) => `sessions/${encodeURIComponent(id)}`;
   return {
-    health: () => call("health", undefined, 1000),
-    levels: () => call("levels"),
-    policies: () => call("policies"),
-    humanLevel: () => call("human-level"),
-    /** @param {string} id */
-    episode: (id) => call(`episodes/${encodeURIComponent(id)}`),
-    /** @param {Record<string, unknown>} wish */
-    createSession: (wish) => call("sessions", wish),
-    /** @param {string} id */
-    about: (id) => call(`${session(id)}/about`, undefined, 4000),
+    /** @returns {Promise<unknown>} */
+    health: () => request("health", undefined, 1000),
+    /** @returns {Promise<Choice[]>} */
+    levels: () => request("levels"),
+    /** @returns {Promise<Choice[]>} */
+    policies: () => request("policies"),
+    /** @returns {Promise<HumanLevel>} */
+    humanLevel: () => request("human-level"),
+    /**
+     * @param {string} id
+     * @returns {Promise<{seed: number}>}
+     */
+    episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
+    /**
+     * @param {Record<string, unknown>} wish
+     * @returns {Promise<About>}
+     */
+    createSession: (wish) => request("sessions", wish),
+    /**
+     * @param {string} id
+     * @returns {Promise<About>}
+     */
+    about: (id) => request(`${session(id)}/about`, undefined, 4000),
     /**
      * @param {string} id
      * @param {Record<string, unknown>} wish
+     * @returns {Promise<About>}
      */
-    nextEpisode: (id, wish) => call(`${session(id)}/episodes`, wish),
+    nextEpisode: (id, wish) => request(`${session(id)}/episodes`, wish),
     /**
      * @param {string} id
      * @param {Record<string, unknown>} pace
+     * @returns {Promise<import("./messages.js").Pace>}
      */
-    setPace: (id, pace) => call(`${session(id)}/pace`, pace),
+    setPace: (id, pace) => request(`${session(id)}/pace`, pace),
   };
 }

@@ -105,7 +105,8 @@ function paintTrail(context, trail, size, accent, isGhost = false) {
   context.strokeStyle = accent;
   context.globalAlpha = isGhost ? 0.9 : 0.8;
   context.lineWidth = Math.max(1.5, size * 0.16);
-  context.lineJoin = context.lineCap = isGhost ? "butt" : "round";
+  context.lineJoin = "round";
+  context.lineCap = isGhost ? "butt" : "round";
   if (isGhost) context.setLineDash([Math.max(3, size * 0.4), Math.max(2, size * 0.3)]);
   context.stroke();
   context.setLineDash([]);

@@ -1,62 +1,63 @@
 // @ts-check
-// The sockets of both seats: one follower a session, opened and closed as the state says.
+// The sockets of both boards: one follower for each session, opened and closed as the state says.
 import { askHistory } from "./messages.js";
 import { follow } from "./socket.js";
 
 /**
  * @typedef {import("./game_state.js").State} State
- * @typedef {import("./game_state.js").Seat} Seat
+ * @typedef {import("./game_state.js").Role} Role
  */
 
 /**
- * The socket of a session, beside the page and with its scheme.
+ * The address of a session's socket, below the page's own and with its scheme.
  * @param {string} session
  * @param {string} base
+ * @param {string} [folder] of the sockets
  */
-export function socketUrl(session, base) {
-  const url = new URL(`ws/sessions/${encodeURIComponent(session)}`, base);
+export function socketUrl(session, base, folder = "ws/sessions") {
+  const url = new URL(`${folder}/${encodeURIComponent(session)}`, base);
   url.protocol = url.protocol.replace("http", "ws");
   url.hash = url.search = "";
   return url.href;
 }
 
 /**
- * @param {{base: string, onMessage: (seat: Seat, message: import("./messages.js").FromServer) => void,
- *   onLink: (seat: Seat, link: "open" | "lost") => void, beforeRetry: (seat: Seat, session: string) => Promise<boolean>}} how
+ * @param {{base: string, onMessage: (role: Role, message: import("./messages.js").FromServer) => void,
+ *   onLink: (role: Role, link: "open" | "lost") => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how
  */
-export function createLinks({ base, onMessage, onLink, beforeRetry }) {
-  /** @type {Map<Seat, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
+export function createConnections({ base, onMessage, onLink, beforeRetry }) {
+  /** @type {Map<Role, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
   const open = new Map();
   return {
     /**
-     * Follows what is seated now, and asks for the history wherever steps are missing.
+     * Follows the sessions of the boards, and asks for the history wherever steps are missing.
      * @param {State} state
      */
     sync(state) {
-      for (const seat of /** @type {const} */ (["player", "rival"])) {
-        const board = state[seat];
-        const known = open.get(seat);
+      for (const role of /** @type {const} */ (["player", "rival"])) {
+        const board = state[role];
+        const known = open.get(role);
         if (known && known.session !== board?.session) {
           known.follower.close();
-          open.delete(seat);
+          open.delete(role);
         }
         if (!board) continue;
         const { session } = board;
-        if (!open.has(seat)) {
-          const follower = follow({ url: socketUrl(session, base), onMessage: (message) => onMessage(seat, message),
-            onLink: (link) => onLink(seat, link), beforeRetry: () => beforeRetry(seat, session) });
-          open.set(seat, { session, follower, askedFor: null });
+        if (!open.has(role)) {
+          const follower = follow({ url: socketUrl(session, base), onMessage: (message) => onMessage(role, message),
+            onLink: (link) => onLink(role, link), beforeRetry: () => beforeRetry(role, session) });
+          open.set(role, { session, follower, askedFor: null });
         }
-        const link = /** @type {NonNullable<ReturnType<typeof open.get>>} */ (open.get(seat));
+        const link = /** @type {NonNullable<ReturnType<typeof open.get>>} */ (open.get(role));
         if (board.hasGap && link.askedFor !== board.frame && link.follower.send(askHistory())) link.askedFor = board.frame;
       }
     },
     /**
      * True when the message left.
-     * @param {Seat} seat
+     * @param {Role} role
      * @param {object} message
      */
-    send: (seat, message) => open.get(seat)?.follower.send(message) ?? false,
+    send: (role, message) => open.get(role)?.follower.send(message) ?? false,
     silence_ms: () => open.get("player")?.follower.silence_ms() ?? Infinity,
     restart() {
       for (const { follower } of open.values()) follower.restart();

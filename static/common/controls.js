@@ -1,5 +1,5 @@
 // @ts-check
-// From fingers to acts: keys and on-screen arrows, each with the times that belong to it.
+// From key presses and touches to moves: keys and on-screen arrows, each with the times that belong to it.
 import { hookKeys } from "./keyboard.js";
 
 /**
@@ -44,7 +44,7 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
     up_ms = null;
     onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms);
   }
-  const tell = {
+  const handlers = {
     /**
      * @param {Action} action
      * @param {KeyboardEvent} event
@@ -57,9 +57,9 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
     actionOf,
   };
   const { timeOrigin } = page.performance;
-  hookKeys(page, tell, timeOrigin);
+  hookKeys(page, handlers, timeOrigin);
   for (const frame of frames) {
-    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {any} */ (frame.contentWindow), tell, timeOrigin));
+    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, timeOrigin));
   }
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (pad.querySelectorAll("[data-action]"))) {
     const action = /** @type {Action} */ (button.dataset.action);

@@ -4,7 +4,7 @@
 /** @typedef {import("./messages.js").Frame} Frame */
 /** @typedef {import("./messages.js").About} About */
 /** @typedef {import("./messages.js").FromServer} FromServer */
-/** @typedef {"player" | "rival"} Seat */
+/** @typedef {"player" | "rival"} Role */
 /** @typedef {"practice" | "ranked" | "watch"} Mode */
 /**
  * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
@@ -18,8 +18,8 @@
  *   link: "connecting" | "open" | "lost", notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number}} State
  */
 /**
- * What can happen to the page itself; server messages arrive as `{kind: "received", seat, message}`.
- * @typedef {{kind: "begun", about: About} | {kind: "received", seat: Seat, message: FromServer} | {kind: "link", link: State["link"]}
+ * What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`.
+ * @typedef {{kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer} | {kind: "link", link: State["link"]}
  *   | {kind: "replay", about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
  */
 
@@ -30,7 +30,7 @@ export function initialState() {
 }
 
 /**
- * The way of playing that a session stands for.
+ * The mode that a session stands for.
  * @param {About} about
  * @returns {Mode}
  */
@@ -46,7 +46,7 @@ export function modeOf(about) {
  * @param {Board | null} before
  * @returns {Board}
  */
-function seated(session, name, frame, before) {
+function boardOf(session, name, frame, before) {
   if (before && before.session === session) return { ...withFrame(before, frame), name };
   return withFrame({ session, name, frame, trail: [], discovered: [], hasGap: false, pace: null, isReplay: false }, frame);
 }
@@ -130,19 +130,19 @@ export function apply(state, event) {
     case "begun": {
       const { about } = event;
       const name = about.player === "human" ? "You" : about.player;
-      const player = seated(about.session, name, about.frame, state.player);
+      const player = boardOf(about.session, name, about.frame, state.player);
       const kept = state.rival?.isReplay && player.frame.episode === state.player?.frame.episode ? state.rival : null;
       const rival = about.rival
-        ? { ...seated(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
+        ? { ...boardOf(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
       return { ...state, mode: modeOf(about), level: about.level, size: about.size, counts: about.counts, player, rival };
     }
     case "replay": {
       const { about } = event;
-      return { ...state, rival: { ...seated(about.session, about.player, about.frame, null), isReplay: true } };
+      return { ...state, rival: { ...boardOf(about.session, about.player, about.frame, null), isReplay: true } };
     }
     case "received": {
-      const next = { ...state, [event.seat]: received(state[event.seat], event.message) };
-      const isOver = event.seat === "player" && next.player?.frame.episode !== state.player?.frame.episode;
+      const next = { ...state, [event.role]: received(state[event.role], event.message) };
+      const isOver = event.role === "player" && next.player?.frame.episode !== state.player?.frame.episode;
       if (isOver && next.rival?.isReplay) next.rival = null;
       return event.message.kind === "error" ? noticed(next, event.message.detail, "error") : next;
     }

@@ -1,9 +1,9 @@
 // @ts-check
-// Tells a dead line from a quiet one. A socket that broke says so itself; a network that went silent does not, so a page in use
-// asks api/health whenever nothing was heard for a second. A page left alone asks rarely.
+// Finds out whether a quiet connection is a lost one. A socket that broke says so itself; a network that went silent does not, so a page in use
+// asks api/health whenever no message came for a second. A page left alone asks rarely.
 
 /**
- * silence_ms   ms since the server was last heard
+ *   silence_ms   ms since the server's last message
  *   idle_ms      ms since the player last did something
  *   ask          api/health; rejects when no answer comes
  *   onFailure    called with the number of failures in a row
@@ -11,7 +11,7 @@
  * @param {{silence_ms: () => number, idle_ms: () => number, ask: () => Promise<unknown>, onFailure: (inARow: number) => void,
  *   onSuccess: () => void}} how
  */
-export function startPulse({ silence_ms, idle_ms, ask, onFailure, onSuccess }) {
+export function startHeartbeat({ silence_ms, idle_ms, ask, onFailure, onSuccess }) {
   let failures = 0;
   let isAsking = false;
   let askedAt_ms = 0;

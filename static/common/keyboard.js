@@ -25,7 +25,7 @@ export function ownsKeys(element) {
  * @param {globalThis.Event} event
  */
 function origin(event) {
-  return /** @type {any} */ (event.composedPath?.()[0] ?? event.target);
+  return /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
 }
 
 /**
@@ -36,24 +36,24 @@ function origin(event) {
  *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
  * @param {Window & typeof globalThis} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
- *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} tell
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} handlers
  * @param {number} timeOrigin of the page
  */
-export function hookKeys(view, tell, timeOrigin) {
+export function hookKeys(view, handlers, timeOrigin) {
   /** @param {KeyboardEvent} event */
   const at_ms = (event) => event.timeStamp + (view.performance.timeOrigin - timeOrigin);
   /** @param {KeyboardEvent} event */
   function handle(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(origin(event))) return;
     if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
-      if (tell.onEnter(event)) swallow(event);
+      if (handlers.onEnter(event)) swallow(event);
       return;
     }
-    const action = tell.actionOf ? tell.actionOf(event.code) : KEYS[event.code];
+    const action = handlers.actionOf ? handlers.actionOf(event.code) : KEYS[event.code];
     if (!action) return;
     swallow(event);
-    if (event.type === "keyup") tell.onRelease(at_ms(event));
-    else if (!event.repeat) tell.onPress(action, event, at_ms(event));
+    if (event.type === "keyup") handlers.onRelease(at_ms(event));
+    else if (!event.repeat) handlers.onPress(action, event, at_ms(event));
   }
   view.addEventListener("keydown", handle, true);
   view.addEventListener("keyup", handle, true);

@@ -51,7 +51,7 @@ export function act(episode, step, action, timing) {
 }
 
 /**
- * What the fingers did and where the eyes were, of a study's episode; `client_ms` is performance.now.
+ * A key, a touch, a focus or a pause in a study's episode; `client_ms` is performance.now.
  * @typedef {{kind: "keydown" | "keyup" | "touchdown" | "touchup" | "focus" | "blur" | "visible" | "hidden" | "pause" | "resume",
  *   code: string | null, repeat: boolean | null, trusted: boolean | null, client_ms: number, step: number | null,
  *   round_trip_ms: number | null}} InputEvent

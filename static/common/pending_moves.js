@@ -1,56 +1,103 @@
 // @ts-check
-// Moves on their way. A press made before the last answer came is sent with the step it is due at, so fast fingers lose nothing;
-// the server still judges each one, and a refusal drops all that stood behind it.
-
-/** @typedef {{episode: string, step: number, sent: number}} Pending */
-/** @typedef {{pending: readonly Pending[], limit: number}} Pipeline */
+// Moves that wait for their answer. A press made before the last answer came is sent with the step that it is due at, so that fast
+// fingers lose nothing. The server still decides on each move, and a refusal drops all that follow it.
+import { act } from "./messages.js";
 
 /**
- * @param {number} limit moves that may wait for their answer
- * @returns {Pipeline}
+ * @typedef {import("./messages.js").Frame} Frame
+ * @typedef {{episode: string, step: number, pressed_ms: number, sent_ms: number}} Pending
+ * @typedef {{pending: readonly Pending[], limit: number}} PendingMoves
  */
-export function emptyPipeline(limit = 4) {
+
+/**
+ * @param {number} limit moves that may wait at one time
+ * @returns {PendingMoves}
+ */
+export function noMoves(limit = 4) {
   return { pending: [], limit };
 }
 
 /**
- * The step the next move is due at, or null when the line is full or the episode is over.
- * @param {Pipeline} line
- * @param {import("./messages.js").Frame} frame the newest answer
+ * The step that the next move is due at, or null when too many wait or the episode is over.
+ * @param {PendingMoves} moves
+ * @param {Frame} frame the newest answer
  * @returns {number | null}
  */
-export function nextStep(line, frame) {
-  if (frame.outcome !== null || line.pending.length >= line.limit) return null;
-  return frame.step + line.pending.length;
+export function nextStep(moves, frame) {
+  if (frame.outcome !== null || moves.pending.length >= moves.limit) return null;
+  return frame.step + moves.pending.length;
 }
 
 /**
- * @param {Pipeline} line
+ * @param {PendingMoves} moves
  * @param {Pending} move
- * @returns {Pipeline}
+ * @returns {PendingMoves}
  */
-export function sent(line, move) {
-  return { ...line, pending: [...line.pending, move] };
+export function withMove(moves, move) {
+  return { ...moves, pending: [...moves.pending, move] };
 }
 
 /**
- * The line after a frame, and the moves that it answered.
- * @param {Pipeline} line
- * @param {import("./messages.js").Frame} frame
- * @returns {{line: Pipeline, answered: Pending[]}}
+ * The moves that still wait after a frame, and those that it answered.
+ * @param {PendingMoves} moves
+ * @param {Frame} frame
+ * @returns {{moves: PendingMoves, answered: Pending[]}}
  */
-export function answeredBy(line, frame) {
-  if (line.pending.length === 0) return { line, answered: [] };
-  const ours = line.pending.filter((move) => move.episode === frame.episode);
+export function answeredBy(moves, frame) {
+  if (moves.pending.length === 0) return { moves, answered: [] };
+  const ours = moves.pending.filter((move) => move.episode === frame.episode);
   const answered = ours.filter((move) => move.step < frame.step);
   const pending = frame.outcome === null ? ours.filter((move) => move.step >= frame.step) : [];
-  return { line: { ...line, pending }, answered };
+  return { moves: { ...moves, pending }, answered };
 }
 
 /**
- * An empty line: after a refusal or a lost connection nothing that waits can still be current.
- * @param {Pipeline} line
+ * No moves: after a refusal or a lost connection nothing that waits can still be current.
+ * @param {PendingMoves} moves
+ * @returns {PendingMoves}
  */
-export function dropped(line) {
-  return { ...line, pending: [] };
+export function withoutMoves(moves) {
+  return { ...moves, pending: [] };
+}
+
+/**
+ * Sends a player's moves and keeps those that wait for their answer.
+ *   send     true when the message left
+ *   now_ms   performance.now
+ * @param {{send: (message: object) => boolean, now_ms: () => number}} how
+ */
+export function createMoveSender({ send, now_ms }) {
+  let moves = noMoves();
+  /** @type {number | null} */
+  let round_trip_ms = null;
+  return {
+    /**
+     * Sends a move unless too many wait.
+     * @param {Frame} frame
+     * @param {import("./messages.js").Action} action
+     * @param {import("./messages.js").Timing} timing
+     * @param {number} pressed_ms
+     */
+    press(frame, action, timing, pressed_ms) {
+      const step = nextStep(moves, frame);
+      if (step === null || !send(act(frame.episode, step, action, timing))) return;
+      moves = withMove(moves, { episode: frame.episode, step, pressed_ms, sent_ms: now_ms() });
+    },
+    /**
+     * Takes the moves that a message answers off the list, and returns them.
+     * @param {import("./messages.js").FromServer} message
+     */
+    receive(message) {
+      if (message.kind === "refused" || message.kind === "error") moves = withoutMoves(moves);
+      if (message.kind !== "frame") return [];
+      const { moves: rest, answered } = answeredBy(moves, message);
+      moves = rest;
+      const newest = answered[answered.length - 1];
+      if (newest) round_trip_ms = Math.round((now_ms() - newest.sent_ms) * 10) / 10;
+      return answered;
+    },
+    drop() { moves = withoutMoves(moves); },
+    /** The newest round trip; null before the first answer. */
+    round_trip_ms: () => round_trip_ms,
+  };
 }

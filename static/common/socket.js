@@ -1,5 +1,5 @@
 // @ts-check
-// One session's socket, which heals itself: it tells of every message and of its own health, and comes back with patience.
+// One session's socket, which heals itself: it reports every message and its own health, and reconnects with growing waits.
 import { parse } from "./messages.js";
 
 /**
@@ -26,14 +26,14 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   let round = 0;
   let isClosed = false;
   let timer = 0;
-  let heardAt_ms = performance.now();
+  let lastMessageAt_ms = performance.now();
 
   function connect() {
     if (isClosed) return;
     const mine = new WebSocket(url);
     socket = mine;
     mine.onmessage = (event) => {
-      heardAt_ms = performance.now();
+      lastMessageAt_ms = performance.now();
       attempt = 0;
       const message = parse(event.data);
       if (message && mine === socket) onMessage(message);
@@ -48,9 +48,9 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     clearTimeout(timer);
     const mine = ++round;
     timer = setTimeout(async () => {
-      const goesOn = await beforeRetry().catch(() => null);
-      if (isClosed || mine !== round || goesOn === false) return; // another round began meanwhile: one socket, not two
-      if (goesOn === null) retry();
+      const mayRetry = await beforeRetry().catch(() => null);
+      if (isClosed || mine !== round || mayRetry === false) return; // another round began meanwhile: one socket, not two
+      if (mayRetry === null) retry();
       else connect();
     }, backoff_ms(attempt++));
   }
@@ -66,7 +66,7 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
       return true;
     },
     /** ms since the last message. */
-    silence_ms: () => performance.now() - heardAt_ms,
+    silence_ms: () => performance.now() - lastMessageAt_ms,
     /** Drops the present socket and starts again at once: the network says that it is back, or went silent. */
     restart() {
       const old = socket;

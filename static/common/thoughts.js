@@ -1,5 +1,5 @@
 // @ts-check
-// What a policy thinks, as shapes: wedges round its rover, as long as it is sure, and where its paths are drawn on the other board.
+// A policy's action probabilities, as shapes: wedges round its rover, as long as it is sure, and where its paths are drawn on the other board.
 
 /**
  * @typedef {import("./messages.js").Thought} Thought
@@ -44,13 +44,13 @@ export function thoughtOf(board) {
 /**
  * The path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
  * @param {State} state
- * @param {"player" | "rival"} seat
+ * @param {"player" | "rival"} role
  * @returns {import("./messages.js").Cell[] | null}
  */
-export function ghostOf({ player, rival }, seat) {
+export function ghostOf({ player, rival }, role) {
   if (!player?.frame.outcome || !rival) return null;
-  const other = seat === "player" ? rival : player;
-  const own = seat === "player" ? player : rival;
+  const other = role === "player" ? rival : player;
+  const own = role === "player" ? player : rival;
   if (other.frame.rows !== own.frame.rows || other.frame.cols !== own.frame.cols) return null;
   return other.trail;
 }

@@ -27,17 +27,19 @@ export const score = (value) => value === null ? "\u2013" : value.toFixed(3).rep
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${size[1]}` : `${size} \u00d7 ${size}`);
 /**
+ * A count with its noun.
  * @param {number} count
  * @param {string} one
+ * @param {string} [more] the plural, where it is not the singular and an s
  */
-export const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
+export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
 /**
- * What stands where a rival will be.
+ * What stands in the place of the rival's board.
  * @param {{player: object | null, counts: boolean}} state
  * @param {string} rival
  */
-export function emptySeat({ player, counts }, rival) {
+export function emptyBoardText({ player, counts }, rival) {
   if (!player) return "Preparing a terrain.";
   const standing = counts ? "This episode counts for the human score." : "This terrain was chosen or met before, so it does not count for the human score.";
   return `${standing} After the end, ${rival || "a policy"} explores the same terrain here.`;
@@ -58,7 +60,7 @@ export function stepsToGoal(frame) {
 }
 
 /**
- * One sentence that sets the player beside the rival on the same terrain.
+ * One sentence that compares the player with the rival on the same terrain.
  * @param {Frame} mine
  * @param {Frame | null} theirs
  * @param {string} rival
@@ -93,7 +95,7 @@ export function describeBoard(frame, name) {
 }
 
 /**
- * What a screen reader should hear after a change, or "" when it would only chatter: each tenth of the terrain, and the end.
+ * What a screen reader announces after a change: each tenth of the terrain, and the end; "" for all else.
  * @param {Frame | null} before
  * @param {Frame} after
  */

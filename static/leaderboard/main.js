@@ -1,18 +1,22 @@
 // @ts-check
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
-import { createCall } from "../common/api.js";
-import { paintLegend, paintLines } from "./lines.js";
+import { createRequest } from "../common/api.js";
+import { paintLegend } from "../common/chart.js";
+import { tickText, ticks } from "../common/chart_scale.js";
+import { create, elementsOf } from "../common/page.js";
+import { paintLines } from "./line_chart.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
 import { paintRanks } from "./ranks.js";
 import { paintTrials } from "./trials.js";
 import * as standing from "./standing.js";
 
-const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
-const call = createCall((path, options) => fetch(path, options), "");
+const by = elementsOf(document);
+const boardSelect = by("board", HTMLSelectElement);
+const request = createRequest((path, options) => fetch(path, options), "");
 const SOON_MS = 1500;
 const LATER_MS = 20000;
 
-/** @type {{boards: standing.Board[], board: string, measure: standing.Measure, detail: standing.Detail | null}} */
+/** @type {{boards: standing.BoardListing[], board: string, measure: standing.Measure, detail: standing.Detail | null}} */
 let state = { boards: [], board: "", measure: "steps", detail: null };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
@@ -35,7 +39,8 @@ async function load() {
   const wanted = state.board;
   try {
     if (state.boards.length === 0) await loadBoards();
-    const detail = await call(`leaderboard/${encodeURIComponent(state.board)}`, undefined, 60000);
+    /** @type {standing.Detail} */
+    const detail = await request(`leaderboard/${encodeURIComponent(state.board)}`, undefined, 60000);
     if (wanted && wanted !== state.board) return;
     set({ detail });
     schedule(standing.working(detail.policies) ? SOON_MS : LATER_MS);
@@ -46,18 +51,16 @@ async function load() {
 }
 
 async function loadBoards() {
-  const boards = await call("leaderboard");
+  /** @type {standing.BoardListing[]} */
+  const boards = await request("leaderboard");
   const { board, measure } = fromAddress();
-  state = { ...state, boards, measure, board: boards.some((/** @type {standing.Board} */ each) => each.id === board) ? board : boards[0].id };
-  const group = (/** @type {string} */ label, /** @type {standing.Board[]} */ members) => {
-    const element = Object.assign(document.createElement("optgroup"), { label });
-    element.append(...members.map(({ id, title }) => new Option(title, id)));
-    return element;
-  };
-  const [studies, rest] = [boards.filter((/** @type {standing.Board} */ each) => each.study), boards.filter((/** @type {standing.Board} */ each) => !each.study)];
-  const parts = [["Studies", studies], ["Played by people", rest.filter((/** @type {standing.Board} */ each) => each.players)],
-    ["Not yet played by people", rest.filter((/** @type {standing.Board} */ each) => !each.players)]];
-  by("board").replaceChildren(...parts.filter(([, members]) => members.length).map(([label, members]) => group(String(label), /** @type {any} */ (members))));
+  state = { ...state, boards, measure, board: boards.some((each) => each.id === board) ? board : boards[0].id };
+  const [studies, rest] = [boards.filter((each) => each.study), boards.filter((each) => !each.study)];
+  /** @type {[string, standing.BoardListing[]][]} */
+  const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],
+    ["Not yet played by people", rest.filter((each) => !each.players)]];
+  boardSelect.replaceChildren(...parts.filter(([, members]) => members.length)
+    .map(([label, members]) => create("optgroup", members.map(({ id, title }) => new Option(title, id)), { label })));
 }
 
 /** @param {number} ms */
@@ -67,7 +70,7 @@ function schedule(ms) {
 }
 
 function paint() {
-  by("board").value = state.board;
+  boardSelect.value = state.board;
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
     button.setAttribute("aria-pressed", String(button.dataset.measure === state.measure));
   }
@@ -79,10 +82,10 @@ function paint() {
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
   by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
   paintWorking(standing.working(detail.policies));
-  paintRanks(by("ranks"), by("ticks"), rows, standing.scaleOf(figures, measure), measure);
+  paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, standing.scaleOf(figures, measure), measure);
   by("ranks-note").textContent = detail.people ? "The dashed line is the human level." : "There is no line for the human level: nobody has played this terrain for the human score yet.";
   paintCoverage(rows);
-  paintTrials({ svg: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
+  paintTrials({ canvas: by("trials", HTMLCanvasElement), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
   paintVisits(rows);
 }
 
@@ -91,12 +94,11 @@ function paintWorking(work) {
   const place = by("working");
   place.hidden = !work;
   if (!work) return;
-  const bar = Object.assign(document.createElement("progress"), { max: work.of, value: work.done });
-  bar.setAttribute("aria-label", "Evaluation of all policies");
-  place.replaceChildren(Object.assign(document.createElement("span"), { textContent: work.text }), bar);
+  const bar = create("progress", [], { max: String(work.of), value: String(work.done), "aria-label": "Evaluation of all policies" });
+  place.replaceChildren(create("span", work.text), bar);
 }
 
-const legendOf = (/** @type {string} */ chart) => by(chart).closest("section").querySelector(".legend");
+const legendOf = (/** @type {string} */ chart) => /** @type {HTMLElement} */ (by(chart).closest("section")?.querySelector(".legend"));
 
 /** @param {standing.Row[]} rows */
 function paintCoverage(rows) {
@@ -104,8 +106,8 @@ function paintCoverage(rows) {
   const end = standing.coverageEnd(drawn.map(({ curve }) => curve));
   const lines = drawn.map(({ name, colour, dash, curve }) => ({ name, colour, dash, x: curve.steps, y: curve.mean, low: curve.low, high: curve.high }));
   paintLegend(legendOf("coverage"), drawn);
-  paintLines(by("coverage"), lines.reverse(), {
-    x: { low: 0, high: end, ticks: standing.ticks(0, end), text: standing.tickText, title: "moves" }, goal: 0.99,
+  paintLines(by("coverage", HTMLCanvasElement), lines.reverse(), {
+    x: { low: 0, high: end, ticks: ticks(0, end), text: tickText, title: "moves" }, goal: 0.99,
     y: { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75], text: (share) => `${share * 100} %`, title: "" },
     label: drawn.map(({ name, curve }) => standing.curveText(name, curve)).join(". ") || "No figures yet",
   });
@@ -119,14 +121,14 @@ function paintVisits(rows) {
   const note = by("visits-note");
   note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";
   if (!maps.length) return;
-  const key = Object.assign(document.createElement("span"), { className: "scale-key" });
+  const key = create("span", [], { class: "scale-key" });
   key.style.background = GRADIENT;
   note.append(key, `${topOf(maps).toFixed(1)} and more. Every episode begins in the north-west corner.`);
 }
 
-by("board").addEventListener("change", () => { set({ board: by("board").value, detail: null }); load(); });
+boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, detail: null }); load(); });
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
   button.addEventListener("click", () => set({ measure: /** @type {standing.Measure} */ (button.dataset.measure) }));
 }
-new ResizeObserver(() => paint()).observe(by("coverage"));
+new ResizeObserver(() => paint()).observe(/** @type {HTMLElement} */ (by("coverage").parentElement));
 load();

@@ -1,23 +1,13 @@
 // @ts-check
 // The table of ranks: a row an explorer, its interval on the common scale, the human level as a line through all of them.
-import { intervalText, shown, source, tickText } from "./standing.js";
+import { tickText } from "../common/chart_scale.js";
+import { create } from "../common/page.js";
+import { intervalText, shown, source } from "./standing.js";
 
 /**
  * @typedef {import("./standing.js").Row} Row
  * @typedef {import("./standing.js").Measure} Measure
  */
-
-/**
- * @param {string} kind
- * @param {string} name
- * @param {string} [text]
- */
-function made(kind, name, text) {
-  const element = document.createElement(kind);
-  element.className = name;
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
 
 /**
  * @param {HTMLTableElement} table
@@ -29,20 +19,16 @@ function made(kind, name, text) {
 export function paintRanks(table, marks, rows, scale, measure) {
   const share = (/** @type {number} */ value) => `${(100 * (value - scale.low)) / (scale.high - scale.low)}%`;
   marks.replaceChildren(...scale.ticks.map((tick) => {
-    const mark = made("i", "", tickText(tick));
+    const mark = create("i", tickText(tick));
     mark.style.left = share(tick);
     return mark;
   }));
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
-    const line = document.createElement("tr");
-    line.dataset.who = row.who;
-    line.dataset.testid = `rank-${row.who === "people" ? "people" : row.name}`;
+    const head = create("th", [create("i", [], { class: "swatch" }), row.name], { scope: "row" });
+    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row)];
+    const line = create("tr", [head, ...cells], { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}` });
     line.style.setProperty("--mine", row.colour);
-    const head = made("th", "");
-    head.setAttribute("scope", "row");
-    head.append(made("i", "swatch"), row.name);
-    line.append(head, ...(row.figure ? standing(row, row.figure[measure]) : [missing(row)]));
     return line;
   }));
 
@@ -51,14 +37,14 @@ export function paintRanks(table, marks, rows, scale, measure) {
    * @param {import("./standing.js").Interval} value
    */
   function standing(row, value) {
-    const cell = made("td", "scale");
-    const place = document.createElement("div");
-    place.setAttribute("aria-hidden", "true");
+    const place = create("div", [], { "aria-hidden": "true" });
     place.append(...scale.ticks.map((tick) => placed("gridline", tick)));
     if (human !== undefined && human >= scale.low && human <= scale.high) place.append(placed("human", human));
     const out = value.mean > scale.high ? "high" : value.mean < scale.low ? "low" : "";
-    if (out) place.append(made("i", `beyond ${out}`, out === "high" ? `${shown(value.mean, measure)} \u25b8` : `\u25c2 ${shown(value.mean, measure)}`));
-    else {
+    if (out) {
+      const text = out === "high" ? `${shown(value.mean, measure)} \u25b8` : `\u25c2 ${shown(value.mean, measure)}`;
+      place.append(create("i", text, { class: `beyond ${out}` }));
+    } else {
       if (value.low !== null && value.high !== null) {
         const spread = placed("spread", value.low);
         spread.style.width = `calc(${share(value.high)} - ${share(value.low)})`;
@@ -66,17 +52,17 @@ export function paintRanks(table, marks, rows, scale, measure) {
       }
       place.append(placed("dot", value.mean));
     }
-    cell.append(place);
     const completed = `${Math.round(100 * (row.figure?.completed ?? 0))} %`;
-    return [cell, made("td", "number", shown(value.mean, measure)), made("td", "number wide", intervalText(value, measure)),
-      made("td", "number wide", completed), made("td", "number wide", source(row))];
+    const wide = { class: "number wide" };
+    return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
+      create("td", intervalText(value, measure), wide), create("td", completed, wide), create("td", source(row), wide)];
   }
   /**
    * @param {string} name
    * @param {number} value
    */
   function placed(name, value) {
-    const mark = made("i", name);
+    const mark = create("i", [], { class: name });
     mark.style.left = share(value);
     return mark;
   }
@@ -89,11 +75,10 @@ export function paintRanks(table, marks, rows, scale, measure) {
 function missing({ policy }) {
   const cell = document.createElement("td");
   cell.colSpan = 5;
-  const line = made("div", "idle");
+  const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {
-    const bar = Object.assign(document.createElement("progress"), { max: policy.of, value: policy.done });
-    bar.setAttribute("aria-label", `Evaluation of ${policy.name}`);
+    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policy.name}` });
     line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
   } else line.append("waiting to be evaluated");
   cell.append(line);

@@ -1,7 +1,9 @@
 // @ts-check
 // From what the server says of a board to what stands on the page: order, scale, sentences. No document here.
+import { roundUp, ticks } from "../common/chart_scale.js";
+import { many } from "../common/words.js";
 
-/** @typedef {{mean: number, low: number | null, high: number | null}} Interval */
+/** @typedef {import("../common/api.js").Interval} Interval */
 /** @typedef {{steps: number[], mean: number[], low: number[], high: number[]}} Curve */
 /** @typedef {{trial: number, players: number, score: Interval, steps: Interval}} Trial */
 /**
@@ -12,9 +14,9 @@
  * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy
  */
 /**
- * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} Board
+ * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} BoardListing
  */
-/** @typedef {{board: Board, people: People | null, policies: Policy[]}} Detail */
+/** @typedef {{board: BoardListing, people: People | null, policies: Policy[]}} Detail */
 /** @typedef {"steps" | "score"} Measure */
 /** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
 
@@ -27,11 +29,6 @@ const OWN = { ppo: ["#5fd0c5", "7 4"], "frontier-utility": ["#b9a3f5", "2 3"], "
 const REST = [["#a9c77f", "12 4"], ["#7fb5c7", "5 2"], ["#d9a07a", "3 6"], ["#c7c77f", "10 2 2 2"]];
 export const PEOPLE_INK = "#ffb347";
 
-/**
- * @param {number} count
- * @param {string} one
- */
-const many = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
 /**
  * @param {number} value
  * @param {Measure} measure
@@ -50,8 +47,8 @@ export const intervalText = (value, measure) => (value.low === null || value.hig
  * @returns {Row[]}
  */
 export function rows({ people, policies }, measure) {
-  /** @type {Row[]} */
   const others = policies.filter(({ name }) => !OWN[name]);
+  /** @type {Row[]} */
   const found = policies.map((policy) => {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
     return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
@@ -60,26 +57,6 @@ export function rows({ people, policies }, measure) {
   const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
 }
-
-/**
- * At most six round numbers that span low..high.
- * @param {number} low
- * @param {number} high
- */
-export function ticks(low, high) {
-  const rough = (high - low) / 5 || 1;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((factor) => factor * power).find((each) => each >= rough) ?? rough;
-  const found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) found.push(Number((k * step).toPrecision(12)));
-  return found;
-}
-
-/**
- * A round number as it stands at an axis.
- * @param {number} tick
- */
-export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
 
 /**
  * The scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
@@ -110,8 +87,7 @@ export function coverageEnd(curves) {
     return at < 0 ? [] : [steps[at]];
   });
   const longest = Math.max(20, ...(ends.length ? ends : curves.map(({ steps }) => steps[steps.length - 1])));
-  const unit = longest <= 200 ? 20 : longest <= 1000 ? 100 : 500;
-  return Math.ceil((longest * 1.06) / unit) * unit;
+  return roundUp(longest * 1.06, longest);
 }
 
 /**
@@ -178,7 +154,7 @@ export function working(policies) {
   const done = policies.reduce((sum, each) => sum + (each.state === "failed" ? each.of : each.done), 0);
   const of = policies.reduce((sum, each) => sum + each.of, 0);
   const what = now ? `${now.name} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
-  return { text: `Evaluating ${many(open.length, "policy").replace("policys", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
+  return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 
 /**

@@ -1,7 +1,9 @@
 // @ts-check
-// The learning curve: people's first, second, ... episode, the policies' level beside it.
-import { paintLegend, paintLines } from "./lines.js";
-import { PEOPLE_INK, shown, tickText, ticks } from "./standing.js";
+// The learning curve: people's first, second, ... episode, with the policies' level.
+import { paintLegend } from "../common/chart.js";
+import { tickText, ticks } from "../common/chart_scale.js";
+import { paintLines } from "./line_chart.js";
+import { PEOPLE_INK, shown } from "./standing.js";
 
 /**
  * @typedef {import("./standing.js").Row} Row
@@ -21,13 +23,13 @@ export function footing(trials) {
 }
 
 /**
- * @param {{svg: SVGSVGElement, legend: HTMLElement, note: HTMLElement}} place
+ * @param {{canvas: HTMLCanvasElement, legend: HTMLElement, note: HTMLElement}} place
  * @param {Trial[]} trials
  * @param {Row[]} rows
  * @param {Measure} measure
  */
-export function paintTrials({ svg, legend, note }, trials, rows, measure) {
-  /** @type {HTMLElement} */ (svg.parentElement).hidden = trials.length === 0;
+export function paintTrials({ canvas, legend, note }, trials, rows, measure) {
+  /** @type {HTMLElement} */ (canvas.parentElement).hidden = trials.length === 0;
   if (trials.length === 0) {
     legend.replaceChildren();
     note.className = "empty";
@@ -39,13 +41,13 @@ export function paintTrials({ svg, legend, note }, trials, rows, measure) {
   const values = trials.map((trial) => trial[measure]);
   const flat = rows.flatMap((row) => (row.figure && row.who === "policy" && row.name !== "random" ? [{ ...row, mean: row.figure[measure].mean }] : []));
   const level = flat.map(({ name, colour, dash, mean }) => ({ name, colour, dash, x: [0.7, end + 0.3], y: [mean, mean], low: [], high: [] }));
-  const own = { name: "People", colour: PEOPLE_INK, dash: "", dots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
+  const own = { name: "People", colour: PEOPLE_INK, dash: "", hasDots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
     low: values.map(({ low }) => low), high: values.map(({ high }) => high) };
   const means = [...own.y, ...flat.map(({ mean }) => mean)];
   const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;
   const [least, most] = [Math.min(...means) - room, Math.max(...means) + room];
   paintLegend(legend, [own, ...flat]);
-  paintLines(svg, [...level, own], {
+  paintLines(canvas, [...level, own], {
     x: { low: 0.7, high: end + 0.3, ticks: ticks(0, end).filter(Number.isInteger).map((tick) => tick || 1), text: String, title: "episode of a player" },
     y: { low: least, high: most, ticks: ticks(least, most), text: tickText, title: "" },
     label: trials.map((trial) => `Episode ${trial.trial}: ${shown(trial[measure].mean, measure)}, ${people(trial.players)}`).join("; "),

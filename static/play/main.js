@@ -1,132 +1,111 @@
 // @ts-check
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
-import { createApi } from "../common/api.js";
+import { ApiError, createApi } from "../common/api.js";
+import { createConnections } from "../common/connections.js";
 import { startControls } from "../common/controls.js";
-import { createJourney, sessionInHash } from "./sessions.js";
-import { createLinks } from "../common/connections.js";
-import { createPainter } from "./painter.js";
-import { createPanel, offerPolicies, paintHumanLevel } from "../common/panels.js";
-import { startPace } from "./pace.js";
-import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "../common/pending_moves.js";
-import { act } from "../common/messages.js";
-import { createSheet } from "./terrain_dialog.js";
-import { startPulse } from "../common/heartbeat.js";
 import { apply, initialState } from "../common/game_state.js";
-import { createViews } from "./views.js";
+import { startHeartbeat } from "../common/heartbeat.js";
+import { createRepaint, elementsOf } from "../common/page.js";
+import { createMoveSender } from "../common/pending_moves.js";
 import { announcement } from "../common/words.js";
+import { startPace } from "./pace.js";
+import { createPainter } from "./painter.js";
+import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
+import { createSessions, sessionInHash } from "./sessions.js";
+import { createTerrainDialog } from "./terrain_dialog.js";
+import { createViews } from "./views.js";
 
 /**
  * @typedef {import("../common/game_state.js").Event} Event
- * @typedef {import("../common/game_state.js").Seat} Seat
+ * @typedef {import("../common/game_state.js").Mode} Mode
  */
-const by = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
-const SEATS = /** @type {const} */ (["player", "rival"]);
+const by = elementsOf(document);
+const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
-let line = emptyPipeline();
-let isScheduled = false;
 let actedAt_ms = performance.now();
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return painter.latencies(); } }) });
 
-const panels = Object.fromEntries(SEATS.map((seat) => [seat, createPanel(
-  /** @type {HTMLElement} */ (document.querySelector(`[data-seat=${seat}]`)), by("board-template"))]));
+const template = by("board-template", HTMLTemplateElement);
+const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
+const panels = { player: createPanel(rootOf("player"), template), rival: createPanel(rootOf("rival"), template) };
 const api = createApi((path, options) => fetch(path, options));
-const views = createViews({ page: document, panels: SEATS.map((seat) => panels[seat]), storage: localStorage, onChange: () => repaint(true) });
+const views = createViews({ page: document, panels: ROLES.map((role) => panels[role]), storage: localStorage, onChange: () => repaint(true) });
 
-const think = /** @type {HTMLInputElement} */ (by("think"));
-think.checked = localStorage.getItem("mars.thoughts") !== "false";
-think.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(think.checked)); repaint(true); });
+const thoughts = by("show-thoughts", HTMLInputElement);
+thoughts.checked = localStorage.getItem("mars.thoughts") !== "false";
+thoughts.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(thoughts.checked)); repaint(true); });
 
-const painter = createPainter({ page: document, panels, views, rivalName: () => sheet.wish().rival, showsThoughts: () => think.checked, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+const painter = createPainter({ page: document, panels, views, rivalName: () => terrainDialog.wish().rival, showsThoughts: () => thoughts.checked,
+  dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+const repaint = createRepaint((isWhole) => {
+  if (isWhole) painter.forget();
+  painter.paint(state);
+});
 
-const sheet = createSheet(by("sheet"), {
-  onStart: (wish) => journey.start(state.mode, wish),
+const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
+  onStart: (wish) => sessions.start(state.mode, wish),
   onWrong: (text) => dispatch({ kind: "notice", text }),
   onPad: (isShown) => { localStorage.setItem("mars.pad", String(isShown)); document.body.dataset.pad = String(isShown); },
 });
-const journey = createJourney({
-  api, dispatch, wish: sheet.wish,
+const sessions = createSessions({
+  api, dispatch, wish: terrainDialog.wish,
   recall: () => sessionInHash(location.hash) ?? sessionStorage.getItem("mars.session"),
   remember(session) {
     sessionStorage.setItem("mars.session", session);
     history.replaceState(null, "", `#s=${session}`);
   },
   onBegun(about) {
-    sheet.show(about);
-    sheet.forgetSeed();
+    terrainDialog.show(about);
+    terrainDialog.forgetSeed();
     loadHumanLevel();
   },
 });
-const links = createLinks({
+const connections = createConnections({
   base: document.baseURI,
-  onMessage(seat, message) {
-    if (seat === "player") settle(message);
-    dispatch({ kind: "received", seat, message });
+  onMessage(role, message) {
+    if (role === "player") painter.answered(moves.receive(message));
+    dispatch({ kind: "received", role, message });
   },
-  onLink(seat, link) {
-    if (link === "lost") line = dropped(line);
-    if (seat === "player") dispatch({ kind: "link", link });
+  onLink(role, link) {
+    if (link === "lost") moves.drop();
+    if (role === "player") dispatch({ kind: "link", link });
   },
-  async beforeRetry(seat, session) {
+  async beforeRetry(role, session) {
     try {
       const about = await api.about(session);
-      if (seat === "player") dispatch({ kind: "begun", about });
+      if (role === "player") dispatch({ kind: "begun", about });
       return true;
     } catch (error) {
-      if (/** @type {any} */ (error).status !== 404) throw error;
-      if (seat === "player") journey.restore();
+      if (!(error instanceof ApiError) || error.status !== 404) throw error;
+      if (role === "player") sessions.restore();
       return false;
     }
   },
 });
+const moves = createMoveSender({ send: (message) => connections.send("player", message), now_ms: () => performance.now() });
 
 /**
- * Moves that this message answers leave the line.
- * @param {import("../common/messages.js").FromServer} message
- */
-function settle(message) {
-  if (message.kind === "refused" || message.kind === "error") line = dropped(line);
-  if (message.kind !== "frame") return;
-  const { line: rest, answered } = answeredBy(line, message);
-  line = rest;
-  painter.answered(answered);
-}
-
-/**
- * The one door to the state.
+ * Applies an event: the only place where the state changes.
  * @param {Event} event
  */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
   if (state === before) return;
-  if (event.kind === "begun") line = dropped(line);
-  links.sync(state);
+  if (event.kind === "begun") moves.drop();
+  connections.sync(state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
     const said = announcement(before.player?.frame ?? null, frame);
     if (said) by("announcer").textContent = said;
-    if (state.mode === "ranked" && frame.outcome) journey.replay(state);
+    if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) loadHumanLevel();
   }
   repaint();
 }
 
-/**
- * Schedules the one repaint.
- * @param {boolean} [isAll] also what did not change: the page was resized
- */
-function repaint(isAll = false) {
-  if (isAll) painter.forget();
-  if (isScheduled) return;
-  isScheduled = true;
-  requestAnimationFrame(() => {
-    isScheduled = false;
-    painter.paint(state);
-  });
-}
-
-const goNext = () => state.player && journey.next(state.player.session, null);
+const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
 /** Enter means "next terrain" once the episode is over, unless it belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
@@ -136,43 +115,41 @@ function onEnter() {
 }
 
 startControls({
-  page: window, pad: by("dock"), frames: SEATS.map((seat) => panels[seat].viewer), onEnter,
-  onAct(action, timing, pressedAt_ms) {
+  page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter,
+  onAct(action, timing, pressed_ms) {
     actedAt_ms = performance.now();
-    if (!state.player || state.mode === "watch") return;
-    const { episode } = state.player.frame;
-    const step = nextStep(line, state.player.frame);
-    if (step !== null && links.send("player", act(episode, step, action, timing))) line = sent(line, { episode, step, sent: pressedAt_ms });
+    if (state.player && state.mode !== "watch") moves.press(state.player.frame, action, timing, pressed_ms);
   },
 });
-startPulse({
-  silence_ms: links.silence_ms, idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
-  onSuccess: () => state.link === "lost" && links.restart(),
-  onFailure: () => { line = dropped(line); dispatch({ kind: "link", link: "lost" }); },
+startHeartbeat({
+  silence_ms: connections.silence_ms, idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
+  onSuccess: () => { if (state.link === "lost") connections.restart(); },
+  onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
-window.addEventListener("online", () => links.restart());
+window.addEventListener("online", () => connections.restart());
 window.addEventListener("pointerdown", () => { actedAt_ms = performance.now(); });
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
-  button.addEventListener("click", () => journey.start(/** @type {import("../common/game_state.js").Mode} */ (button.dataset.mode)));
+  button.addEventListener("click", () => sessions.start(/** @type {Mode} */ (button.dataset.mode)));
 }
-by("open-sheet").addEventListener("click", sheet.open);
+by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 panels.player.part.next.addEventListener("click", goNext);
-panels.player.part.again.addEventListener("click", () => state.player && journey.again(state.player.session, state.player.frame.episode));
+panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 
-for (const seat of SEATS) {
-  panels[seat].part.pick.addEventListener("change", () => {
-    sheet.choose(seat, /** @type {HTMLSelectElement} */ (panels[seat].part.pick).value);
-    if (state.mode === "ranked") journey.replay(state, true);
-    else journey.start(state.mode);
+for (const role of ROLES) {
+  panels[role].part.pick.addEventListener("change", () => {
+    terrainDialog.choose(role, /** @type {HTMLSelectElement} */ (panels[role].part.pick).value);
+    if (state.mode === "ranked") sessions.replay(state, true);
+    else sessions.start(state.mode);
   });
-  startPace(panels[seat].part.pace, (wish) => {
-    const session = state[seat]?.session;
-    if (session) api.setPace(session, wish).then((message) => dispatch({ kind: "received", seat, message }), (error) => dispatch({ kind: "notice", text: error.message }));
+  startPace(panels[role].part.pace, (wish) => {
+    const session = state[role]?.session;
+    if (session) api.setPace(session, wish).then((message) => dispatch({ kind: "received", role, message }), (error) => dispatch({ kind: "notice", text: error.message }));
   });
+  views.watch(panels[role].part.matrix);
 }
-for (const element of [...SEATS.map((seat) => panels[seat].part.matrix), by("chart").parentElement]) views.watch(element);
+views.watch(/** @type {HTMLElement} */ (by("chart", HTMLCanvasElement).parentElement));
 
 async function loadHumanLevel() {
   const answer = await api.humanLevel().catch(() => null);
@@ -181,17 +158,17 @@ async function loadHumanLevel() {
 async function begin() {
   const isPadShown = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
   document.body.dataset.pad = isPadShown;
-  sheet.showPad(isPadShown === "true");
+  terrainDialog.showPad(isPadShown === "true");
   try {
     const [levels, policies] = await Promise.all([api.levels(), api.policies()]);
-    sheet.offer(levels, policies);
-    for (const seat of SEATS) offerPolicies(panels[seat], policies.map(({ name }) => name));
+    terrainDialog.offer(levels, policies);
+    for (const role of ROLES) offerPolicies(panels[role], policies.map(({ name }) => name));
   } catch (error) {
     dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     dispatch({ kind: "link", link: "lost" });
     setTimeout(begin, 1000);
     return;
   }
-  await journey.restore();
+  await sessions.restore();
 }
 begin();

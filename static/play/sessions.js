@@ -31,7 +31,7 @@ export function sessionInHash(hash) {
  * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Wish, dispatch: (event: Event) => void,
  *   remember: (session: string) => void, recall: () => string | null, onBegun: (about: import("../common/messages.js").About) => void}} how
  */
-export function createJourney({ api, wish, dispatch, remember, recall, onBegun }) {
+export function createSessions({ api, wish, dispatch, remember, recall, onBegun }) {
   let isBusy = false;
   /** @type {string | null} */
   let replayedEpisode = null;

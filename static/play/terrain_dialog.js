@@ -1,11 +1,11 @@
 // @ts-check
-// The sheet on which a terrain and the policies are chosen.
+// The dialog in which a terrain and the policies are chosen.
 
 /** @typedef {{level: string, size: number | [number, number], seed: number | null, rival: string, player: string}} Wish */
 export const MAX_SEED = 2 ** 53 - 1;
 
 /**
- * The wish that a filled sheet stands for, or a sentence that says what is wrong.
+ * The wish that the filled form stands for, or a sentence that says what is wrong.
  * @param {Record<string, string>} fields
  * @returns {Wish | string}
  */
@@ -23,7 +23,7 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
 }
 
 /**
- * The policy that plays beside a newcomer.
+ * The policy that a newcomer plays with.
  * @param {string[]} names
  */
 export function favourite(names) {
@@ -42,51 +42,53 @@ function fill(select, choices, chosen) {
 /**
  * @param {HTMLDialogElement} dialog
  * @param {{onStart: (wish: Wish) => void, onWrong: (sentence: string) => void,
- *   onPad: (isShown: boolean) => void}} tell
+ *   onPad: (isShown: boolean) => void}} handlers
  */
-export function createSheet(dialog, tell) {
+export function createTerrainDialog(dialog, handlers) {
   const form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
-  const field = (/** @type {string} */ name) => /** @type {any} */ (form.elements.namedItem(name));
+  const input = (/** @type {string} */ name) => /** @type {HTMLInputElement} */ (form.elements.namedItem(name));
+  const select = (/** @type {string} */ name) => /** @type {HTMLSelectElement} */ (form.elements.namedItem(name));
+  const side = /** @type {RadioNodeList} */ (form.elements.namedItem("side"));
   const hint = /** @type {HTMLElement} */ (form.querySelector("#level-hint"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
   /** @type {{name: string, summary: string}[]} */
   let levels = [];
-  const read = () => readWish(/** @type {any} */ (Object.fromEntries(new FormData(form))));
+  const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   function follow() {
-    custom.hidden = field("side").value !== "custom";
-    hint.textContent = levels.find(({ name }) => name === field("level").value)?.summary ?? "";
+    custom.hidden = side.value !== "custom";
+    hint.textContent = levels.find(({ name }) => name === select("level").value)?.summary ?? "";
   }
   form.addEventListener("change", (event) => {
     follow();
-    if (event.target === field("pad")) tell.onPad(field("pad").checked);
+    if (event.target === input("pad")) handlers.onPad(input("pad").checked);
   });
   form.addEventListener("submit", (event) => {
     const wish = read();
-    if (typeof wish !== "string") return tell.onStart(wish);
+    if (typeof wish !== "string") return handlers.onStart(wish);
     event.preventDefault();
     dialog.close();
-    tell.onWrong(wish);
+    handlers.onWrong(wish);
   });
-  form.querySelector("#close-sheet")?.addEventListener("click", () => dialog.close());
+  form.querySelector("#close-terrain-dialog")?.addEventListener("click", () => dialog.close());
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return {
     open: () => dialog.showModal(),
     /**
-     * The wish as it stands; a wrong sheet counts as an untouched one.
+     * The wish as it stands; a wrong form counts as an untouched one.
      * @returns {Wish}
      */
     wish() {
       const wish = read();
-      return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: field("rival").value, player: field("player").value } : wish;
+      return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;
     },
     /**
      * Chooses the policy of a board.
-     * @param {import("../common/game_state.js").Seat} seat
+     * @param {import("../common/game_state.js").Role} role
      * @param {string} name
      */
-    choose(seat, name) { field(seat).value = name; },
+    choose(role, name) { select(role).value = name; },
     /** A chosen seed serves one terrain; the next is drawn by the server again. */
-    forgetSeed() { field("seed").value = ""; },
+    forgetSeed() { input("seed").value = ""; },
     /**
      * @param {{name: string, summary: string}[]} found
      * @param {{name: string, summary: string}[]} policies
@@ -95,9 +97,9 @@ export function createSheet(dialog, tell) {
       levels = found;
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
-      fill(field("level"), found, "random");
-      fill(field("rival"), policies, best);
-      fill(field("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
+      fill(select("level"), found, "random");
+      fill(select("rival"), policies, best);
+      fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
       follow();
     },
     /**
@@ -105,15 +107,15 @@ export function createSheet(dialog, tell) {
      * @param {import("../common/messages.js").About} about
      */
     show({ level, frame, player, rival }) {
-      field("level").value = level;
-      const side = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";
-      field("side").value = side;
-      if (side === "custom") [field("rows").value, field("cols").value] = [frame.rows, frame.cols];
-      if (rival) field("rival").value = rival.policy;
-      if (player !== "human") field("player").value = player;
+      select("level").value = level;
+      const length = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";
+      side.value = length;
+      if (length === "custom") [input("rows").value, input("cols").value] = [String(frame.rows), String(frame.cols)];
+      if (rival) select("rival").value = rival.policy;
+      if (player !== "human") select("player").value = player;
       follow();
     },
     /** @param {boolean} isShown */
-    showPad(isShown) { field("pad").checked = isShown; },
+    showPad(isShown) { input("pad").checked = isShown; },
   };
 }

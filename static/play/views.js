@@ -20,17 +20,17 @@ export function probeWebGL(page) {
 }
 
 /**
- * The address of a session's 3-D view; where the processor draws it, with coarser pixels and on an easel
- * (easel.js), so that keys stay quick.
+ * The address of a session's 3-D view; where the processor draws it, with coarser pixels and on a canvas of its
+ * own (software_canvas.js), so that keys stay quick.
  * @param {string} session
  * @param {boolean} isSoftware
  */
 export function viewerUrl(session, isSoftware) {
-  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&easel" : ""}`;
+  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
 }
 
 /**
- * @param {{page: Document, panels: import("../common/panels.js").Panel[], storage: Storage, onChange: () => void}} how
+ * @param {{page: Document, panels: import("./panels.js").Panel[], storage: Storage, onChange: () => void}} how
  */
 export function createViews({ page, panels, storage, onChange }) {
   const { can3d, isSoftware } = probeWebGL(page);
@@ -63,7 +63,7 @@ export function createViews({ page, panels, storage, onChange }) {
     size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
     /**
      * Shows a session in 3-D, once; nothing is loaded while the matrix is on stage.
-     * @param {import("../common/panels.js").Panel} panel
+     * @param {import("./panels.js").Panel} panel
      * @param {string | null} session
      */
     load({ viewer }, session) {

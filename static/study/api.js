@@ -1,5 +1,5 @@
 // @ts-check
-// The study's calls, and the typedef of what each answers: where a participant stands.
+// The study's API, and the type of what it answers: where a participant stands.
 
 /** @typedef {"consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn"} Stage */
 /** @typedef {"tutorial" | "warm_up" | "ranked"} Phase */
@@ -12,7 +12,7 @@
  *   completion_code: string | null, return_url: string | null}} Debrief
  */
 /**
- * Where a participant stands: what every call but `show` and `terrain` answers.
+ * Where a participant stands: what every request but `show` and `terrain` answers.
  * @typedef {{study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
  *   questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
  *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean}, break_due: boolean,
@@ -39,58 +39,58 @@ export function outsideIds(search) {
 }
 
 /**
- * @param {ReturnType<import("../common/api.js").createCall>} call
+ * @param {import("../common/api.js").Request} request
  * @param {string} name of the study
  */
-export function createStudy(call, name) {
+export function createStudyApi(request, name) {
   const path = `studies/${encodeURIComponent(name)}`;
   return {
     /** @returns {Promise<{status: "open" | "closed", rows: number, cols: number}>} */
-    show: () => call(path),
+    show: () => request(path),
     /**
      * @param {Record<string, string>} outside_ids
      * @returns {Promise<Where>}
      */
-    join: (outside_ids) => call(`${path}/join`, { outside_ids }),
+    join: (outside_ids) => request(`${path}/join`, { outside_ids }),
     /** @returns {Promise<Where>} */
-    me: () => call(`${path}/me`, undefined, 5000),
+    me: () => request(`${path}/me`, undefined, 5000),
     /**
      * @param {string} version
      * @param {boolean} agree
      * @returns {Promise<Where>}
      */
-    consent: (version, agree) => call(`${path}/consent`, { version, agree }),
+    consent: (version, agree) => request(`${path}/consent`, { version, agree }),
     /**
      * @param {Stage} from
      * @returns {Promise<Where>}
      */
-    advance: (from) => call(`${path}/advance`, { from }),
+    advance: (from) => request(`${path}/advance`, { from }),
     /**
      * @param {number[]} answers
      * @returns {Promise<Where>}
      */
-    answers: (answers) => call(`${path}/answers`, { answers }),
+    answers: (answers) => request(`${path}/answers`, { answers }),
     /** @returns {Promise<Where>} */
-    next: () => call(`${path}/next`, {}),
+    next: () => request(`${path}/next`, {}),
     /**
      * @param {string} episode
      * @param {number} step
      * @returns {Promise<Where>}
      */
-    giveUp: (episode, step) => call(`${path}/give-up`, { episode, step }),
+    giveUp: (episode, step) => request(`${path}/give-up`, { episode, step }),
     /**
-     * A call that outlives the page.
+     * A request that outlives the page.
      * @param {Settings} settings
      * @param {AbortSignal} signal ends it
      * @returns {Promise<Where>}
      */
-    settings: (settings, signal) => call(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
+    settings: (settings, signal) => request(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
     /** @returns {Promise<Where>} */
-    withdraw: () => call(`${path}/withdraw`, {}),
+    withdraw: () => request(`${path}/withdraw`, {}),
     /**
      * @param {number} index
      * @returns {Promise<import("./replay.js").Runs>}
      */
-    terrain: (index) => call(`${path}/debrief/${index}`),
+    terrain: (index) => request(`${path}/debrief/${index}`),
   };
 }

@@ -1,7 +1,7 @@
 // @ts-check
-// The debrief: own figures, own trials as bars, and the replay of a warm-up terrain beside a policy.
+// The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { paintBoard } from "../common/board.js";
-import { put } from "../common/panels.js";
+import { create, elementsOf, put } from "../common/page.js";
 import { describeBoard, many, outcomeShort, percent, score } from "../common/words.js";
 import { boardAt, lastStep } from "./replay.js";
 import { screenOf } from "./state.js";
@@ -20,7 +20,7 @@ const TICK_MS = 160;
  *   dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
  */
 export function createDebrief(page, { look, terrain, dispatch, replay: current }) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const by = elementsOf(page);
 
   /**
    * Both runs of a warm-up terrain.
@@ -35,8 +35,8 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
   }
   by("replay-play").addEventListener("click", () => dispatch({ kind: "replay-toggled" }));
   by("replay-step").addEventListener("click", () => dispatch({ kind: "replay-moved", step: (current()?.step ?? 0) + 1 }));
-  by("replay-at").addEventListener("input", () => dispatch({ kind: "replay-moved", step: Number(by("replay-at").value) }));
-  by("replay-index").addEventListener("change", () => load(Number(by("replay-index").value)));
+  by("replay-at").addEventListener("input", () => dispatch({ kind: "replay-moved", step: Number(by("replay-at", HTMLInputElement).value) }));
+  by("replay-index").addEventListener("change", () => load(Number(by("replay-index", HTMLSelectElement).value)));
   setInterval(() => current()?.isPlaying && dispatch({ kind: "replay-stepped" }), TICK_MS);
 
   /** @param {Debrief} debrief */
@@ -46,9 +46,10 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
     put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
     put(by("debrief-line"), debriefLine(debrief));
-    by("trials").replaceChildren(Object.assign(page.createElement("h2"), { textContent: "Terrain by terrain" }), trialTable(episodes));
-    if (by("replay-index").options.length !== terrains) {
-      by("replay-index").replaceChildren(...Array.from({ length: terrains }, (_, index) => new Option(`${index + 1} of ${terrains}`, String(index))));
+    by("trials").replaceChildren(create("h2", "Terrain by terrain"), trialTable(episodes));
+    const choice = by("replay-index", HTMLSelectElement);
+    if (choice.options.length !== terrains) {
+      choice.replaceChildren(...Array.from({ length: terrains }, (_, index) => new Option(`${index + 1} of ${terrains}`, String(index))));
     }
   }
   /**
@@ -62,8 +63,7 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     const body = table.createTBody();
     for (const { trial, outcome, steps, score: value } of episodes) {
       const row = body.insertRow();
-      const head = Object.assign(page.createElement("th"), { scope: "row", textContent: String(trial + 1) });
-      row.append(head);
+      row.append(create("th", String(trial + 1), { scope: "row" }));
       row.insertCell().textContent = outcomeShort(outcome);
       row.insertCell().textContent = String(steps);
       const cell = row.insertCell();
@@ -74,34 +74,36 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     return table;
   }
   /**
-   * @param {"own" | "policy"} side
+   * @param {"own" | "policy"} run
    * @param {import("../common/messages.js").Frame[]} frames
    * @param {string} name
    * @param {number} step
    */
-  function paintSide(side, frames, name, step) {
+  function paintRun(run, frames, name, step) {
     const board = boardAt(frames, name, step);
     if (!board) return;
-    const canvas = by(`${side}-board`);
-    canvas.parentElement.style.aspectRatio = `${board.frame.cols} / ${board.frame.rows}`;
-    const { clientWidth: width_px, clientHeight: height_px } = canvas.parentElement;
+    const canvas = by(`${run}-board`, HTMLCanvasElement);
+    const place = /** @type {HTMLElement} */ (canvas.parentElement);
+    place.style.aspectRatio = `${board.frame.cols} / ${board.frame.rows}`;
+    const { clientWidth: width_px, clientHeight: height_px } = place;
     const { soil, accent, rival } = look();
-    paintBoard(canvas, board, { soil, accent: side === "own" ? accent : rival, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
+    paintBoard(canvas, board, { soil, accent: run === "own" ? accent : rival, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
     const { frame } = board;
     canvas.setAttribute("aria-label", describeBoard(frame, name));
-    put(by(`${side}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
+    put(by(`${run}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
   }
   /** @param {import("./replay.js").Replay} replay */
   function paintReplay(replay) {
     const { runs, step, isPlaying, index } = replay;
     put(by("policy-name"), runs.policy.name);
     put(by("replay-play"), isPlaying ? "Pause" : "Play");
-    by("replay-index").value = String(index);
-    by("replay-at").max = String(lastStep(replay));
-    by("replay-at").value = String(step);
-    by("replay-at").setAttribute("aria-valuetext", `move ${step} of ${lastStep(replay)}`);
-    paintSide("own", runs.own, "You", step);
-    paintSide("policy", runs.policy.frames, runs.policy.name, step);
+    by("replay-index", HTMLSelectElement).value = String(index);
+    const slider = by("replay-at", HTMLInputElement);
+    slider.max = String(lastStep(replay));
+    slider.value = String(step);
+    slider.setAttribute("aria-valuetext", `move ${step} of ${lastStep(replay)}`);
+    paintRun("own", runs.own, "You", step);
+    paintRun("policy", runs.policy.frames, runs.policy.name, step);
   }
   return {
     load,

@@ -1,5 +1,6 @@
 // @ts-check
-// The page's sheets and questions back: what opens them, what closes them, and the map in words.
+// The page's dialogs: what opens them, what closes them, and the map in words.
+import { create, elementsOf } from "../common/page.js";
 import { describeBoard } from "../common/words.js";
 import { mapInWords } from "./words.js";
 
@@ -8,7 +9,7 @@ import { mapInWords } from "./words.js";
  * @param {{frame: () => import("../common/messages.js").Frame | undefined, onClose: () => void}} how
  */
 export function startDialogs(page, { frame, onClose }) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const by = elementsOf(page);
   for (const dialog of page.querySelectorAll("dialog")) {
     const opener = by(`open-${dialog.id}`);
     opener.addEventListener("click", () => {
@@ -20,13 +21,13 @@ export function startDialogs(page, { frame, onClose }) {
     });
     dialog.addEventListener("close", onClose);
   }
-  by("disagree").addEventListener("click", () => by("leave").showModal());
+  by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).showModal());
 
   function fillMap() {
     const on = frame();
     if (!on) return;
     by("map-here").textContent = describeBoard(on, "the terrain");
-    by("map-rows").replaceChildren(...mapInWords(on).map((text) => Object.assign(page.createElement("li"), { textContent: text })));
+    by("map-rows").replaceChildren(...mapInWords(on).map((text) => create("li", text)));
   }
   return { isOpen: () => Boolean(page.querySelector("dialog[open]")) };
 }

@@ -1,10 +1,10 @@
 // @ts-check
-// What the page notices of its user besides moves: every driving key and touch, focus, visibility, stillness.
+// What the page records of its user besides moves: every driving key and touch, focus, visibility.
 
 /** @typedef {import("./telemetry.js").InputEvent} InputEvent */
 
 /**
- * Notes raw events before anyone swallows them; call it before the controls are started.
+ * Records raw events before any other listener can stop them; call it before the controls are started.
  *   note        keeps an event
  *   flush       sends what is kept; `leave` does it when the page may never come back
  *   drives      whether a key's code drives the rover now
@@ -12,7 +12,7 @@
  * @param {{page: Window & typeof globalThis, pad: HTMLElement, note: (kind: InputEvent["kind"], fields?: object) => void, flush: () => void, leave: () => void,
  *   drives: (code: string) => boolean, onActivity: () => void}} how
  */
-export function startSenses({ page, pad, note, flush, leave, drives, onActivity }) {
+export function recordInputEvents({ page, pad, note, flush, leave, drives, onActivity }) {
   for (const kind of /** @type {const} */ (["keydown", "keyup"])) {
     page.addEventListener(kind, (event) => {
       if (kind === "keydown") onActivity();

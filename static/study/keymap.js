@@ -4,6 +4,7 @@ import { ACTIONS } from "../common/messages.js";
 
 /** @typedef {import("../common/messages.js").Action} Action */
 /** @typedef {Record<Action, string[]>} KeyMap  codes of event.code, two a direction */
+/** @typedef {{get: (code: string) => string | undefined}} Layout  of navigator.keyboard, where a browser has it */
 /** @type {Readonly<KeyMap>} */
 export const DEFAULT_KEYS = Object.freeze({ north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"],
   west: ["ArrowLeft", "KeyA"] });
@@ -46,7 +47,7 @@ export function assign(keys, action, slot, code) {
 
 /**
  * A kept map if it is a whole one, else the default.
- * @param {any} kept
+ * @param {Partial<Record<Action, unknown>> | null | undefined} kept
  * @returns {KeyMap}
  */
 export function readKeys(kept) {
@@ -59,7 +60,7 @@ export function readKeys(kept) {
 /**
  * What stands on a key.
  * @param {string} code
- * @param {{get: (code: string) => string | undefined}} [layout] of navigator.keyboard
+ * @param {Layout} [layout] of navigator.keyboard
  */
 export function keyName(code, layout) {
   const own = /** @type {Record<string, string>} */ (NAMES)[code];
@@ -70,6 +71,6 @@ export function keyName(code, layout) {
 /**
  * The same for a screen reader.
  * @param {string} code
- * @param {{get: (code: string) => string | undefined}} [layout]
+ * @param {Layout} [layout]
  */
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);

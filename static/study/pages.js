@@ -1,6 +1,6 @@
 // @ts-check
 // The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
-import { put } from "../common/panels.js";
+import { create, elementsOf, put } from "../common/page.js";
 import { keyName } from "./keymap.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
@@ -10,22 +10,18 @@ import * as words from "./words.js";
  * @typedef {import("./api.js").Where} Where
  */
 
-/**
- * @param {Document} page
- * @param {string[]} lines
- * @returns {HTMLElement[]}
- */
-const paragraphs = (page, lines) => lines.map((text) => Object.assign(page.createElement("p"), { textContent: text }));
+/** @param {string[]} lines */
+const paragraphs = (lines) => lines.map((text) => create("p", text));
 
 /** @param {Document} page */
 export function createPages(page) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const by = elementsOf(page);
   const sections = /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("main > [data-screen]"));
   /** @type {string | null} */
   let shown = null;
 
   /**
-   * Shows one screen, and hands it the focus unless it is the first.
+   * Shows one screen, and gives it the focus unless it is the first.
    * @param {string} screen
    */
   function show(screen) {
@@ -42,7 +38,7 @@ export function createPages(page) {
   /** @param {Where} where */
   function paintConsent({ title, consent }) {
     put(by("consent-title"), title);
-    by("consent-text").replaceChildren(...paragraphs(page, consent.text.split(/\n\s*\n/)));
+    by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
     put(by("consent-version"), consent.version);
   }
   /** @param {Where} where */
@@ -51,13 +47,13 @@ export function createPages(page) {
     put(by("ready-step"), words.progress(where, false));
     put(by("ready-title"), title);
     put(by("begin"), go);
-    by("ready-lines").replaceChildren(...paragraphs(page, lines));
+    by("ready-lines").replaceChildren(...paragraphs(lines));
   }
   /** @param {Where} where */
   function paintComplete({ debrief, participant }) {
     put(by("code"), debrief?.completion_code ?? "");
     by("return-line").hidden = !debrief?.return_url;
-    if (debrief?.return_url) by("return").href = debrief.return_url;
+    if (debrief?.return_url) by("return", HTMLAnchorElement).href = debrief.return_url;
     put(by("label"), participant);
   }
   return {
@@ -71,8 +67,8 @@ export function createPages(page) {
       if (where !== before?.where || screen !== (before && screenOf(before))) {
         if (where) {
           put(by("title"), where.title);
-          put(by("progress"), words.progress(where, screen === "play" && !state.table.player?.frame.outcome));
-          by("way").style.width = `${(100 * words.share(where)).toFixed(1)}%`;
+          put(by("progress"), words.progress(where, screen === "play" && !state.game.player?.frame.outcome));
+          by("progress-bar").style.width = `${(100 * words.share(where)).toFixed(1)}%`;
           page.title = `${where.title} \u00b7 ${words.progress(where, false)}`;
           if (where.note) put(by("withdrawn-note"), where.note);
         }
@@ -88,7 +84,7 @@ export function createPages(page) {
     /**
      * The keys as they drive now, wherever the page shows them.
      * @param {import("./keymap.js").KeyMap} keys
-     * @param {any} layout
+     * @param {import("./keymap.js").Layout} [layout]
      */
     paintKeys(keys, layout) {
       for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-keys]"))) {
@@ -96,8 +92,7 @@ export function createPages(page) {
           ...(slot === 1 ? [page.createTextNode(" or ")] : []),
           ...(["north", "west", "south", "east"]).map((action) => {
             const code = keys[/** @type {"north"} */ (action)][slot];
-            const key = Object.assign(page.createElement("kbd"), { textContent: keyName(code, layout) });
-            return key;
+            return create("kbd", keyName(code, layout));
           }),
         ]), page.createTextNode(" drive north, west, south, east"));
       }

@@ -1,8 +1,8 @@
 // @ts-check
 // The screen one drives on: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintBoard } from "../common/board.js";
-import { paintChart } from "../common/chart.js";
-import { put } from "../common/panels.js";
+import { curveOf, paintCoverage } from "../common/coverage_chart.js";
+import { elementsOf, put } from "../common/page.js";
 import { describeBoard, outcomeShort, percent, score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import * as words from "./words.js";
@@ -17,8 +17,8 @@ import * as words from "./words.js";
  * @param {Document} page
  * @param {{look: () => Look, keys: () => {east: string, south: string}}} how
  */
-export function createTable(page, { look, keys }) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+export function createPlayScreen(page, { look, keys }) {
+  const by = elementsOf(page);
   const dpr = () => page.defaultView?.devicePixelRatio || 1;
   const room = (/** @type {HTMLElement} */ element) => ({ width_px: element.clientWidth, height_px: element.clientHeight });
 
@@ -27,9 +27,8 @@ export function createTable(page, { look, keys }) {
    * @param {Look} colours
    */
   function paintCurve(board, { accent, inks, font }) {
-    const { name, discovered, frame } = board;
-    const curve = { name, colour: accent, isDashed: false, discovered, cells: frame.rows * frame.cols };
-    paintChart(by("chart"), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
+    const curve = curveOf(board, { colour: accent, isDashed: false, hasValues: false });
+    paintCoverage(by("chart", HTMLCanvasElement), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
   }
   /**
    * @param {import("../common/messages.js").Frame} frame
@@ -55,7 +54,7 @@ export function createTable(page, { look, keys }) {
    * @returns {boolean} whether the card has just come up
    */
   function paintEnd(state) {
-    const frame = state.table.player?.frame;
+    const frame = state.game.player?.frame;
     const { where } = state;
     const card = by("end");
     const wasHidden = card.hidden;
@@ -82,13 +81,13 @@ export function createTable(page, { look, keys }) {
      * @param {State | null} before
      */
     paint(state, before) {
-      const { table, where, isPaused } = state;
-      const { player } = table;
+      const { game, where, isPaused } = state;
+      const { player } = game;
       page.body.dataset.paused = String(isPaused);
       if (screenOf(state) !== "play" || !player || !where) return;
       const isNew = before === null || screenOf(before) !== "play";
-      if (isNew || player !== before.table.player) paintBoard(by("board"), player, { ...look(), ...room(by("matrix")), dpr: dpr() });
-      if (isNew || player !== before.table.player || where !== before.where) {
+      if (isNew || player !== before.game.player) paintBoard(by("board", HTMLCanvasElement), player, { ...look(), ...room(by("matrix")), dpr: dpr() });
+      if (isNew || player !== before.game.player || where !== before.where) {
         paintNumbers(player.frame, where);
         paintCurve(player, look());
         page.body.dataset.ended = String(player.frame.outcome !== null);

@@ -1,6 +1,8 @@
 // @ts-check
 // The understanding questions: chosen answers stay, a wrong one is explained, and one may try again.
 
+import { create, elementsOf } from "../common/page.js";
+
 /** @typedef {import("./api.js").Where} Where */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 
@@ -9,29 +11,22 @@ const AGAIN = "Not this one. The rules below say it: have another look, then cho
  * @param {(answers: number[]) => void} onAnswers
  */
 export function createQuiz(page, onAnswers) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
-  const form = /** @type {HTMLFormElement} */ (by("quiz"));
+  const by = elementsOf(page);
+  const form = by("quiz", HTMLFormElement);
   /** @type {{question: string, choices: string[]}[]} */
   let asked = [];
-  /** @type {any} */
-  let judged = null;
+  /** @type {boolean[] | null} */
+  let shown = null;
 
   /**
    * @param {{question: string, choices: string[]}} each
    * @param {number} number
    */
   function item({ question, choices }, number) {
-    const field = page.createElement("fieldset");
-    field.dataset.testid = `question-${number}`;
-    const legend = Object.assign(page.createElement("legend"), { textContent: `${number + 1}. ${question}` });
-    const verdict = Object.assign(page.createElement("p"), { className: "verdict", id: `verdict-${number}`, hidden: true });
-    const labels = choices.map((choice, value) => {
-      const input = Object.assign(page.createElement("input"), { type: "radio", name: `q${number}`, value: String(value) });
-      const label = page.createElement("label");
-      label.append(input, choice);
-      return label;
-    });
-    field.append(legend, ...labels, verdict);
+    const labels = choices.map((choice, value) =>
+      create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
+    const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
+    const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
     return field;
   }
   /**
@@ -45,7 +40,7 @@ export function createQuiz(page, onAnswers) {
     const answers = asked.map((_, number) => chosen(number));
     const open = answers.indexOf(-1);
     if (open < 0) return onAnswers(answers);
-    by("quiz-told").textContent = `Please choose an answer to question ${open + 1} as well.`;
+    by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;
     /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
   });
   form.addEventListener("change", (event) => {
@@ -53,12 +48,12 @@ export function createQuiz(page, onAnswers) {
     if (!field) return;
     delete field.dataset.right;
     /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
-    by("quiz-told").textContent = "";
+    by("quiz-status").textContent = "";
   });
   /** @param {Where} where */
-  function judge({ right, why }) {
-    if (!right || right === judged) return;
-    judged = right;
+  function showVerdicts({ right, why }) {
+    if (!right || right === shown) return;
+    shown = right;
     form.querySelectorAll("fieldset").forEach((field, number) => {
       field.dataset.right = String(right[number]);
       const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
@@ -66,8 +61,8 @@ export function createQuiz(page, onAnswers) {
       verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
     });
     const wrong = right.filter((each) => !each).length;
-    by("quiz-told").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
-    if (wrong > 0) by("rules").open = true;
+    by("quiz-status").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
+    if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
     /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
   }
   return {
@@ -79,7 +74,7 @@ export function createQuiz(page, onAnswers) {
         by("quiz-title").textContent = asked.length === 1 ? "One short question" : asked.length === 3 ? "Three short questions" : "A few short questions";
         if (asked.length === 0) onAnswers([]);
       }
-      judge(where);
+      showVerdicts(where);
     },
   };
 }

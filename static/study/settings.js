@@ -1,6 +1,6 @@
 // @ts-check
-// Keys, colours and arrow buttons: kept in this browser, told to the server, chosen on a sheet.
-import { put } from "../common/panels.js";
+// Keys, colours and arrow buttons: chosen in a dialog, kept in this browser, sent to the server.
+import { create, elementsOf, put } from "../common/page.js";
 import { ACTIONS } from "../common/messages.js";
 import { assign, DEFAULT_KEYS, keyName, readKeys, spokenKey } from "./keymap.js";
 import { PALETTES, readPalette } from "./palettes.js";
@@ -13,14 +13,14 @@ const KEPT = "mars.study.settings";
 
 /**
  * Choices from what was kept, whole whatever was kept.
- * @param {any} kept
+ * @param {Partial<Record<keyof Choices, unknown>> | null} kept
  * @param {{wantsContrast: boolean, isTouch: boolean}} system
  * @returns {Choices}
  */
 export function readChoices(kept, { wantsContrast, isTouch }) {
   const pad = typeof kept?.pad === "boolean" ? kept.pad : isTouch;
   const modality = kept?.modality === "touch" || kept?.modality === "keyboard" ? kept.modality : isTouch ? "touch" : "keyboard";
-  return { modality, palette: readPalette(kept?.palette, wantsContrast), keys: readKeys(kept?.keys), pad };
+  return { modality, palette: readPalette(kept?.palette, wantsContrast), keys: readKeys(/** @type {Record<string, unknown> | undefined} */ (kept?.keys)), pad };
 }
 
 /** @param {string | null} text */
@@ -34,10 +34,10 @@ function parsed(text) {
 
 /**
  * @param {Document} page
- * @param {{storage: Storage, layout: () => any, onChange: (choices: Choices) => void}} how
+ * @param {{storage: Storage, layout: () => import("./keymap.js").Layout | undefined, onChange: (choices: Choices) => void}} how
  */
 export function createSettings(page, { storage, layout, onChange }) {
-  const by = (/** @type {string} */ id) => /** @type {any} */ (page.getElementById(id));
+  const by = elementsOf(page);
   const view = /** @type {Window} */ (page.defaultView);
   const isAsked = (/** @type {string} */ query) => view.matchMedia(query).matches;
   let choices = readChoices(parsed(storage.getItem(KEPT)), { wantsContrast: isAsked("(prefers-contrast: more)"),
@@ -55,8 +55,8 @@ export function createSettings(page, { storage, layout, onChange }) {
   function paint() {
     page.documentElement.dataset.palette = choices.palette;
     page.body.dataset.pad = String(choices.pad);
-    by("show-pad").checked = choices.pad;
-    for (const input of page.querySelectorAll("#palettes input")) /** @type {any} */ (input).checked = /** @type {any} */ (input).value === choices.palette;
+    by("show-pad", HTMLInputElement).checked = choices.pad;
+    for (const input of /** @type {NodeListOf<HTMLInputElement>} */ (page.querySelectorAll("#palettes input"))) input.checked = input.value === choices.palette;
     for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (page.querySelectorAll("#keymap button"))) {
       const action = /** @type {import("../common/messages.js").Action} */ (button.dataset.drive);
       const slot = Number(button.dataset.slot);
@@ -72,14 +72,12 @@ export function createSettings(page, { storage, layout, onChange }) {
       label.dataset.palette = name;
       const input = Object.assign(page.createElement("input"), { type: "radio", name: "palette", value: name });
       input.dataset.testid = `palette-${name}`;
-      const words = page.createElement("span");
-      words.append(Object.assign(page.createElement("b"), { textContent: title }), Object.assign(page.createElement("small"), { textContent: hint }));
-      label.append(input, words);
+      label.append(input, create("span", [create("b", title), create("small", hint)]));
       return label;
     }));
     by("keymap").replaceChildren(...ACTIONS.map((action) => {
       const row = page.createElement("tr");
-      row.append(Object.assign(page.createElement("th"), { scope: "row", textContent: action }));
+      row.append(create("th", action, { scope: "row" }));
       for (const slot of [0, 1]) {
         const button = Object.assign(page.createElement("button"), { type: "button", className: "quiet" });
         Object.assign(button.dataset, { drive: action, slot: String(slot), testid: `key-${action}-${slot}` });
@@ -90,17 +88,17 @@ export function createSettings(page, { storage, layout, onChange }) {
   }
   build();
   paint();
-  by("palettes").addEventListener("change", (/** @type {any} */ event) => change({ palette: event.target.value }));
-  by("show-pad").addEventListener("change", () => change({ pad: by("show-pad").checked }));
-  by("reset-keys").addEventListener("click", () => { awaited = null; change({ keys: { ...DEFAULT_KEYS } }); put(by("key-told"), "Arrows and WASD drive again."); });
-  by("keymap").addEventListener("click", (/** @type {any} */ event) => {
-    const button = event.target.closest("button");
+  by("palettes").addEventListener("change", (event) => change({ palette: readPalette(/** @type {HTMLInputElement} */ (event.target).value, false) }));
+  by("show-pad").addEventListener("change", () => change({ pad: by("show-pad", HTMLInputElement).checked }));
+  by("reset-keys").addEventListener("click", () => { awaited = null; change({ keys: { ...DEFAULT_KEYS } }); put(by("key-status"), "Arrows and WASD drive again."); });
+  by("keymap").addEventListener("click", (event) => {
+    const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
-    awaited = { action: button.dataset.drive, slot: Number(button.dataset.slot) };
-    put(by("key-told"), `Press the key that should drive ${button.dataset.drive}; Escape leaves it as it is.`);
+    awaited = { action: /** @type {import("../common/messages.js").Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
+    put(by("key-status"), `Press the key that should drive ${button.dataset.drive}; Escape leaves it as it is.`);
     paint();
   });
-  by("settings").addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
+  by("settings").addEventListener("keydown", (event) => {
     if (!awaited || /^(Shift|Control|Alt|Meta|OS)/.test(event.code)) return;
     if (event.code === "Tab") return leave();
     event.preventDefault();
@@ -108,14 +106,14 @@ export function createSettings(page, { storage, layout, onChange }) {
     const { action, slot } = awaited;
     if (event.code === "Escape") return leave();
     const keys = assign(choices.keys, action, slot, event.code);
-    if (typeof keys === "string") return put(by("key-told"), keys);
+    if (typeof keys === "string") return put(by("key-status"), keys);
     awaited = null;
     change({ keys });
-    put(by("key-told"), `${keyName(event.code, layout())} now drives ${action}.`);
+    put(by("key-status"), `${keyName(event.code, layout())} now drives ${action}.`);
   });
   function leave() {
     awaited = null;
-    put(by("key-told"), "");
+    put(by("key-status"), "");
     paint();
   }
   by("settings").addEventListener("close", leave);
@@ -125,11 +123,11 @@ export function createSettings(page, { storage, layout, onChange }) {
     paint,
     /**
      * What the server keeps wins over what this browser kept.
-     * @param {import("./api.js").Where["settings"]} told
+     * @param {import("./api.js").Where["settings"]} stored
      */
-    adopt(told) {
-      if (!told.keys || !told.palette) return;
-      choices = { ...choices, keys: readKeys(told.keys), palette: readPalette(told.palette, false), modality: told.modality ?? choices.modality };
+    adopt(stored) {
+      if (!stored.keys || !stored.palette) return;
+      choices = { ...choices, keys: readKeys(stored.keys), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
       storage.setItem(KEPT, JSON.stringify(choices));
       paint();
     },

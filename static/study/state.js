@@ -1,6 +1,6 @@
 // @ts-check
 // All the study's page knows, in one object. `apply` answers the next state; `screenOf` says which screen it stands for.
-import * as game from "../common/game_state.js";
+import * as gameState from "../common/game_state.js";
 import * as replays from "./replay.js";
 
 /**
@@ -11,12 +11,12 @@ import * as replays from "./replay.js";
  * @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen
  */
 /**
- * table    the board, the line and the notices: the playground's own state, its rival's seat empty
+ *   game    the board, the line and the notices: the playground's own state, its rival's seat empty
  *   problem  one sentence when the study cannot be taken part in
  *   passed   the finished episode whose end card was passed by
  *   isPaused the board waits for a key
  *   replay   the debrief's, null until one is loaded
- * @typedef {{table: import("../common/game_state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
+ * @typedef {{game: import("../common/game_state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
  *   replay: Replay | null}} State
  */
 /**
@@ -27,7 +27,7 @@ import * as replays from "./replay.js";
 
 /** @returns {State} */
 export function initialState() {
-  return { table: game.initialState(), where: null, problem: null, passed: null, isPaused: false, replay: null };
+  return { game: gameState.initialState(), where: null, problem: null, passed: null, isPaused: false, replay: null };
 }
 
 /**
@@ -36,8 +36,8 @@ export function initialState() {
  * @returns {State}
  */
 function arrived(state, where) {
-  const table = where.about ? game.apply(state.table, { kind: "begun", about: where.about }) : { ...state.table, player: null };
-  return settled({ ...state, where, table, problem: where.stage === "withdrawn" ? null : where.note ?? null });
+  const game = where.about ? gameState.apply(state.game, { kind: "begun", about: where.about }) : { ...state.game, player: null };
+  return settled({ ...state, where, game, problem: where.stage === "withdrawn" ? null : where.note ?? null });
 }
 
 /**
@@ -46,7 +46,7 @@ function arrived(state, where) {
  * @returns {State}
  */
 function settled(state) {
-  const frame = state.table.player?.frame;
+  const frame = state.game.player?.frame;
   return state.isPaused && (!frame || frame.outcome) ? { ...state, isPaused: false } : state;
 }
 
@@ -68,8 +68,8 @@ export function apply(state, event) {
     case "replay-stepped": return replay ? { ...state, replay: replays.stepped(replay) } : state;
     case "replay-moved": return replay ? { ...state, replay: replays.moved(replay, event.step) } : state;
     default: {
-      const table = game.apply(state.table, event);
-      return table === state.table ? state : settled({ ...state, table });
+      const game = gameState.apply(state.game, event);
+      return game === state.game ? state : settled({ ...state, game });
     }
   }
 }
@@ -90,11 +90,11 @@ function endsHere({ stage, phase }) {
  * @param {State} state
  * @returns {Screen}
  */
-export function screenOf({ where, table, passed, problem }) {
+export function screenOf({ where, game, passed, problem }) {
   if (problem !== null) return "problem";
   if (!where) return "loading";
   const { stage } = where;
-  const frame = table.player?.frame;
+  const frame = game.player?.frame;
   if (frame && endsHere(where) && (!frame.outcome || frame.episode !== passed)) return "play";
   if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && where.break_due ? "break" : "ready";
   return stage;
@@ -105,15 +105,15 @@ export function screenOf({ where, table, passed, problem }) {
  * @param {State} state
  */
 export function isDriving(state) {
-  return screenOf(state) === "play" && state.table.player?.frame.outcome === null;
+  return screenOf(state) === "play" && state.game.player?.frame.outcome === null;
 }
 
 /**
  * Whether the server has told where one stands after the end of the episode on the board.
  * @param {State} state
  */
-export function knowsTheEnd({ where, table }) {
-  const frame = table.player?.frame;
+export function knowsTheEnd({ where, game }) {
+  const frame = game.player?.frame;
   return Boolean(frame?.outcome && where?.about?.frame.episode === frame.episode && where.about.frame.outcome);
 }
 

@@ -1,14 +1,15 @@
 // @ts-check
-// What the fingers did and where the eyes were, until the server says that it is kept: in batches of one episode, 200 events at most.
+// Input events until the server says that it keeps them: in batches of one episode, 200 events at most.
 import { events } from "../common/messages.js";
 
 /**
  * @typedef {import("../common/messages.js").InputEvent} InputEvent
  * @typedef {ReturnType<typeof events>} Batch
  */
-export const MOST_EVENTS = 200;
+/** Events in a batch at most. */
+export const BATCH_SIZE = 200;
 /** Events kept while there is no connection; the oldest go first. */
-export const MOST_KEPT = 5000;
+export const MAX_WAITING = 5000;
 
 /**
  * The events that stand first and belong to one episode.
@@ -17,12 +18,12 @@ export const MOST_KEPT = 5000;
 export function nextBatch(waiting) {
   const episode = waiting[0]?.episode;
   let count = 0;
-  while (count < Math.min(waiting.length, MOST_EVENTS) && waiting[count].episode === episode) count += 1;
+  while (count < Math.min(waiting.length, BATCH_SIZE) && waiting[count].episode === episode) count += 1;
   return { episode, batch: waiting.slice(0, count).map(({ event }) => event), count };
 }
 
 /**
- * context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
+ *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
  *   send      true when the message left
  *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for the next
  * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null}, now_ms: () => number,
@@ -34,7 +35,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
   /** Batches in order; they never change, so that the server knows them again. */
   let batches = stored;
   /**
-   * Those of them that no answer has come for on this line.
+   * Those of them that were sent over this connection and have no answer.
    * @type {Batch[]}
    */
   let underWay = [];
@@ -47,12 +48,12 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
     batches = [...batches, events(episode, batch)];
     waiting = waiting.slice(count);
   }
-  const tell = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
+  const sendBatch = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
   const count = () => batches.reduce((sum, batch) => sum + batch.events.length, waiting.length);
   const telemetry = {
     /**
      * @param {InputEvent["kind"]} kind
-     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} [fields]
+     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} fields
      */
     note(kind, { code, repeat, trusted, at_ms } = {}) {
       const { episode, step, round_trip_ms } = context();
@@ -61,15 +62,15 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       const client_ms = Math.round(Math.max(at_ms ?? now_ms(), last_ms + 0.1) * 10) / 10;
       newest_ms.set(`${kind} ${code}`, client_ms);
       waiting.push({ episode, event: { kind, code: code ?? null, repeat: repeat ?? null, trusted: trusted ?? null, client_ms, step, round_trip_ms } });
-      if (count() > MOST_KEPT) waiting = waiting.slice(1);
+      if (count() > MAX_WAITING) waiting = waiting.slice(1);
     },
-    /** Sends the next batch, if there is a line; while one is under way, the next follows its answer. */
+    /** Sends the next batch, if there is a connection; while one is under way, the next follows its answer. */
     flush() {
       isDue = underWay.length > 0;
       if (isDue) return;
       if (batches.length === 0 && waiting.length > 0) seal();
       isDue = waiting.length > 0;
-      if (batches.length > 0) tell(batches[0]);
+      if (batches.length > 0) sendBatch(batches[0]);
     },
     /**
      * What was sent first is kept, or never will be; without a reason it is sent again.
@@ -82,7 +83,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       store(batches);
       if (underWay.length === 0 && (isDue || batches.length > 0)) telemetry.flush();
     },
-    /** A new line: nobody knows whether what was under way on the last one arrived. */
+    /** A new connection: nobody knows whether what was sent over the last one arrived. */
     reconnected() {
       underWay = [];
       telemetry.flush();
@@ -90,7 +91,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
     /** The page may never come back: sends everything at once, and stores what no answer has come for. */
     leave() {
       while (waiting.length > 0) seal();
-      for (const batch of batches) if (!underWay.includes(batch)) tell(batch);
+      for (const batch of batches) if (!underWay.includes(batch)) sendBatch(batch);
       store(batches);
     },
     waiting: count,

@@ -22,7 +22,7 @@ export function progress(where, isPlaying) {
 }
 
 /**
- * The share of the whole way, 0..1: each terrain weighs the same, the rest a little.
+ * The share of the whole study, 0..1: each terrain weighs the same, the rest a little.
  * @param {Where} where
  */
 export function share({ stage, warm_up, ranked }) {
@@ -59,7 +59,7 @@ export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
 /**
- * The card at the end of an episode: warm-up tells the score, ranked keeps it.
+ * The card at the end of an episode: warm-up shows the score, ranked keeps it.
  * @param {Frame} frame
  * @param {Where} where
  */
@@ -115,12 +115,12 @@ export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";
   const gap = Math.abs(mine - theirs);
-  const told = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
-  return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${told} (${mine.toFixed(1)}).`;
+  const comparison = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
+  return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
 }
 
 /**
- * Rows of a grid in words, for those who hear the map: "row 1: rover, 3 free, 2 rock, 15 unknown".
+ * Rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
  * @param {Frame} frame
  */
 export function mapInWords({ grid }) {

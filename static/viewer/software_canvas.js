@@ -1,13 +1,13 @@
 // @ts-check
-// Inside the 3-D view, where the processor draws it (`?easel` in its address). To show such a canvas a browser waits for each picture
-// on the page's own thread, and keys wait with it. So the canvas stays unseen; one picture is drawn at a time, and laid on a sheet
-// over it once it has come, while nobody waits. A plain script: it has to run before the client's own.
+// Inside the 3-D view, where the processor draws it (`?software-canvas` in its address). To show such a canvas a browser waits for
+// each picture on the page's own thread, and keys wait with it. So that canvas stays hidden. One picture is drawn at a time, read back
+// without waiting, and copied to an overlay once it is complete. A plain script: it has to run before the client's own.
 
 (() => {
-  if (!new URLSearchParams(location.search).has("easel")) return;
+  if (!new URLSearchParams(location.search).has("software-canvas")) return;
 
   /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within these, ms. */
-  const LOOK_MS = 8;
+  const POLL_MS = 8;
   const LEAST_REST_MS = 30;
   const MOST_REST_MS = 250;
 
@@ -20,16 +20,16 @@
   let count = 0;
   let isBusy = false;
   let isScheduled = false;
-  /** @type {ReturnType<typeof createEasel> | null} */
-  let easel = null;
+  /** @type {ReturnType<typeof createOverlay> | null} */
+  let overlay = null;
 
   function schedule() {
     if (isScheduled || isBusy || waiting.size === 0) return;
     isScheduled = true;
-    nextFrame(turn);
+    nextFrame(runFrame);
   }
   /** @param {number} now_ms */
-  function turn(now_ms) {
+  function runFrame(now_ms) {
     isScheduled = false;
     [running, waiting] = [waiting, new Map()];
     for (const callback of running.values()) {
@@ -39,10 +39,10 @@
         reportError(error);
       }
     }
-    isBusy = easel?.fetch((took_ms) => setTimeout(goOn, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms)))) ?? false;
+    isBusy = overlay?.fetch((took_ms) => setTimeout(resume, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms)))) ?? false;
     schedule();
   }
-  function goOn() {
+  function resume() {
     isBusy = false;
     schedule();
   }
@@ -54,10 +54,11 @@
   };
   window.cancelAnimationFrame = (number) => { if (!waiting.delete(number)) running.delete(number); };
 
-  HTMLCanvasElement.prototype.getContext = /** @type {any} */ (function getContext(/** @type {string} */ kind, /** @type {any} */ options) {
-    const isBoard = kind === "webgl2" && this.isConnected && !easel;
+  HTMLCanvasElement.prototype.getContext = /** @type {typeof open} */ (function getContext(
+    /** @this {HTMLCanvasElement} */ /** @type {string} */ kind, /** @type {WebGLContextAttributes | undefined} */ options) {
+    const isBoard = kind === "webgl2" && this.isConnected && !overlay;
     const context = open.call(this, kind, isBoard ? { ...options, preserveDrawingBuffer: false } : options);
-    if (isBoard && context) easel = createEasel(this, /** @type {WebGL2RenderingContext} */ (context));
+    if (isBoard && context) overlay = createOverlay(this, /** @type {WebGL2RenderingContext} */ (context));
     return context;
   });
 
@@ -65,12 +66,12 @@
    * @param {HTMLCanvasElement} canvas
    * @param {WebGL2RenderingContext} gl
    */
-  function createEasel(canvas, gl) {
-    const sheet = document.createElement("canvas");
-    sheet.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none"; // rows come from the bottom up
+  function createOverlay(canvas, gl) {
+    const shown = document.createElement("canvas");
+    shown.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none"; // rows come from the bottom up
     canvas.style.visibility = "hidden";
-    canvas.after(sheet);
-    const paper = /** @type {CanvasRenderingContext2D} */ (open.call(sheet, "2d", { alpha: false }));
+    canvas.after(shown);
+    const target = /** @type {CanvasRenderingContext2D} */ (open.call(shown, "2d", { alpha: false }));
     const buffer = gl.createBuffer();
     let picture = new ImageData(1, 1);
     let isDrawn = false;
@@ -80,12 +81,12 @@
       clear(mask);
     };
 
-    function lay() {
+    function copyPicture() {
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
       gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, picture.data);
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
-      if (sheet.width !== picture.width || sheet.height !== picture.height) [sheet.width, sheet.height] = [picture.width, picture.height];
-      paper.putImageData(picture, 0, 0);
+      if (shown.width !== picture.width || shown.height !== picture.height) [shown.width, shown.height] = [picture.width, picture.height];
+      target.putImageData(picture, 0, 0);
     }
     return {
       /**
@@ -109,14 +110,14 @@
         gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
         const fence = /** @type {WebGLSync} */ (gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0));
         gl.flush();
-        function look() {
+        function poll() {
           const isLost = gl.isContextLost();
-          if (!isLost && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return void setTimeout(look, LOOK_MS);
+          if (!isLost && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return void setTimeout(poll, POLL_MS);
           gl.deleteSync(fence);
-          if (!isLost) lay();
+          if (!isLost) copyPicture();
           onDone(performance.now() - began_ms);
         }
-        setTimeout(look, LOOK_MS);
+        setTimeout(poll, POLL_MS);
         return true;
       },
     };

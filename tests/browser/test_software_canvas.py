@@ -1,4 +1,4 @@
-"""The 3-D view where the processor draws it: on a sheet over the client's canvas; elsewhere as ever."""
+"""The 3-D view where the processor draws it: on an overlay over the client's canvas; elsewhere as ever."""
 
 import io
 
@@ -25,12 +25,12 @@ def colours(picture):
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
 
-def test_the_sheet_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(serve, player):
+def test_the_overlay_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(serve, player):
     me = player(serve())
     me.goto()
     me.begin(size=[9, 12], seed=3)
     view = view_of(me)
-    assert "&easel" in view.url
+    assert "&software-canvas" in view.url
     eventually(lambda: view.evaluate(HIDDEN) == 1)  # the client's canvas is unseen
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
     before = me.still("stage-player")

@@ -1,4 +1,4 @@
-"""A participant's way through a study in a real browser: keyboard alone, with reloads, a second tab and a killed server."""
+"""A participant in a study in a real browser: keyboard alone, with reloads, a second tab and a killed server."""
 
 import json
 import sqlite3
@@ -18,7 +18,7 @@ RIGHT = [0, 1, 1]
 LISTEN = """const ask = window.fetch;
 window.fetch = async (...how) => {
   const answer = await ask(...how);
-  answer.clone().text().then(window.marsHears, () => {});
+  answer.clone().text().then(window.marsReceives, () => {});
   return answer;
 };"""
 COLOURFUL = ("consent", "settings", "tutorial", "questions-wrong", "ranked-end", "debrief")
@@ -42,20 +42,20 @@ def studies(tmp_path):
 
 
 class Participant:
-    """A person on the study's page, with hands on the keyboard; `told` is everything that came over the wire."""
+    """A person on the study's page who uses the keyboard; `received` is everything that came over the network."""
 
     def __init__(self, page, url, query=""):
         self.page, self.url, self.query = page, url, query
         self.keys = KEY_OF
-        self.errors, self.told = [], []
+        self.errors, self.received = [], []
         self.policy = policies.load("frontier-cost")
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("websocket", lambda socket: socket.on("framereceived", lambda text: self._hear(text)))
-        page.expose_function("marsHears", self._hear)
+        page.on("websocket", lambda socket: socket.on("framereceived", lambda text: self._receive(text)))
+        page.expose_function("marsReceives", self._receive)
         page.add_init_script(LISTEN)
 
-    def _hear(self, text):
-        self.told.append(json.loads(text))
+    def _receive(self, text):
+        self.received.append(json.loads(text))
 
     def goto(self):
         self.page.goto(f"{self.url}/study/tiny{self.query}")
@@ -74,7 +74,7 @@ class Participant:
 
     @property
     def frame(self):
-        return self.state("table.player.frame")
+        return self.state("game.player.frame")
 
     def tab_to(self, test_id):
         """Move the focus with Tab alone."""
@@ -89,10 +89,10 @@ class Participant:
         self.page.keyboard.press("Enter")
 
     def press(self, action):
-        self.wait("window.marsStudy.state.table.link === 'open'")
+        self.wait("window.marsStudy.state.game.link === 'open'")
         step = self.frame["step"]
         self.page.keyboard.press(self.keys[action])
-        self.wait(f"window.marsStudy.painted?.table.player.frame.step > {step}")  # the next key tells the step on the screen
+        self.wait(f"window.marsStudy.painted?.game.player.frame.step > {step}")  # the next key tells the step on the screen
 
     def wake(self):
         """Go on, if stillness has paused the board meanwhile."""
@@ -117,7 +117,7 @@ class Participant:
     def driving(self):
         """Wait until a board takes keys."""
         self.stands("play")
-        self.wait("window.marsStudy.state.table.player.frame.outcome === null && window.marsStudy.state.table.link === 'open'")
+        self.wait("window.marsStudy.state.game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'")
 
     def to_questions(self):
         """Walk from the consent to the questions."""
@@ -223,7 +223,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     tab.goto().driving()
     assert tab.frame == kept
     tab.press(tab.next_action())
-    me.wait(f"window.marsStudy.state.table.player.frame.step === {kept['step'] + 1}")
+    me.wait(f"window.marsStudy.state.game.player.frame.step === {kept['step'] + 1}")
     tab.page.close()
     assert me.explore()["episode"] == first
     assert "Score" not in me.page.get_by_test_id("end-figures").inner_text()
@@ -237,12 +237,12 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.press(me.next_action())
     kept = me.frame
     server.kill()
-    me.wait("window.marsStudy.state.table.link === 'lost'", 3_000)
+    me.wait("window.marsStudy.state.game.link === 'lost'", 3_000)
     eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
     server = spawn(studies=folder, port=server.port)
     me.driving()
     assert me.frame == kept, "a restarted server goes on in the same episode at the same step"
-    hidden_until = len(me.told)
+    hidden_until = len(me.received)
     me.explore()
     me.page.keyboard.press("Enter")
 
@@ -265,7 +265,10 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     assert me.page.get_by_test_id("code").inner_text() == code
 
     ranked = [
-        f for message in [*me.told[:hidden_until], *tab.told] for f in frames_in(message) if f["episode"] in (first, second)
+        f
+        for message in [*me.received[:hidden_until], *tab.received]
+        for f in frames_in(message)
+        if f["episode"] in (first, second)
     ]
     assert len(ranked) > 10
     assert {(f["reward"], f["return"], f["score"]) for f in ranked} == {(None, None, None)}
@@ -310,7 +313,7 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(serve, studies
     me.tab_to("key-east-0")
     me.page.keyboard.press("Enter")
     me.page.keyboard.press("F5")
-    assert "cannot drive" in me.page.get_by_test_id("key-told").inner_text()
+    assert "cannot drive" in me.page.get_by_test_id("key-status").inner_text()
     me.page.keyboard.press("l")
     assert me.page.get_by_test_id("key-east-0").inner_text() == "L"
     ground = me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
@@ -392,7 +395,7 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     assert (me.frame["outcome"], me.frame["step"]) == (None, 0), "keys do not drive behind a question"
     me.choose("open-give-up")
     me.choose("give-up-now")
-    me.wait("window.marsStudy.state.table.player.frame.outcome === 'abandoned'")
+    me.wait("window.marsStudy.state.game.player.frame.outcome === 'abandoned'")
     assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [("abandoned",)]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
     me.wait("window.marsStudy.state.where.about.frame.outcome")
@@ -413,7 +416,7 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     me.page.get_by_test_id("to-tutorial").tap()
     me.driving()
     me.page.get_by_test_id("pad-east").tap()
-    me.wait("window.marsStudy.state.table.player.frame.step === 1")
+    me.wait("window.marsStudy.state.game.player.frame.step === 1")
     query = "select kind, code from input_events where kind like 'touch%' order by number"
     eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
     eventually(lambda: json.loads(rows(tmp_path, "select settings from participants")[0][0])["modality"] == "touch")
@@ -550,7 +553,7 @@ def test_axe_finds_nothing_on_the_playground_and_its_documents(serve, player):
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
     look("end")
     me.page.get_by_test_id("open-settings").click()
-    look("sheet")
+    look("terrain-dialog")
     me.page.goto(f"{server.url}/docs")
     look("docs")
     me.page.goto(f"{server.url}/leaderboard")

@@ -54,10 +54,10 @@ def test_any_policy_can_be_given_to_either_board(serve, player):
     me = player(serve(), NO_3D)
     me.goto()
     me.begin(player="frontier-cost", rival="ppo", size=[9, 12])
-    for seat, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
+    for role, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
         session, kept = me.state("player.session"), me.state(f"{other}.name")
-        me.page.get_by_test_id(f"pick-{seat}").select_option(name)
+        me.page.get_by_test_id(f"pick-{role}").select_option(name)
         me.wait(f"window.mars.state.player.session !== '{session}' && window.mars.state.rival")
-        assert me.state(f"{seat}.name") == name
+        assert me.state(f"{role}.name") == name
         assert me.state(f"{other}.name") == kept
     assert me.errors == []

@@ -1,7 +1,7 @@
 // The operator's console in words, and boards as their messages come, without a page.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { caption, heard } from "../../static/admin/live.js";
+import { boardAfter, caption } from "../../static/admin/live.js";
 import { ago, attention, endings, exportText, flags, place, size, summary } from "../../static/admin/words.js";
 
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, last_ms: 0, is_quiet: false, left_at: null, deviations: 0,
@@ -42,14 +42,14 @@ test("endings, places and exports in words", () => {
 
 test("a watched board keeps its path, begins anew with an episode, and heals by a history", () => {
   const frame = (episode, step, position) => ({ kind: "frame", episode, step, position });
-  let board = heard({ frame: null, trail: [] }, frame("a", 0, [0, 0]));
-  board = heard(board, frame("a", 1, [0, 1]));
+  let board = boardAfter({ frame: null, trail: [] }, frame("a", 0, [0, 0]));
+  board = boardAfter(board, frame("a", 1, [0, 1]));
   assert.deepEqual(board.trail, [[0, 0], [0, 1]]);
-  board = heard(board, frame("a", 4, [1, 3]));
+  board = boardAfter(board, frame("a", 4, [1, 3]));
   assert.deepEqual(board.trail.length, 2, "steps are missing");
-  board = heard(board, { kind: "history", episode: "a", positions: [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]] });
+  board = boardAfter(board, { kind: "history", episode: "a", positions: [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]] });
   assert.equal(board.trail.length, 5);
-  assert.deepEqual(heard(board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
+  assert.deepEqual(boardAfter(board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
   assert.deepEqual(caption({ label: "AB12", kind: "script", phase: "ranked", trial: 4 }), ["AB12 (script)", "Ranked 5"]);
   assert.deepEqual(caption({ label: null, kind: "human", phase: null, trial: null }), ["a player", "playground"]);
 });

@@ -8,7 +8,7 @@ export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0,
 const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
   rival: { session: "r1", policy: "frontier-cost", pace: { kind: "pace", mode: "follow", moves_per_second: 4 }, frame: frame({ episode: "x" }) }, ...changes });
 const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });
-const receive = (state, message, seat = "player") => apply(state, { kind: "received", seat, message });
+const receive = (state, message, role = "player") => apply(state, { kind: "received", role, message });
 
 test("a session beside a policy fills both seats", () => {
   const state = begun();
@@ -73,7 +73,7 @@ test("a refusal repaints what the server holds", () => {
   assert.equal(state.player.frame.step, 1);
 });
 
-test("a policy's run stays beside a ranked episode until the next one begins, told by either side first", () => {
+test("a policy's run stays beside a ranked episode until the next one begins, told by either role first", () => {
   const ended = receive(begun({ rival: null }), frame({ step: 1, outcome: "collided" }));
   const replay = apply(ended, { kind: "replay", about: about({ session: "p1", player: "ppo", rival: null }) });
   assert.equal(replay.rival.isReplay, true);

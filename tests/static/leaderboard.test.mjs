@@ -2,7 +2,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { heat, inWords, topOf } from "../../static/leaderboard/maps.js";
-import { coverageEnd, curveText, headline, reading, rows, scaleOf, tickText, ticks, working } from "../../static/leaderboard/standing.js";
+import { tickText, ticks } from "../../static/common/chart_scale.js";
+import { coverageEnd, curveText, headline, reading, rows, scaleOf, working } from "../../static/leaderboard/standing.js";
 import { footing } from "../../static/leaderboard/trials.js";
 
 const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });

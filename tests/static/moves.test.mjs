@@ -2,30 +2,46 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { timing } from "../../static/common/controls.js";
 import { hookKeys, KEYS, ownsKeys } from "../../static/common/keyboard.js";
-import { answeredBy, dropped, emptyPipeline, nextStep, sent } from "../../static/common/pending_moves.js";
+import { answeredBy, createMoveSender, nextStep, noMoves, withMove, withoutMoves } from "../../static/common/pending_moves.js";
 import { act, parse } from "../../static/common/messages.js";
 
 const frame = (step, changes = {}) => ({ episode: "e1", step, outcome: null, ...changes });
-const push = (line, step) => sent(line, { episode: "e1", step, sent: 0 });
+const push = (moves, step) => withMove(moves, { episode: "e1", step, pressed_ms: 0, sent_ms: 0 });
 
 test("presses made before an answer are due at the steps that follow", () => {
-  const line = push(push(emptyPipeline(4), 5), 6);
-  assert.equal(nextStep(line, frame(5)), 7);
-  const { line: rest, answered } = answeredBy(line, frame(6));
+  const moves = push(push(noMoves(4), 5), 6);
+  assert.equal(nextStep(moves, frame(5)), 7);
+  const { moves: rest, answered } = answeredBy(moves, frame(6));
   assert.deepEqual(answered.map((move) => move.step), [5]);
   assert.equal(nextStep(rest, frame(6)), 7);
 });
 
-test("a full line takes no more, an ended episode takes none", () => {
-  assert.equal(nextStep(push(push(emptyPipeline(2), 0), 1), frame(0)), null);
-  assert.equal(nextStep(emptyPipeline(), frame(3, { outcome: "explored" })), null);
+test("a full moves takes no more, an ended episode takes none", () => {
+  assert.equal(nextStep(push(push(noMoves(2), 0), 1), frame(0)), null);
+  assert.equal(nextStep(noMoves(), frame(3, { outcome: "explored" })), null);
 });
 
-test("a refusal, an ending and a new episode empty the line", () => {
-  const line = push(push(emptyPipeline(), 0), 1);
-  assert.equal(dropped(line).pending.length, 0);
-  assert.equal(answeredBy(line, frame(1, { outcome: "collided" })).line.pending.length, 0);
-  assert.equal(answeredBy(line, frame(0, { episode: "e2" })).line.pending.length, 0);
+test("a refusal, an ending and a new episode empty the moves", () => {
+  const moves = push(push(noMoves(), 0), 1);
+  assert.equal(withoutMoves(moves).pending.length, 0);
+  assert.equal(answeredBy(moves, frame(1, { outcome: "collided" })).moves.pending.length, 0);
+  assert.equal(answeredBy(moves, frame(0, { episode: "e2" })).moves.pending.length, 0);
+});
+
+test("a sender sends the step that is due, measures the round trip, and returns what was answered", () => {
+  let now = 10;
+  const sent = [];
+  const moves = createMoveSender({ send: (message) => sent.push(message) > 0, now_ms: () => now });
+  const on = { kind: "frame", ...frame(0) };
+  const press = (pressed_ms) => moves.press(on, "east", { input: "key", key_down_ms: 1, key_up_ms: null, client_ms: 2 }, pressed_ms);
+  press(8);
+  press(9);
+  assert.deepEqual(sent.map(({ step }) => step), [0, 1]);
+  now = 21.26;
+  assert.deepEqual(moves.receive({ ...on, step: 1 }).map(({ pressed_ms }) => pressed_ms), [8]);
+  assert.equal(moves.round_trip_ms(), 11.3);
+  assert.deepEqual(moves.receive({ kind: "refused", reason: "stale", frame: on }), []);
+  assert.deepEqual(moves.receive({ ...on, step: 2 }), [], "a refusal has dropped the other one");
 });
 
 test("only a trusted event in a browser that nobody drives is a key or a touch", () => {

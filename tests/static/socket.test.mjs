@@ -19,7 +19,7 @@ function following() {
   Line.all = [];
   const answers = [], links = [];
   const follower = follow({ url: "ws://here", onMessage: () => {}, onLink: (link) => links.push(link),
-    beforeRetry: () => new Promise((tell, fail) => { answers.push({ tell, fail }); }) });
+    beforeRetry: () => new Promise((answer, fail) => { answers.push({ answer, fail }); }) });
   return { follower, answers, links };
 }
 
@@ -29,7 +29,7 @@ test("a lost line is asked about, then opened again", async () => {
   Line.all[0].close();
   assert.equal(follower.send({}), false);
   await soon(300);
-  answers[0].tell(true);
+  answers[0].answer(true);
   await soon(0);
   Line.all[1].open();
   assert.equal(follower.send({ kind: "act" }), true);
@@ -44,8 +44,8 @@ test("a restart while the server is being asked leaves one line, which stays", a
   await soon(300); // asked, and no answer yet
   follower.restart();
   await soon(300); // asked again
-  answers[0].tell(true);
-  answers[1].tell(true);
+  answers[0].answer(true);
+  answers[1].answer(true);
   await soon(0);
   assert.equal(Line.all.length, 2, "the first line and one more");
   Line.all[1].open();
@@ -56,7 +56,7 @@ test("a restart while the server is being asked leaves one line, which stays", a
 });
 
 test("a session that is gone for good is not asked for again, a server that does not answer is", async () => {
-  for (const [answer, questions] of [["tell", 1], ["fail", 2]]) {
+  for (const [answer, questions] of [["answer", 1], ["fail", 2]]) {
     const { follower, answers } = following();
     Line.all[0].close();
     await soon(300);

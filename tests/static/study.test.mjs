@@ -1,13 +1,12 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createCall } from "../../static/common/api.js";
-import { createStudy, outsideIds, studyName } from "../../static/study/api.js";
-import { createDriver } from "../../static/study/driver.js";
-import { createIdle } from "../../static/study/idle.js";
+import { createRequest } from "../../static/common/api.js";
+import { createStudyApi, outsideIds, studyName } from "../../static/study/api.js";
 import { actionOf, assign, DEFAULT_KEYS, keyName, mayDrive, readKeys } from "../../static/study/keymap.js";
 import { readPalette } from "../../static/study/palettes.js";
+import { createIdleTimer } from "../../static/study/pause.js";
 import * as replays from "../../static/study/replay.js";
-import { createSaver } from "../../static/study/choices.js";
+import { createSettingsSync } from "../../static/study/settings_sync.js";
 import { readChoices } from "../../static/study/settings.js";
 import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from "../../static/study/state.js";
 import * as words from "../../static/study/words.js";
@@ -21,7 +20,7 @@ const where = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P
   phase: null, settings: {}, debrief: null, ...changes });
 const standing = (changes) => apply(initialState(), { kind: "where", where: where(changes) });
 const playing = (changes = {}, of = {}) => standing({ session: "s1", phase: "ranked", about: about(changes), ...of });
-const receive = (state, changes) => apply(state, { kind: "received", seat: "player", message: frame(changes) });
+const receive = (state, changes) => apply(state, { kind: "received", role: "player", message: frame(changes) });
 
 test("the name of the study and the ids of another site are read from the address", () => {
   assert.equal(studyName("/study/demo"), "demo");
@@ -33,7 +32,7 @@ test("the name of the study and the ids of another site are read from the addres
 test("calls go below api, from wherever the page lies", async () => {
   const asked = [];
   const fetcher = async (path, options) => { asked.push([path, options.body]); return { ok: true, json: async () => ({}) }; };
-  const study = createStudy(createCall(fetcher, "../"), "demo");
+  const study = createStudyApi(createRequest(fetcher, "../"), "demo");
   await study.join({ A: "1" });
   await study.giveUp("e1", 3);
   await study.terrain(2);
@@ -75,7 +74,7 @@ test("the end is known once the server has told where it leads", () => {
 
 test("another tab's frames drive this board as well", () => {
   const one = receive(playing(), { step: 1, position: [0, 1] });
-  assert.deepEqual(one.table.player.trail, [[0, 0], [0, 1]]);
+  assert.deepEqual(one.game.player.trail, [[0, 0], [0, 1]]);
   assert.equal(screenOf(receive(one, { episode: "e2" })), "play");
 });
 
@@ -88,7 +87,7 @@ test("a pause ends with its episode", () => {
 
 test("apply leaves the state before as it was", () => {
   const before = Object.freeze(playing());
-  Object.freeze(before.table);
+  Object.freeze(before.game);
   apply(before, { kind: "where", where: where({ stage: "complete" }) });
   assert.equal(screenOf(before), "play");
 });
@@ -134,7 +133,7 @@ test("a key is called what is printed on it", () => {
 
 test("stillness is over after the protocol's seconds, and counted from the last touch", () => {
   let now = 0;
-  const idle = createIdle(() => now);
+  const idle = createIdleTimer(() => now);
   now = 59_999;
   assert.equal(idle.isOver(60), false);
   now = 60_000;
@@ -143,31 +142,19 @@ test("stillness is over after the protocol's seconds, and counted from the last 
   assert.equal(idle.isOver(60), false);
 });
 
-test("a driver sends the step that is due and measures the way there and back", () => {
-  let now = 10;
-  const sent = [];
-  const driver = createDriver({ send: (message) => sent.push(message) > 0, now_ms: () => now });
-  driver.press(frame(), "east", { input: "key", key_down_ms: 1, key_up_ms: null, client_ms: 2 });
-  driver.press(frame(), "east", { input: "key", key_down_ms: 1, key_up_ms: null, client_ms: 2 });
-  assert.deepEqual(sent.map(({ step }) => step), [0, 1]);
-  now = 21.26;
-  driver.heard(frame({ step: 1 }));
-  assert.equal(driver.round_trip_ms(), 11.3);
-});
-
-/** A saver of `chosen.now`; `calls` are those on their way or ended, each ended by the test or by its signal. */
+/** A settings sync of `chosen.now`; `requests` are those that were begun, each ended by the test or by its signal. */
 function saving(how = {}) {
   const chosen = { now: "mars" };
-  const calls = [];
-  const saver = createSaver({ settle_ms: 1, retry_ms: 1, ...how, save: (signal) => new Promise((resolve, reject) => {
-    const call = { told: chosen.now, signal, isOpen: true };
-    const ending = (settle) => (value) => { call.isOpen = false; settle(value); };
-    Object.assign(call, { answer: ending(resolve), fail: ending((status) => reject(Object.assign(new Error(), { status }))) });
-    signal.addEventListener("abort", () => call.fail(0));
-    assert.ok(calls.every(({ isOpen }) => !isOpen), "one call at a time");
-    calls.push(call);
+  const requests = [];
+  const settingsSync = createSettingsSync({ settle_ms: 1, retry_ms: 1, ...how, save: (signal) => new Promise((resolve, reject) => {
+    const request = { value: chosen.now, signal, isOpen: true };
+    const ending = (settle) => (value) => { request.isOpen = false; settle(value); };
+    Object.assign(request, { answer: ending(resolve), fail: ending((status) => reject(Object.assign(new Error(), { status }))) });
+    signal.addEventListener("abort", () => request.fail(0));
+    assert.ok(requests.every(({ isOpen }) => !isOpen), "one call at a time");
+    requests.push(request);
   }) });
-  return { chosen, calls, saver, choose(what) { chosen.now = what; saver.tell(); } };
+  return { chosen, requests, settingsSync, choose(what) { chosen.now = what; settingsSync.changed(); } };
 }
 const pass = (ms = 20) => new Promise((resolve) => setTimeout(resolve, ms));
 async function until(claim) {
@@ -175,54 +162,54 @@ async function until(claim) {
 }
 
 test("choices made while a call is on its way wait for its end and are told as they are then", async () => {
-  const { calls, choose } = saving();
+  const { requests, choose } = saving();
   choose("keys");
-  await until(() => calls.length === 1);
+  await until(() => requests.length === 1);
   choose("high-contrast");
   await pass();
   choose("colour-blind");
   await pass();
-  assert.equal(calls.length, 1);
-  calls[0].answer();
-  await until(() => calls.length === 2);
-  calls[1].answer();
+  assert.equal(requests.length, 1);
+  requests[0].answer();
+  await until(() => requests.length === 2);
+  requests[1].answer();
   await pass();
-  assert.deepEqual(calls.map(({ told }) => told), ["keys", "colour-blind"]);
+  assert.deepEqual(requests.map(({ value }) => value), ["keys", "colour-blind"]);
 });
 
 test("what did not get through is told again, what was declined is not, and an answer that never comes is not waited for", async () => {
   for (const [status, times] of [[0, 2], [503, 2], [422, 1]]) {
-    const { calls, choose } = saving();
+    const { requests, choose } = saving();
     choose("keys");
-    await until(() => calls.length === 1);
-    calls[0].fail(status);
-    if (times === 2) await until(() => calls.length === 2);
+    await until(() => requests.length === 1);
+    requests[0].fail(status);
+    if (times === 2) await until(() => requests.length === 2);
     await pass();
-    assert.equal(calls.length, times, `after ${status}`);
-    calls.at(-1).answer();
+    assert.equal(requests.length, times, `after ${status}`);
+    requests.at(-1).answer();
   }
   let asked = 0;
   const never = (signal) => new Promise((_, reject) => signal.addEventListener("abort", () => reject(new Error())));
-  createSaver({ settle_ms: 1, retry_ms: 1, patience_ms: 5, save: (signal) => ((asked += 1) === 1 ? never(signal) : Promise.resolve()) }).tell();
+  createSettingsSync({ settle_ms: 1, retry_ms: 1, patience_ms: 5, save: (signal) => ((asked += 1) === 1 ? never(signal) : Promise.resolve()) }).changed();
   await until(() => asked === 2);
   await pass();
   assert.equal(asked, 2);
 });
 
 test("a page that goes tells at once what waits, in place of a call on its way, and nothing twice", async () => {
-  const { calls, choose, saver } = saving({ settle_ms: 1e6 });
-  saver.flush();
-  assert.equal(calls.length, 0);
+  const { requests, choose, settingsSync } = saving({ settle_ms: 1e6 });
+  settingsSync.flush();
+  assert.equal(requests.length, 0);
   choose("keys");
-  saver.flush();
-  saver.flush();
-  assert.deepEqual(calls.map(({ told }) => told), ["keys"]);
+  settingsSync.flush();
+  settingsSync.flush();
+  assert.deepEqual(requests.map(({ value }) => value), ["keys"]);
   choose("high-contrast");
-  saver.flush();
-  assert.deepEqual(calls.map(({ told, isOpen }) => [told, isOpen]), [["keys", false], ["high-contrast", true]]);
-  calls[1].answer();
+  settingsSync.flush();
+  assert.deepEqual(requests.map(({ value, isOpen }) => [value, isOpen]), [["keys", false], ["high-contrast", true]]);
+  requests[1].answer();
   await pass();
-  assert.equal(calls.length, 2);
+  assert.equal(requests.length, 2);
 });
 
 test("the replay plays both runs in step, stops at the longer one's end and begins again", () => {

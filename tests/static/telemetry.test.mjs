@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createTelemetry, MOST_EVENTS, MOST_KEPT } from "../../static/study/telemetry.js";
+import { createTelemetry, BATCH_SIZE, MAX_WAITING } from "../../static/study/telemetry.js";
 
 /** A page's telemetry: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
 function telemetry(isOpen, stored) {
@@ -36,14 +36,14 @@ test("an event carries its key, the step on screen and the round trip, in its ep
 
 test("without a line events wait; then they leave in order, 200 at a time, the oldest lost beyond the most", () => {
   const { kept, sent, answer, reconnect } = telemetry(false);
-  for (let k = 0; k < MOST_KEPT + 5; k++) kept.note("keydown", { at_ms: k });
+  for (let k = 0; k < MAX_WAITING + 5; k++) kept.note("keydown", { at_ms: k });
   kept.flush();
-  assert.equal(kept.waiting(), MOST_KEPT);
+  assert.equal(kept.waiting(), MAX_WAITING);
   reconnect();
-  for (let k = 0; k < MOST_KEPT / MOST_EVENTS; k++) answer();
+  for (let k = 0; k < MAX_WAITING / BATCH_SIZE; k++) answer();
   assert.equal(kept.waiting(), 0);
-  assert.deepEqual(new Set(sent.map(({ events }) => events.length)), new Set([MOST_EVENTS]));
-  assert.deepEqual(times(sent).flat(), Array.from({ length: MOST_KEPT }, (_, k) => k + 5));
+  assert.deepEqual(new Set(sent.map(({ events }) => events.length)), new Set([BATCH_SIZE]));
+  assert.deepEqual(times(sent).flat(), Array.from({ length: MAX_WAITING }, (_, k) => k + 5));
 });
 
 test("nothing is kept while no board is shown", () => {

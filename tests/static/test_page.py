@@ -67,7 +67,7 @@ def test_the_addresses_in_a_page_are_relative(page):
 def test_every_id_the_page_looks_up_is_there():
     for path in MODULES:
         ids = set(re.findall(r'\bid="([^"]+)"', page_of(path).read_text()))
-        asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"\)', path.read_text()))
+        asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"[,)]', path.read_text()))
         assert asked <= ids, f"{path.name} looks for {asked - ids}"
 
 
@@ -130,8 +130,8 @@ def test_the_page_and_the_server_name_the_same_messages():
     assert listed("FRAME_FIELDS") == [field.alias or name for name, field in messages.Frame.model_fields.items()]
     assert listed("THOUGHT_FIELDS") == list(messages.Thought.model_fields)
     assert listed("KEPT_FIELDS") == list(messages.Kept.model_fields)
-    told = [get_args(model.model_fields["kind"].annotation)[0] for model in (messages.Thought, messages.Kept)]
-    assert listed("FROM_SERVER")[-2:] == told
+    from_server = [get_args(model.model_fields["kind"].annotation)[0] for model in (messages.Thought, messages.Kept)]
+    assert listed("FROM_SERVER")[-2:] == from_server
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
     sent = [messages.Act.model_fields["kind"].default, *get_args(messages.HistoryRequest.model_fields["kind"].annotation)]

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axisEnd, span } from "../../static/common/chart.js";
+import { axisEnd, span } from "../../static/common/chart_scale.js";
 import { ghostOf, thoughtOf, wedges } from "../../static/common/thoughts.js";
 import { apply, initialState } from "../../static/common/game_state.js";
 
@@ -10,7 +10,7 @@ const thought = (rest = {}) => ({ kind: "thought", episode: "e1", step: 0, proba
 const about = (rest = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
   rival: { session: "s2", policy: "ppo", pace: { kind: "pace", mode: "follow", moves_per_second: 8 }, frame: frame({ episode: "e2" }) }, ...rest });
 const begun = () => apply(initialState(), { kind: "begun", about: about() });
-const receive = (state, seat, message) => apply(state, { kind: "received", seat, message });
+const receive = (state, role, message) => apply(state, { kind: "received", role, message });
 
 test("a wedge points where the policy would go, and is as long as it is sure", () => {
   const [east, south] = wedges([0, 0.7, 0.3, 0], 10);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { readDetail } from "../../static/common/api.js";
 import { cellSize, runs } from "../../static/common/board.js";
-import { axisEnd, sampled, tickStep } from "../../static/common/chart.js";
+import { axisEnd, sampled, tickStep } from "../../static/common/chart_scale.js";
 import { sessionInHash, sessionWish } from "../../static/play/sessions.js";
 import { socketUrl } from "../../static/common/connections.js";
 import { favourite, MAX_SEED, readWish } from "../../static/play/terrain_dialog.js";
@@ -112,9 +112,9 @@ test("a long curve is thinned, its last point kept", () => {
 });
 
 test("an empty seat says whether the episode counts and what follows", () => {
-  assert.equal(words.emptySeat({ player: null, counts: false }, ""), "Preparing a terrain.");
-  assert.match(words.emptySeat({ player: {}, counts: true }, "ppo"), /^This episode counts .* ppo explores/);
-  assert.match(words.emptySeat({ player: {}, counts: false }, ""), /does not count .* a policy explores/);
+  assert.equal(words.emptyBoardText({ player: null, counts: false }, ""), "Preparing a terrain.");
+  assert.match(words.emptyBoardText({ player: {}, counts: true }, "ppo"), /^This episode counts .* ppo explores/);
+  assert.match(words.emptyBoardText({ player: {}, counts: false }, ""), /does not count .* a policy explores/);
 });
 
 test("the human level of a configuration is one short line", () => {
@@ -123,5 +123,5 @@ test("the human level of a configuration is one short line", () => {
 
 test("the 3-D view is asked for beside the page, in coarser pixels where the processor draws", () => {
   assert.equal(viewerUrl("ab_c", false), "viewer/ab_c/");
-  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75&easel");
+  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75&software-canvas");
 });

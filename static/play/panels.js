@@ -1,42 +1,35 @@
 // @ts-check
 // One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
-import * as words from "./words.js";
+import * as words from "../common/words.js";
+import { elementsOf, paintLink, put } from "../common/page.js";
 
 /**
- * @typedef {import("./game_state.js").Board} Board
- * @typedef {import("./game_state.js").State} State
- * @typedef {import("./game_state.js").Seat} Seat
+ * @typedef {import("../common/game_state.js").Board} Board
+ * @typedef {import("../common/game_state.js").State} State
+ * @typedef {import("../common/game_state.js").Role} Role
  */
 /**
- * @typedef {{seat: Seat, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel
+ * @typedef {{role: Role, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel
  */
 
 /**
- * @param {HTMLElement} element
- * @param {string} text
- */
-export function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
-}
-
-/**
- * The panel of a seat, its parts named and marked for tests.
+ * Makes the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root
  * @param {HTMLTemplateElement} template
  * @returns {Panel}
  */
 export function createPanel(root, template) {
   root.append(template.content.cloneNode(true));
-  const seat = /** @type {Seat} */ (root.dataset.seat);
+  const role = /** @type {Role} */ (root.dataset.role);
   /** @type {Record<string, HTMLElement>} */
   const part = {};
   for (const element of /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-part]"))) {
     const name = element.dataset.part ?? "";
     part[name] = element;
-    element.dataset.testid = `${name}-${seat}`;
+    element.dataset.testid = `${name}-${role}`;
   }
-  for (const button of /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-pace]"))) button.dataset.testid = `pace-${button.dataset.pace}-${seat}`;
-  if (seat === "player") {
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-pace]"))) button.dataset.testid = `pace-${button.dataset.pace}-${role}`;
+  if (role === "player") {
     part.end.dataset.testid = "end-card";
     part.next.dataset.testid = "next-terrain";
     part.again.dataset.testid = "same-again";
@@ -45,11 +38,11 @@ export function createPanel(root, template) {
       if (event.detail > 0) part.next.focus({ preventScroll: true }); // a mouse or a finger; Enter still means the next terrain
     });
   }
-  return { seat, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
+  return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
 
 /**
- * Lets the end card shrink to its buttons, for a look at the board beneath.
+ * Shrinks the end card to its buttons, so that the board below it can be seen, or brings it back.
  * @param {Record<string, HTMLElement>} part
  * @param {boolean} isFolded
  */
@@ -60,10 +53,10 @@ function fold(part, isFolded) {
 }
 
 /**
- * The numbers of one board.
+ * Paints the numbers of one board.
  * @param {Panel} panel
  * @param {Board | null} board
- * @param {string} brief what stands in an empty seat
+ * @param {string} brief what stands in the place of a missing board
  */
 export function paintPanel({ root, part, canvas }, board, brief) {
   root.classList.toggle("is-empty", !board);
@@ -86,7 +79,7 @@ export function paintPanel({ root, part, canvas }, board, brief) {
 }
 
 /**
- * The policies that a board can be given.
+ * Offers the policies that a board can be given.
  * @param {Panel} panel
  * @param {string[]} names
  */
@@ -95,7 +88,7 @@ export function offerPolicies({ part }, names) {
 }
 
 /**
- * The choice of a policy in the place of its name; a person's board has none.
+ * Paints the choice of a policy in the place of its name; a person's board has none.
  * @param {Panel} panel
  * @param {Board | null} board
  */
@@ -108,10 +101,10 @@ export function paintPick({ part }, board) {
 }
 
 /**
- * The pace of a policy's board.
+ * Paints the pace of a policy's board.
  * @param {Panel} panel
  * @param {Board | null} board
- * @param {boolean} mayFollow true beside someone to follow
+ * @param {boolean} mayFollow true where there is a player to follow
  */
 export function paintPace({ part }, board, mayFollow) {
   const pace = board?.pace;
@@ -129,7 +122,7 @@ export function paintPace({ part }, board, mayFollow) {
 }
 
 /**
- * The end card of the player's board.
+ * Paints the end card of the player's board, and says whether it has just come up.
  * @param {Panel} panel
  * @param {State} state
  */
@@ -154,23 +147,21 @@ export function paintEnd({ part }, state) {
 }
 
 /**
- * The top bar: mode, badge, terrain, health of the line.
+ * Paints the top bar: mode, badge, terrain, connection.
  * @param {State} state
  * @param {Document} page
  */
 export function paintBar(state, page) {
-  const by = (/** @type {string} */ id) => /** @type {HTMLElement} */ (page.getElementById(id));
-  for (const button of page.querySelectorAll("button[data-mode]")) {
-    button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.mode === state.mode));
+  const by = elementsOf(page);
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("button[data-mode]"))) {
+    button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
   }
   const badge = by("badge");
   badge.dataset.counts = String(state.counts);
   put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
   badge.title = state.counts ? "This episode counts for the human score." : "This episode does not count for the human score.";
   put(by("terrain"), state.player ? `${state.level} \u00b7 ${words.sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
-  const link = by("link");
-  link.dataset.link = state.link;
-  put(/** @type {HTMLElement} */ (link.lastElementChild), { connecting: "connecting", open: "live", lost: "connection lost, trying again" }[state.link]);
+  paintLink(by("link"), state.link, "live");
   put(by("dock-steps"), String(state.player?.frame.step ?? 0));
   put(by("dock-coverage"), words.percent(state.player?.frame.coverage ?? 0));
   page.body.dataset.mode = state.mode;
@@ -178,37 +169,17 @@ export function paintBar(state, page) {
 }
 
 /**
- * Sentences that can be dismissed.
- * @param {HTMLElement} root
- * @param {State["notices"]} notices
- * @param {(id: number) => void} dismiss
- */
-export function paintNotices(root, notices, dismiss) {
-  root.replaceChildren(...notices.map(({ id, text, tone }) => {
-    const line = document.createElement("p");
-    line.dataset.tone = tone;
-    line.append(text);
-    const button = document.createElement("button");
-    button.type = "button";
-    button.className = "quiet";
-    button.textContent = "Dismiss";
-    button.onclick = () => dismiss(id);
-    line.append(button);
-    return line;
-  }));
-}
-
-/**
- * The human level: the figure of the terrain being played, and the server's sentence.
- * @param {{figures: any[], sentence: string}} level
+ * Paints the human level: the figure of the terrain being played, and the server's sentence.
+ * @param {import("../common/api.js").HumanLevel} level
  * @param {State} state
  * @param {Document} page
  */
 export function paintHumanLevel({ figures, sentence }, state, page) {
   const frame = state.player?.frame;
   const figure = figures.find((each) => each.level === state.level && each.rows === frame?.rows && each.cols === frame?.cols);
-  const line = /** @type {HTMLElement} */ (page.getElementById("human-figure"));
+  const by = elementsOf(page);
+  const line = by("human-figure");
   line.hidden = !figure;
   if (figure) put(line, words.figure(figure));
-  put(/** @type {HTMLElement} */ (page.getElementById("human-level")), sentence);
+  put(by("human-level"), sentence);
 }

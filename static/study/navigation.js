@@ -1,5 +1,5 @@
 // @ts-check
-// The way through the study: one request at a time, each answering where one stands; other tabs are told.
+// Steps through the study's stages: one request at a time, each answered by where the participant stands; other tabs are notified.
 import { ApiError } from "../common/api.js";
 
 /**
@@ -8,14 +8,14 @@ import { ApiError } from "../common/api.js";
  */
 
 /**
- * study       the calls
- *   dispatch    the door to the state
+ *   study       the study's API
+ *   dispatch    what changes the state
  *   ids         ids of another site, from the address
  *   channel     to other tabs of this study; null where there is none
- * @param {{study: ReturnType<import("./api.js").createStudy>, dispatch: (event: Event) => void, ids: Record<string, string>,
+ * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Event) => void, ids: Record<string, string>,
  *   channel: BroadcastChannel | null, onJoined: (where: Where) => void}} how
  */
-export function createWay({ study, dispatch, ids, channel, onJoined }) {
+export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
   /** @type {Promise<unknown>} */
   let queue = Promise.resolve();
   let isBusy = false;
@@ -30,12 +30,12 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
     return /** @type {Promise<void>} */ (done);
   }
   /** @param {Where} where */
-  const stand = (where) => dispatch({ kind: "where", where });
+  const arrive = (where) => dispatch({ kind: "where", where });
   const refresh = () => inTurn(async () => {
     try {
-      stand(await study.me());
+      arrive(await study.me());
     } catch (error) {
-      if (/** @type {any} */ (error).status === 0) dispatch({ kind: "link", link: "lost" });
+      if (error instanceof ApiError && error.status === 0) dispatch({ kind: "link", link: "lost" });
     }
   });
   /**
@@ -48,24 +48,24 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
     if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
     if (error.status === 0) dispatch({ kind: "link", link: "lost" });
     const where = error.status === 409 ? await study.me().catch(() => null) : null;
-    if (where) stand(where);
+    if (where) arrive(where);
     if (!where || where.stage === stage) dispatch({ kind: "notice", text: error.message });
   }
   return {
     refresh,
-    /** Whether a step of the way is being taken: another press of its button would be one too many. */
+    /** Whether a request is being answered: another press of its button would be one too many. */
     isBusy: () => isBusy,
     /**
-     * Takes a step, unless one is being taken.
+     * Makes a request that moves the participant on, unless one is being answered.
      * @param {() => Promise<Where>} ask
      * @param {string} [stage] the step is taken from
      */
-    async take(ask, stage) {
+    async go(ask, stage) {
       if (isBusy) return;
       isBusy = true;
       await inTurn(async () => {
         try {
-          stand(await ask());
+          arrive(await ask());
           channel?.postMessage("moved");
         } catch (error) {
           await refused(error, stage);
@@ -78,7 +78,7 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
       try {
         const where = await study.join(ids);
         onJoined(where);
-        stand(where);
+        arrive(where);
       } catch (error) {
         const { status, message } = /** @type {ApiError} */ (error);
         if (status === 0) {
@@ -88,7 +88,7 @@ export function createWay({ study, dispatch, ids, channel, onJoined }) {
         }
         const about = status === 409 ? await study.show().catch(() => null) : null;
         const where = about?.status === "closed" ? await study.me().catch(() => null) : null;
-        if (where) stand(where);
+        if (where) arrive(where);
         else dispatch({ kind: "problem", text: message ?? String(error) });
       }
     },

@@ -1,0 +1,88 @@
+// @ts-check
+// What every page does with its elements: finds them by id, makes them, and changes only what is new.
+
+/**
+ * A look-up of elements by id. It throws a TypeError where the page has no element of that id and kind.
+ * @param {Document} page
+ */
+export function elementsOf(page) {
+  /**
+   * @template {Element} [T=HTMLElement]
+   * @param {string} id
+   * @param {new () => T} [kind] the element's class, HTMLElement unless more is needed
+   * @returns {T}
+   */
+  return function by(id, kind = /** @type {new () => T} */ (/** @type {unknown} */ (HTMLElement))) {
+    const found = page.getElementById(id);
+    if (!(found instanceof kind)) throw new TypeError(`expected #${id} to be a ${kind.name}, found ${found}`);
+    return found;
+  };
+}
+
+/**
+ * A new element.
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} kind
+ * @param {string | Node | (string | Node)[]} [content]
+ * @param {Record<string, string>} [attributes]
+ * @returns {HTMLElementTagNameMap[K]}
+ */
+export function create(kind, content = [], attributes = {}) {
+  const element = document.createElement(kind);
+  element.append(...(Array.isArray(content) ? content : [content]));
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  return element;
+}
+
+/**
+ * Sets an element's text, if it is another one.
+ * @param {HTMLElement} element
+ * @param {string} text
+ */
+export function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/**
+ * Shows sentences that can be dismissed.
+ * @param {HTMLElement} root
+ * @param {import("./game_state.js").State["notices"]} notices
+ * @param {(id: number) => void} dismiss
+ */
+export function paintNotices(root, notices, dismiss) {
+  root.replaceChildren(...notices.map(({ id, text, tone }) => {
+    const button = create("button", "Dismiss", { type: "button", class: "quiet" });
+    button.onclick = () => dismiss(id);
+    return create("p", [text, button], { "data-tone": tone });
+  }));
+}
+
+/**
+ * Shows the health of the connection in the top bar.
+ * @param {HTMLElement} root
+ * @param {"connecting" | "open" | "lost"} link
+ * @param {string} whenOpen what stands there while all is well
+ */
+export function paintLink(root, link, whenOpen) {
+  root.dataset.link = link;
+  put(/** @type {HTMLElement} */ (root.lastElementChild), { connecting: "connecting", open: whenOpen, lost: "connection lost, trying again" }[link]);
+}
+
+/**
+ * Schedules one repaint for the next frame, however often it is asked for.
+ * @param {(isWhole: boolean) => void} paint isWhole: also what did not change, because sizes or colours did
+ */
+export function createRepaint(paint) {
+  let isScheduled = false;
+  let isWhole = false;
+  return (isAll = false) => {
+    isWhole ||= isAll;
+    if (isScheduled) return;
+    isScheduled = true;
+    requestAnimationFrame(() => {
+      const wasWhole = isWhole;
+      isScheduled = isWhole = false;
+      paint(wasWhole);
+    });
+  };
+}

@@ -1,0 +1,77 @@
+// @ts-check
+// What the buttons of the study's screens do, and which of them Enter presses.
+import { elementsOf } from "../common/page.js";
+import { goesOn, knowsTheEnd, screenOf } from "./state.js";
+
+/**
+ *   state       the newest state
+ *   onPassed    the end card of this episode was passed by
+ *   resume      ends the pause
+ *   isBlocked   whether a dialog is open
+ * @param {Document} page
+ * @param {{state: () => import("./state.js").State, study: ReturnType<import("./api.js").createStudyApi>,
+ *   navigation: ReturnType<import("./navigation.js").createNavigation>, onPassed: (episode: string) => void, resume: () => void,
+ *   isBlocked: () => boolean}} how
+ */
+export function startActions(page, { state, study, navigation, onPassed, resume, isBlocked }) {
+  const by = elementsOf(page);
+  const frame = () => state().game.player?.frame;
+  const stage = () => state().where?.stage;
+
+  const goNext = () => navigation.go(() => study.next(), stage());
+  const leaveTutorial = () => navigation.go(async () => {
+    const on = frame();
+    if (on && !on.outcome) await study.giveUp(on.episode, on.step);
+    return study.advance("tutorial");
+  }, "tutorial");
+
+  /** Leaves the end card, for wherever the study goes from there. */
+  function passEnd() {
+    const ended = frame();
+    const { where } = state();
+    if (!ended || !where || !knowsTheEnd(state()) || navigation.isBusy()) return;
+    if (where.phase === "tutorial") return void leaveTutorial();
+    if (goesOn(where)) return void goNext();
+    onPassed(ended.episode);
+  }
+  function giveUp() {
+    by("give-up", HTMLDialogElement).close();
+    const on = frame();
+    if (on) navigation.go(() => study.giveUp(on.episode, on.step), stage());
+  }
+  function leave() {
+    by("leave", HTMLDialogElement).close();
+    const { where } = state();
+    navigation.go(() => (where?.stage === "consent" ? study.consent(where.consent.version, false) : study.withdraw()), where?.stage);
+  }
+  async function copyCode() {
+    const isCopied = await navigator.clipboard?.writeText(by("code").textContent ?? "").then(() => true, () => false);
+    if (!isCopied) page.getSelection()?.selectAllChildren(by("code"));
+    by("copied").textContent = isCopied ? "Copied." : "The code is selected: copy it with your browser.";
+  }
+
+  /** @type {Record<string, () => unknown>} */
+  const clicks = {
+    retry: () => location.reload(),
+    agree: () => navigation.go(() => study.consent(state().where?.consent.version ?? "", true), "consent"),
+    "to-tutorial": () => navigation.go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
+    begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume,
+    finish: () => navigation.go(() => study.advance("debrief"), "debrief"),
+    "give-up-now": giveUp, "leave-now": leave, copy: copyCode,
+  };
+  for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);
+
+  return {
+    /** Enter presses the screen's button, unless it belongs to another one; true when it was used. */
+    onEnter() {
+      const focused = page.activeElement;
+      if (isBlocked()) return false;
+      const playing = state().isPaused ? "resume" : frame()?.outcome ? "next" : null;
+      const id = { play: playing, ready: "begin", break: "end-break", instructions: "to-tutorial" }[/** @type {"play"} */ (screenOf(state()))];
+      const main = id ? by(id) : null;
+      if (!main || (focused?.matches("button, a, input, select") && focused !== main)) return false;
+      main.click();
+      return true;
+    },
+  };
+}
