@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 import time
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.storage.database import StoreError
-from app.storage.reader import Reader
+from app.storage.health import quick_check
 
 LOW_BYTES = 1_000_000_000
 """Less room on the disk than this is said to be low."""
@@ -19,7 +16,7 @@ LOW_BYTES = 1_000_000_000
 
 @dataclass(frozen=True)
 class Check:
-    """What `PRAGMA quick_check` said, and when."""
+    """What SQLite's quick check said, and when."""
 
     result: str
     at_ms: int
@@ -38,14 +35,8 @@ class Health:
         self._check: Check | None = None
 
     def check(self) -> None:
-        """Return with the database checked: milliseconds to minutes, in a thread of its own."""
-        try:
-            with closing(Reader.open(self._database)) as reader:
-                rows = reader.query("PRAGMA quick_check(5)")
-            result = "; ".join(str(next(iter(row.values()))) for row in rows)
-        except (StoreError, sqlite3.DatabaseError) as error:
-            result = str(error)
-        self._check = Check(result, _now_ms())
+        """Check the database; it takes milliseconds to minutes, so call it in a thread."""
+        self._check = Check(quick_check(self._database), _now_ms())
 
     def look(self) -> dict[str, Any]:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""

@@ -9,7 +9,8 @@ from typing import Any
 from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
-from app.study.records import Records, participant_label
+from app.storage.study_rows import participant_label
+from app.study.records import Records
 
 MOST = 60
 """Boards in a list."""

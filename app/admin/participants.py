@@ -15,47 +15,40 @@ from pathlib import Path
 from typing import Any, get_args
 
 from app.statistics.study_figures import live_figure
+from app.storage import study_reader
 from app.storage.reader import Reader, config_of
+from app.storage.study_rows import Stage, participant_label
 from app.study.data import load
 from app.study.protocol import StudyError
-from app.study.records import Stage, participant_label
 from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """Without a sign for so long on the way, a participant counts as gone quiet."""
 FRESH_S = 15.0
-
-_TRIALS = """SELECT t.participant_id, t.phase, e.outcome, e.steps, e.score, e.config, e.driver,
-    coalesce(e.ended_ms, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id), e.started_ms) AS last_ms
-    FROM study_episodes t JOIN participants p ON p.id = t.participant_id JOIN episodes e ON e.id = t.episode_id
-    WHERE p.study = ?"""
-_EVENTS = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
-    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
-_LEFT = """SELECT v.participant_id, v.detail FROM stage_events v JOIN participants p ON p.id = v.participant_id
-    WHERE p.study = ? AND v.kind = 'withdrawn'"""
-_PEOPLE = "SELECT id, kind, script, stage, joined_ms, session_id FROM participants WHERE study = ? ORDER BY joined_ms, id"
+SHOWN = ("id", "kind", "script", "stage", "joined_ms", "session_id")
+"""What the operator sees of a participant's row."""
 
 
 def participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]]:
     """Return the participants of a study in the order of joining, each with its way so far."""
     trials = defaultdict(list)
-    for row in reader.query(_TRIALS, [study]):
+    for row in study_reader.trial_activity(reader, study):
         trials[row["participant_id"]].append(row)
-    events = {row["participant_id"]: row for row in reader.query(_EVENTS, [study])}
-    left = {row["participant_id"]: json.loads(row["detail"]).get("from") for row in reader.query(_LEFT, [study])}
+    events = study_reader.event_summaries(reader, study)
+    left = {event.participant_id: json.loads(event.detail).get("from") for event in study_reader.withdrawals(reader, study)}
     found = []
-    for row in reader.query(_PEOPLE, [study]):
-        own, seen = trials[row["id"]], events.get(row["id"], {"last_ms": 0, "deviations": 0})
-        last_ms = max([row["joined_ms"], seen["last_ms"], *(trial["last_ms"] for trial in own)])
-        is_under_way = row["stage"] not in ("debrief", "complete", "withdrawn")
+    for person in study_reader.participants(reader, study):
+        own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
+        last_ms = max([person.joined_ms, seen["last_ms"], *(trial["last_ms"] for trial in own)])
+        is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
         found.append(
             {
-                **row,
-                "label": participant_label(row["id"]),
+                **{name: getattr(person, name) for name in SHOWN},
+                "label": participant_label(person.id),
                 "last_ms": last_ms,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
-                "left_at": left.get(row["id"]),
+                "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
                 **_played(own),
             }

@@ -14,27 +14,25 @@ from app.statistics.group_summaries import of_groups
 from app.statistics.study_figures import live_figure
 from app.statistics.summaries import EpisodeSummary, trials
 from app.storage.reader import Reader
+from app.storage.study_reader import closed_studies, count_participants
 from app.study.data import StudyData, load
 from app.study.seeds import seed
-
-_CLOSED = "SELECT name, closed_ms FROM studies WHERE closed_ms IS NOT NULL AND secret IS NOT NULL ORDER BY closed_ms DESC"
 
 
 class Studies:
     """Closed studies of a database, read once each: nothing happens in them any more."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, int, int], tuple[StudyData, dict[str, Any] | None]] = {}
+        self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
 
     def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
         """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time."""
         found = []
-        for row in reader.query(_CLOSED):
+        for study in closed_studies(reader):
             # one who is forgotten afterwards is gone from here as well
-            people = reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [row["name"]])[0]["n"]
-            key = (row["name"], row["closed_ms"], people)
+            key = (study.name, study.closed_ms, count_participants(reader, study.name))
             if key not in self._known:
-                data = load(reader, row["name"])
+                data = load(reader, study.name)
                 self._known[key] = (data, _people(reader, data))
             found.append(self._known[key])
         return found

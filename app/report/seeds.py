@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.storage.reader import Reader
+from app.storage.study_reader import find_study
 from app.study.data import StudyData, load
 from app.study.folder import Folder, Study
 from app.study.protocol import StudyError
@@ -19,7 +20,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
     is in neither, and for two different ones of that name.
     """
     study = _in_folder(studies, name)
-    joined = bool(reader.query("SELECT 1 FROM studies WHERE name = ?", [name]))
+    joined = find_study(reader, name) is not None
     if study is None:
         data = load(reader, name)
         return data, data.seeds()

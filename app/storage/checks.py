@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from app.storage import digests
 from app.storage.connection import rows
 from app.storage.resimulation import Finding, differences
+from app.storage.study_rows import StudyRow
 
 _DIGEST_OWNERS = {
     "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
@@ -32,16 +33,6 @@ _STUDY_EPISODES = """SELECT s.phase, s.trial, s.terrain, e.id, e.seed, e.config_
     FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE s.participant_id = ? ORDER BY s.phase, s.trial"""
 
 
-class StudyRow(NamedTuple):
-    """A study as the database holds it; `protocol` is JSON, `secret` hex, None while the study is open."""
-
-    name: str
-    protocol: str
-    protocol_hash: str
-    commitment: str
-    secret: str | None
-
-
 class StudyEpisodeRow(NamedTuple):
     """What a participant was given to play: its place in the study, and what fixes the episode."""
 
@@ -57,7 +48,7 @@ class StudyEpisodeRow(NamedTuple):
 
 def studies(conn: sqlite3.Connection, only: str | None = None) -> list[StudyRow]:
     """Return every study, or (only) the one of this name."""
-    sql = "SELECT name, protocol, protocol_hash, commitment, secret FROM studies WHERE ? IS NULL OR name = ?"
+    sql = "SELECT * FROM studies WHERE ? IS NULL OR name = ?"
     return [StudyRow(*row) for row in conn.execute(sql, (only, only))]
 
 

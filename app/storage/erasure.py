@@ -10,7 +10,7 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from app.storage.connection import rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
 from app.storage.forgotten import TRAJECTORY, person_hashes, trajectory_hash
 from app.storage.releases import mark_outdated_releases
+from app.storage.study_rows import participant_label
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,11 @@ class Erasure:
     outdated: tuple[int, ...]
 
 
-def participants_named(
-    conn: sqlite3.Connection, name: str, study: str | None, label_of: Callable[[str], str]
-) -> list[dict[str, Any]]:
-    """Return the rows of the participants with this id, label or outside id, of one study or (None) of all.
-
-    label_of  gives the label of a participant's id
-    """
+def participants_named(conn: sqlite3.Connection, name: str, study: str | None) -> list[dict[str, Any]]:
+    """Return the rows of the participants with this id, label or outside id, of one study or (None) of all."""
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
         WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
-    conn.create_function("label", 1, label_of, deterministic=True)
+    conn.create_function("label", 1, participant_label, deterministic=True)
     return rows(conn, sql, name, study)
 
 

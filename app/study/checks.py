@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from app.storage.checks import StudyEpisodeRow, StudyRow, episodes_of, participants_of, studies
+from app.storage.checks import StudyEpisodeRow, episodes_of, participants_of, studies
 from app.storage.resimulation import Finding
+from app.storage.study_rows import StudyRow
 from app.study import seeds
 from app.study.protocol import Protocol, StudyError, canonical_json, checked
 

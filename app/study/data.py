@@ -10,16 +10,23 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from app.storage.reader import Reader, config_of
+from app.storage.study_reader import (
+    find_study,
+    input_events,
+    move_inputs,
+    participants,
+    stage_events,
+    study_episodes,
+    study_names,
+)
+from app.storage.study_rows import ParticipantKind, Phase
 from app.study.plausibility import pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, checked
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
-
-Kind = Literal["human", "script"]
-Phase = Literal["tutorial", "warm_up", "ranked"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class Person:
     """
 
     id: str
-    kind: Kind
+    kind: ParticipantKind
     script: str | None
     stage: str
     joined_ms: int
@@ -59,7 +66,7 @@ class StudyEpisode:
     """
 
     participant: str
-    kind: Kind
+    kind: ParticipantKind
     phase: Phase
     trial: int
     terrain: int
@@ -122,69 +129,52 @@ def records(reader: Reader, trials: Iterable[StudyEpisode]) -> Iterator[tuple[St
 
 
 def _load(reader: Reader, study: str) -> StudyData:
-    found = reader.query("SELECT * FROM studies WHERE name = ?", [study])
-    if not found:
-        known = ", ".join(row["name"] for row in reader.query("SELECT name FROM studies ORDER BY name")) or "none"
+    row = find_study(reader, study)
+    if row is None:
+        known = ", ".join(study_names(reader)) or "none"
         raise StudyError(f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}")
-    row = found[0]
     people = _people(reader, study)
     kinds = {person.id: person.kind for person in people}
     return StudyData(
-        checked(json.loads(row["protocol"])),
-        row["protocol_hash"],
-        row["commitment"],
-        row["frozen_ms"],
-        row["closed_ms"],
-        row["secret"],
-        people,
-        _trials(reader, study, kinds),
+        protocol=checked(json.loads(row.protocol)),
+        protocol_hash=row.protocol_hash,
+        commitment=row.commitment,
+        frozen_ms=row.frozen_ms,
+        closed_ms=row.closed_ms,
+        secret=row.secret,
+        people=people,
+        trials=tuple(_with_input(reader, each, kinds[each["participant_id"]]) for each in study_episodes(reader, study)),
     )
 
 
 def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     events = defaultdict(list)
-    for row in reader.query(
-        "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? ORDER BY number",
-        [study],
-    ):
-        events[row["participant_id"]].append((row["at_ms"], row["kind"], json.loads(row["detail"])))
+    for event in stage_events(reader, study):
+        events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
     return tuple(
-        Person(**{name: row[name] for name in names}, settings=json.loads(row["settings"]), events=tuple(events[row["id"]]))
-        for row in reader.query("SELECT * FROM participants WHERE study = ? ORDER BY joined_ms, id", [study])
+        Person(**{name: getattr(row, name) for name in names}, settings=json.loads(row.settings), events=tuple(events[row.id]))
+        for row in participants(reader, study)
     )
 
 
-def _trials(reader: Reader, study: str, kinds: dict[str, Kind]) -> tuple[StudyEpisode, ...]:
-    rows = reader.query(
-        """SELECT x.*, e.* FROM study_episodes x JOIN participants p ON p.id = x.participant_id
-        JOIN episodes e ON e.id = x.episode_id WHERE p.study = ? ORDER BY e.started_ms, e.id""",
-        [study],
-    )
-    return tuple(_with_input(reader, row, kinds[row["participant_id"]]) for row in rows)
+def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind) -> StudyEpisode:
+    """Return an episode of a study; its input is read and dropped, since a study's whole input may be larger than memory."""
+    return _episode(row, kind, move_inputs(reader, row["id"]), input_events(reader, row["id"]))
 
 
-def _with_input(reader: Reader, row: dict[str, Any], kind: Kind) -> StudyEpisode:
-    """Return a trial, its input read and let go: a study's whole input may be larger than memory."""
-    moves = reader.query("SELECT input, server_ms FROM steps WHERE episode_id = ? ORDER BY step", [row["id"]])
-    inputs = reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [row["id"]])
-    return _trial(row, kind, moves, inputs)
-
-
-def _trial(row: dict[str, Any], kind: Kind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]) -> StudyEpisode:
+def _episode(
+    row: dict[str, Any], kind: ParticipantKind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]
+) -> StudyEpisode:
     ended = row["ended_ms"] is not None
-    same = ("outcome", "steps", "score", "total", "discovered", "trajectory_hash", "seed", "config_hash", "core_version")
+    same = ("phase", "trial", "driver", "outcome", "steps", "score", "total", "discovered", "started_ms", "ended_ms",
+            "trajectory_hash", "seed", "config_hash", "core_version")  # fmt: skip
     return StudyEpisode(
         participant=row["participant_id"],
         kind=kind,
-        phase=row["phase"],
-        trial=row["trial"],
-        terrain=row["terrain"],
-        episode=row["episode_id"],
-        driver=row["driver"],
+        terrain=row["terrain_index"],
+        episode=row["id"],
         steps_to_99=steps_to_target(config_of(row), row["outcome"], row["steps"]) if ended else None,
-        started_ms=row["started_ms"],
-        ended_ms=row["ended_ms"],
         **{name: row[name] for name in same},
         pause_share=pause_share(moves, inputs),
         labels=plausibility_labels(moves, inputs),

@@ -14,8 +14,8 @@ from typing import Any
 
 from app.play.messages import encode_frame
 from app.storage.store import Store
+from app.storage.study_rows import Participant, TrialRow
 from app.study.folder import Study
-from app.study.records import Participant, Trial
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target
@@ -41,7 +41,7 @@ class Debriefs:
         self._runs: dict[str, list[Run]] = {}
         self._working = asyncio.Lock()
 
-    async def summary(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> dict[str, Any]:
+    async def summary(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> dict[str, Any]:
         """Return `Where.debrief`."""
         config, runs = study.protocol.env_config, await self._policy_runs(study)
         ranked = [trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None]
@@ -66,7 +66,7 @@ class Debriefs:
             "return_url": None if url is None else url.replace("{code}", code),
         }
 
-    async def replays(self, study: Study, trials: Sequence[Trial], index: int) -> dict[str, Any]:
+    async def replays(self, study: Study, trials: Sequence[TrialRow], index: int) -> dict[str, Any]:
         """Return the participant's own warm-up episode on terrain `index` and the policy's; LookupError when there is none."""
         own = [trial for trial in trials if trial.phase == "warm_up" and trial.terrain == index and trial.ended_ms is not None]
         runs = await self._policy_runs(study)

@@ -9,7 +9,6 @@ from typing import Any
 from app.storage.connection import reading
 from app.storage.database import StoreError
 from app.storage.erasure import Erasure, erase, opened_for_erasure, participants_named
-from app.study.records import participant_label
 
 
 class ParticipantLookupError(StoreError):
@@ -37,7 +36,7 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
 
 
 def _the_one(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
-    found = participants_named(conn, name, study, participant_label)
+    found = participants_named(conn, name, study)
     if not found:
         where = f"the study {study!r} of {database}" if study else str(database)
         raise ParticipantLookupError(

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from app.play.messages import Events
 from app.play.session import RefusedError, StudyUnavailableError
 from app.play.sources import Sources
+from app.storage.study_rows import Participant
 from app.study.folder import Folder, Study, StudyError
-from app.study.records import Participant, Records
+from app.study.records import Records
 
 CLOSED = "the study {!r} is closed: nobody can take part or go on any more"
 

@@ -17,10 +17,11 @@ from weakref import WeakValueDictionary
 from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.store import EpisodeRow
+from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Folder, Study
 from app.study.participant_board import CLOSED, Participations
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.records import Participant, Phase, Records, Stage, Trial
+from app.study.records import Records
 from app.study.seeds import TUTORIAL_SEED, order
 from marsexplorer.config import CORE_VERSION
 
@@ -231,7 +232,7 @@ class ParticipantProgress:
         found = await self.session(participant)
         return found or self.lobby.new_board(participant.player_id, self._participations.of(participant))
 
-    def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
+    def _note_break(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> None:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
@@ -247,7 +248,7 @@ class ParticipantProgress:
         return self._sources.clock_ms()
 
 
-def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
+def break_due(study: Study, participant: Participant, trials: Sequence[TrialRow]) -> bool:
     """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None

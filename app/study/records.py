@@ -6,58 +6,20 @@ participant keeps the digest of the rows beside them (`app.storage.digests`).
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from app.play.messages import Events
 from app.storage import digests
 from app.storage.store import Store
+from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Study
 from app.study.protocol import StudyError, canonical
 
-Stage = Literal[
-    "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
-]  # fmt: skip
-Phase = Literal["tutorial", "warm_up", "ranked"]
 MAX_EVENTS = 50_000
 """Most input events kept of an episode: some hours of typing."""
-
-
-@dataclass(frozen=True)
-class Participant:
-    """A person, or a script, in a study; `settings` is JSON."""
-
-    id: str
-    study: str
-    player_id: str
-    session_id: str | None
-    kind: Literal["human", "script"]
-    script: str | None
-    stage: Stage
-    consent_version: str | None
-    consent_ms: int | None
-    joined_ms: int
-    completed_ms: int | None
-    completion_code: str | None
-    settings: str
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A study's episode; `ended_ms`, `outcome`, `steps` and `score` are None while it runs."""
-
-    episode_id: str
-    phase: Phase
-    trial: int
-    terrain: int
-    ended_ms: int | None
-    outcome: str | None
-    steps: int | None
-    score: float | None
 
 
 _TRIALS = """SELECT t.episode_id, t.phase, t.trial, t.terrain, e.ended_ms, e.outcome, e.steps, e.score
@@ -71,11 +33,6 @@ _HIDES = """SELECT t.phase = 'ranked' AND p.stage NOT IN ('debrief', 'complete')
 
 _RUN = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FROM input_events
     WHERE episode_id = ?1 AND number >= ?2 ORDER BY number LIMIT ?3"""
-
-
-def participant_label(participant_id: str) -> str:
-    """Return the short label a participant sees and can quote; nobody can find the id from it."""
-    return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()
 
 
 class Records:
@@ -187,9 +144,9 @@ class Records:
             values = (episode_id, participant_id, phase, trial, terrain)
             self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
 
-    def trials(self, participant_id: str) -> list[Trial]:
+    def trials(self, participant_id: str) -> list[TrialRow]:
         """Return a participant's episodes in the order played."""
-        return [Trial(*row) for row in self._conn.execute(_TRIALS, [participant_id]).fetchall()]
+        return [TrialRow(*row) for row in self._conn.execute(_TRIALS, [participant_id]).fetchall()]
 
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether an episode is a ranked one of a participant who has not come to the debrief."""

@@ -12,11 +12,11 @@ from pydantic import Field, field_validator
 
 from app.play.messages import Message
 from app.play.session import RefusedError
+from app.storage.study_rows import Participant, participant_label
 from app.study.debrief import Debriefs
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.records import Participant, participant_label
 from app.web.api import about
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])

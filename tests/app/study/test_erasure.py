@@ -14,8 +14,8 @@ from app.release.manifest import MANIFEST
 from app.storage.database import open_read_only
 from app.storage.merging import merge
 from app.storage.store import StoreError
+from app.storage.study_rows import participant_label
 from app.study.erasure import ParticipantLookupError, find_participant, forget
-from app.study.records import participant_label
 from app.study.verification import verify_database
 from tests.support.recorded import play
 from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study

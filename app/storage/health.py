@@ -1,0 +1,20 @@
+"""What SQLite's own check says of a database file."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from app.storage.database import StoreError
+from app.storage.reader import Reader
+
+
+def quick_check(database: Path) -> str:
+    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes."""
+    try:
+        with closing(Reader.open(database)) as reader:
+            rows = reader.query("PRAGMA quick_check(5)")
+    except (StoreError, sqlite3.DatabaseError) as error:
+        return str(error)
+    return "; ".join(str(next(iter(row.values()))) for row in rows)

@@ -1,0 +1,94 @@
+"""Studies as the database holds them, for reports, releases, the leaderboard and the operator; nothing of identities.
+
+Every function takes an open reader. Episodes are dictionaries by column, since `config_of`, `record_of` and
+`app.study.plausibility` take those.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.storage.reader import Reader
+from app.storage.study_rows import Participant, StageEventRow, StudyRow
+
+Row = dict[str, Any]
+
+_EPISODES = """SELECT e.*, x.participant_id, x.phase, x.trial, x.terrain AS terrain_index FROM study_episodes x
+    JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
+    WHERE p.study = ? ORDER BY e.started_ms, e.id"""
+_EVENTS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
+    WHERE p.study = ? ORDER BY v.number"""
+_ACTIVITY = """SELECT t.participant_id, t.phase, e.outcome, e.steps, e.score, e.config, e.driver,
+    coalesce(e.ended_ms, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id), e.started_ms) AS last_ms
+    FROM study_episodes t JOIN participants p ON p.id = t.participant_id JOIN episodes e ON e.id = t.episode_id
+    WHERE p.study = ?"""
+_EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
+    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
+_WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
+    WHERE p.study = ? AND v.kind = 'withdrawn'"""
+_CLOSED = "SELECT * FROM studies WHERE closed_ms IS NOT NULL AND secret IS NOT NULL ORDER BY closed_ms DESC"
+
+
+def find_study(reader: Reader, name: str) -> StudyRow | None:
+    """Return a study; None when nobody has joined one of this name."""
+    found = reader.query("SELECT * FROM studies WHERE name = ?", [name])
+    return StudyRow(**found[0]) if found else None
+
+
+def study_names(reader: Reader) -> list[str]:
+    """Return the names of all studies that somebody has joined, sorted."""
+    return [row["name"] for row in reader.query("SELECT name FROM studies ORDER BY name")]
+
+
+def closed_studies(reader: Reader) -> list[StudyRow]:
+    """Return the studies that are closed and whose secret is known, the latest first."""
+    return [StudyRow(**row) for row in reader.query(_CLOSED)]
+
+
+def participants(reader: Reader, study: str) -> list[Participant]:
+    """Return a study's participants in the order of joining."""
+    sql = "SELECT * FROM participants WHERE study = ? ORDER BY joined_ms, id"
+    return [Participant(**row) for row in reader.query(sql, [study])]
+
+
+def count_participants(reader: Reader, study: str) -> int:
+    """Return how many people and scripts have joined a study."""
+    return int(reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"])
+
+
+def stage_events(reader: Reader, study: str) -> list[StageEventRow]:
+    """Return the stage events of all participants of a study, each participant's in order."""
+    return [StageEventRow(**row) for row in reader.query(_EVENTS, [study])]
+
+
+def study_episodes(reader: Reader, study: str) -> list[Row]:
+    """Return a study's episodes, oldest first, with `participant_id`, `phase`, `trial` and `terrain_index`."""
+    return reader.query(_EPISODES, [study])
+
+
+def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
+    """Return `input` and `server_ms` of an episode's moves in order."""
+    return reader.query("SELECT input, server_ms FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+
+
+def input_events(reader: Reader, episode_id: str) -> list[Row]:
+    """Return an episode's input events in order."""
+    return reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id])
+
+
+def trial_activity(reader: Reader, study: str) -> list[Row]:
+    """Return `participant_id`, `phase`, configuration, driver, totals and `last_ms` of every trial of a study.
+
+    `last_ms` is the time of the last sign of the trial: its end, else its newest move, else its start.
+    """
+    return reader.query(_ACTIVITY, [study])
+
+
+def event_summaries(reader: Reader, study: str) -> dict[str, Row]:
+    """Return per participant with stage events the time of the last one (`last_ms`) and the number of `deviations`."""
+    return {row["participant_id"]: row for row in reader.query(_EVENT_SUMMARY, [study])}
+
+
+def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
+    """Return the stage events by which participants of a study withdrew."""
+    return [StageEventRow(**row) for row in reader.query(_WITHDRAWALS, [study])]
