@@ -1,4 +1,4 @@
-"""`marsexplorer simulate`: synthetic players play a whole study, over the sockets that browsers use."""
+"""`marsexplorer simulate`: synthetic players play a whole study over the sockets that browsers use."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import click
 from app.cli.console import PATH, print_table, progress
 
 if TYPE_CHECKING:
-    from app.simulate.outcome_log import Tally
+    from app.simulate.outcome_log import OutcomeLog
 
-KINDS = ("noisy-frontier", "random", "idler", "dropper", "reloader", "cheater", "mixed")
-POPULATIONS = ("skilled", "mixed", "clumsy")
+KIND_NAMES = ("noisy-frontier", "random", "idler", "dropper", "reloader", "cheater", "mixed")
+POPULATION_NAMES = ("skilled", "mixed", "clumsy")
 
 
 @click.command()
 @click.option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
 @click.option("--players", type=click.IntRange(1, 1000), help="How many play at once.  [default: as many as the study plans]")
 @click.option(
-    "--kind", "kinds", type=click.Choice(KINDS), multiple=True, default=("noisy-frontier",), show_default=True,
-    help="What they are like; given several times, players are dealt round and round.",
+    "--kind", "kinds", type=click.Choice(KIND_NAMES), multiple=True, default=("noisy-frontier",), show_default=True,
+    help="What they are like; given several times, the kinds are assigned in turn.",
 )  # fmt: skip
 @click.option(
-    "--population", type=click.Choice(POPULATIONS), default="mixed", show_default=True,
+    "--population", type=click.Choice(POPULATION_NAMES), default="mixed", show_default=True,
     help="What skill is drawn from: slips, luck and collisions.",
 )  # fmt: skip
 @click.option("--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is.")
@@ -66,50 +66,53 @@ def simulate(
     """
     import asyncio
 
-    from app.simulate.outcome_log import Tally
+    from app.simulate.outcome_log import OutcomeLog
     from app.simulate.participant import StudyOverError
-    from app.simulate.persona import deal
-    from app.simulate.run import Plan, StudyNotReadyError, check, simulate
+    from app.simulate.persona import assign_kinds
+    from app.simulate.run import SimulationConfig, StudyNotReadyError, fetch_study, simulate
 
-    tally, url = Tally(), url.rstrip("/")
+    log, url = OutcomeLog(), url.rstrip("/")
     try:
-        count = players or int(asyncio.run(check(url, study))["players"])
-        plan = Plan(url, study, deal(kinds, count), population, seed, speed, patience, state)
+        count = players or int(asyncio.run(fetch_study(url, study))["players"])
+        config = SimulationConfig(
+                url=url, study=study, kinds=assign_kinds(kinds, count), population=population, seed=seed, speed=speed,
+                patience_s=patience, state=state,
+            )  # fmt: skip
         with progress(f"{count} players") as advance:
-            asyncio.run(simulate(plan, tally, advance))
+            asyncio.run(simulate(config, log, advance))
     except StudyNotReadyError as error:
         raise click.UsageError(str(error)) from error
     except StudyOverError as error:
-        _print(tally)
+        _print(log)
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
-        way = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
-        click.echo(f"marsexplorer: stopped after {tally.episodes} episodes; {way}", err=True)
+        advice = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
+        click.echo(f"marsexplorer: stopped after {log.episodes} episodes; {advice}", err=True)
         raise click.Abort from None
-    _print(tally)
-    if tally.faults:
-        more = f" (and {len(tally.faults) - 1} more)" if len(tally.faults) > 1 else ""
-        raise click.ClickException(f"the server did what it must not: {tally.faults[0]}{more}")
+    _print(log)
+    if log.faults:
+        more = f" (and {len(log.faults) - 1} more)" if len(log.faults) > 1 else ""
+        raise click.ClickException(f"the server did what it must not: {log.faults[0]}{more}")
 
 
-def _print(tally: Tally) -> None:
-    """Print a line a player, then what the server took."""
+def _print(log: OutcomeLog) -> None:
+    """Print one line for each player, then the load of the server."""
     rows = []
-    for line in tally.lines:
-        own = line.debrief or {}
-        counts = [str(line.episodes[phase]) for phase in ("warm_up", "ranked")]
+    for player in log.players:
+        own = player.debrief or {}
+        counts = [str(player.episodes[phase]) for phase in ("warm_up", "ranked")]
         means = [_shown(own.get("mean_score"), 4), _shown(own.get("mean_steps"), 1)]
-        rows.append([f"{line.number} {line.kind}", line.stage, *counts, *means, line.code or ""])
+        rows.append([f"{player.number} {player.kind}", player.stage, *counts, *means, player.code or ""])
     if rows:
         print_table("Synthetic players", ["player", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"], rows)
-    seconds = tally.seconds()
-    latency = ", ".join(f"{name} {ms:.1f}" for name, ms in tally.latency_ms().items()) or "no move"
-    click.echo(f"{tally.moves} moves in {seconds:.1f} s: {tally.moves / seconds:.0f} moves/s; act to frame in ms: {latency}")
-    click.echo(f"{tally.episodes} episodes ended; {tally.reloads} reloads; {tally.lost} lost connections")
-    if tally.attempts:
-        times, refused = (sum(pair[i] for pair in tally.attempts.values()) for i in range(2))
-        click.echo(f"cheating: {refused} of {times} attempts of {len(tally.attempts)} kinds refused")
-    for fault in tally.faults:
+    seconds = log.seconds()
+    latency = ", ".join(f"{name} {ms:.1f}" for name, ms in log.latency_ms().items()) or "no move"
+    click.echo(f"{log.moves} moves in {seconds:.1f} s: {log.moves / seconds:.0f} moves/s; act to frame in ms: {latency}")
+    click.echo(f"{log.episodes} episodes ended; {log.reloads} reloads; {log.lost_connections} lost connections")
+    if log.attempts:
+        times, refused = (sum(pair[i] for pair in log.attempts.values()) for i in range(2))
+        click.echo(f"cheating: {refused} of {times} attempts of {len(log.attempts)} kinds refused")
+    for fault in log.faults:
         click.echo(f"fault: {fault}")
 
 

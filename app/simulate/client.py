@@ -12,15 +12,16 @@ from typing import Any
 from urllib.parse import quote, urlsplit
 
 import httpx
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.client import connect as open_websocket
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidMessage
 from websockets.typing import Origin
 
-COOKIE = "mars_player"
-PATIENCE_S = 20.0
-"""How long one answer may take."""
-AWAY = (502, 503, 504)
-"""What a proxy says while the server behind it is away."""
+COOKIE_NAME = "mars_player"
+ANSWER_TIMEOUT_S = 20.0
+"""The time that one answer may take."""
+SERVER_AWAY_STATUSES = (502, 503, 504)
+"""The answers of a proxy while the server behind it is away."""
 
 
 class ConnectionLostError(Exception):
@@ -44,9 +45,9 @@ class Page:
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError(f"an address must be like http://127.0.0.1:8000, got {url!r}")
         self._origin = f"{parts.scheme}://{parts.netloc}"
-        self._http = httpx.AsyncClient(timeout=PATIENCE_S, trust_env=False, headers={"Origin": self._origin})
+        self._http = httpx.AsyncClient(timeout=ANSWER_TIMEOUT_S, trust_env=False, headers={"Origin": self._origin})
         if cookie is not None:
-            self._http.headers["Cookie"] = f"{COOKIE}={cookie}"
+            self._http.headers["Cookie"] = f"{COOKIE_NAME}={cookie}"
         self.cookie = cookie
         self._socket: ClientConnection | None = None
         self.session: str | None = None
@@ -57,7 +58,7 @@ class Page:
             answer = await self._http.request(method, f"{self.url}/{path}", json=body)
         except httpx.TransportError as error:
             raise ConnectionLostError(str(error) or type(error).__name__) from error
-        if answer.status_code in AWAY:
+        if answer.status_code in SERVER_AWAY_STATUSES:
             raise ConnectionLostError(f"{answer.status_code} {answer.reason_phrase}")
         return answer
 
@@ -71,27 +72,27 @@ class Page:
         return found
 
     async def join(self, outside_ids: dict[str, str], script: str) -> dict[str, Any]:
-        """Return Where after joining; the cookie is kept from then on."""
+        """Join the study and return where the participant stands; the cookie is kept from then on."""
         found = await self.call("join", {"outside_ids": outside_ids, "script": script})
-        self.cookie = self._http.cookies.get(COOKIE) or self.cookie
+        self.cookie = self._http.cookies.get(COOKIE_NAME) or self.cookie
         self._http.cookies.clear()
-        self._http.headers["Cookie"] = f"{COOKIE}={self.cookie}"
+        self._http.headers["Cookie"] = f"{COOKIE_NAME}={self.cookie}"
         return found
 
     async def open(self, session: str, path: str = "ws/sessions") -> None:
-        """Return with the socket of a session open, the old one closed."""
+        """Open the socket of a session, after the old one is closed."""
         await self.close_socket()
-        self._socket = await self.dial(f"{path}/{session}")
+        self._socket = await self.connect(f"{path}/{session}")
         self.session = session
 
-    async def dial(self, path: str, cookie: str | None = None) -> ClientConnection:
-        """Return a further socket of this page (or with another's cookie)."""
+    async def connect(self, path: str, cookie: str | None = None) -> ClientConnection:
+        """Open and return a further socket of this page (or with another's cookie)."""
         url = "ws" + self.url.removeprefix("http") + f"/{path}"
-        headers = {"Cookie": f"{COOKIE}={cookie or self.cookie}"}
+        headers = {"Cookie": f"{COOKIE_NAME}={cookie or self.cookie}"}
         try:
-            return await connect(
+            return await open_websocket(
                 url, origin=Origin(self._origin), additional_headers=headers, proxy=None, compression=None, max_size=None,
-                open_timeout=PATIENCE_S, close_timeout=1.0,
+                open_timeout=ANSWER_TIMEOUT_S, close_timeout=1.0,
             )  # fmt: skip
         except (OSError, TimeoutError, InvalidHandshake, InvalidMessage, EOFError, ConnectionClosed) as error:
             raise ConnectionLostError(str(error) or type(error).__name__) from error
@@ -115,28 +116,28 @@ class Page:
         if self._socket is None:
             raise ConnectionLostError("the socket is closed")
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 found: dict[str, Any] = json.loads(await self._socket.recv())
         except (ConnectionClosed, OSError, TimeoutError) as error:
-            raise ConnectionLostError(str(error) or f"no message within {PATIENCE_S:.0f} s") from error
+            raise ConnectionLostError(str(error) or f"no message within {ANSWER_TIMEOUT_S:.0f} s") from error
         return found
 
     async def close_socket(self) -> None:
-        """Return with the socket closed, as a tab does that goes."""
+        """Close the socket, as a tab does that is closed."""
         socket, self._socket, self.session = self._socket, None, None
         if socket is not None:
-            await hang_up(socket)
+            await close_or_abort(socket)
 
     async def close(self) -> None:
-        """Return with everything closed, also when this is cancelled on the way."""
+        """Close everything, also when this is cancelled on the way."""
         try:
             await self.close_socket()
         finally:
             await self._http.aclose()
 
 
-async def hang_up(socket: ClientConnection) -> None:
-    """Return with a socket closed: politely, or at once when this is cancelled on the way."""
+async def close_or_abort(socket: ClientConnection) -> None:
+    """Close a socket with the closing handshake, or at once when this is cancelled on the way."""
     try:
         await socket.close()
     finally:

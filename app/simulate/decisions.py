@@ -1,7 +1,7 @@
-"""How a synthetic player decides, compiled: `frontier-cost` that slips and crashes, for one board or for thousands.
+"""The compiled decisions of synthetic players: `frontier-cost` that slips and crashes, for one board or for thousands.
 
 The same kernel drives a player at a server, from frames, and the thousands of episodes from which a population's true
-level is computed. What it draws depends on (dice, move) alone, so an episode taken up again after a lost connection goes
+level is computed. What it draws depends on (stream, move) alone, so an episode taken up again after a lost connection goes
 on exactly as it would have.
 """
 
@@ -18,13 +18,14 @@ from marsexplorer.policies.kernels.grid import Ground
 from marsexplorer.policies.kernels.visibility import Outlook
 from marsexplorer.policies.planner import below, uniform
 
-DRAWS = 4
-"""Places in the stream that a move takes."""
-GOLDEN = 0x9E3779B97F4A7C15
+DRAWS_PER_MOVE = 4
+"""The numbers of the stream that are reserved for a move."""
+STREAM_STEP = 0x9E3779B97F4A7C15
+"""What SplitMix64 adds to its state for each number (2**64 divided by the golden ratio)."""
 
 
 @kernel
-def pick(codes, row, col, wants_valid, state):
+def random_move(codes, row, col, wants_valid, state):
     """Return one of the valid (or of the invalid) moves from a cell, each as likely; -1 when there is none."""
     rows, cols = codes.shape
     chosen, found = -1, 0
@@ -46,38 +47,38 @@ def pick(codes, row, col, wants_valid, state):
 
 @kernel
 def decide(
-    codes, visited, position, heading, is_running, slip, crash, dice, moves, state, actions,
+    codes, visited, position, heading, is_running, slip, crash, stream, moves, state, actions,
     radius, unknown, blocked, sight, seen, is_open, distance, queue,
 ):  # fmt: skip
-    """Write the next action of every running board; visited and heading are brought up to date with it.
+    """Write the next action of every running board, and bring `visited` and `heading` up to date.
 
     codes uint8[num, rows, cols] · visited uint8[num, rows, cols] · position int64[num, 2] · heading, actions int64[num] ·
-    slip, crash float64[num] · dice uint64[num] · moves int64[num], made so far · the rest is scratch for one board
+    slip, crash float64[num] · stream uint64[num] · moves int64[num], made so far · the rest is scratch for one board
     """
     for i in range(codes.shape[0]):
         if not is_running[i]:
             continue
         row, col = position[i, 0], position[i, 1]
         visited[i, row, col] = 1
-        state[0] = dice[i] + np.uint64(moves[i] * DRAWS) * np.uint64(GOLDEN)
+        state[0] = stream[i] + np.uint64(moves[i] * DRAWS_PER_MOVE) * np.uint64(STREAM_STEP)
         luck = uniform(state)
         action = -1
         if luck < crash[i]:
-            action = pick(codes[i], row, col, False, state)
+            action = random_move(codes[i], row, col, False, state)
         elif luck < crash[i] + slip[i]:
-            action = pick(codes[i], row, col, True, state)
+            action = random_move(codes[i], row, col, True, state)
         if action < 0:
             action = toward_nearest(
                 codes[i], visited[i], row, col, heading[i], radius, unknown, blocked, sight, seen, is_open, distance, queue
             )
         if action < 0:
-            action = max(np.int64(0), pick(codes[i], row, col, True, state))
+            action = max(np.int64(0), random_move(codes[i], row, col, True, state))
         heading[i] = action
         actions[i] = action
 
 
-class Minds:
-    """What decides for a stack of boards of one shape.
+class DecisionKernel:
+    """The decisions for a stack of boards of one shape, and the memory that they need.
 
     visited   uint8[num, rows, cols], 1 where a rover has stood
     heading   int64[num], the last action; east before the first
@@ -99,16 +100,17 @@ class Minds:
         codes: NDArray[np.uint8],
         position: NDArray[np.int64],
         is_running: NDArray[np.bool_],
-        nature: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]],
+        style: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]],
         moves: NDArray[np.int64],
     ) -> NDArray[np.int64]:
         """Return the actions, int64[num]: the same array each time.
 
-        codes     uint8[num, rows, cols], the occupancy grids as known; positions int64[num, 2]
-        nature    (slip, crash, dice) of each board's episode: probabilities of a move, and what names its stream
+        codes     uint8[num, rows, cols], the occupancy grids as known
+        position  int64[num, 2], (row, col)
+        style     (slip, crash, stream) of each board's episode: two probabilities per move, and the seed of its random stream
         moves     int64[num], made so far
         """
         decide(
-            codes, self.visited, position, self.heading, is_running, *nature, moves, self._state, self._actions, *self._scratch
+            codes, self.visited, position, self.heading, is_running, *style, moves, self._state, self._actions, *self._scratch
         )  # fmt: skip
         return self._actions

@@ -1,4 +1,4 @@
-"""What happened in a simulated study: counts, round trips, and everything that should not have been."""
+"""What happened in a simulated study: counts, round trips, and everything that a server must not do and did."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 
 @dataclass
-class Line:
-    """One player.
+class PlayerOutcome:
+    """What one player has done so far.
 
     stage       where it stands: a stage of the study, "left" when it has gone for ever
     episodes    ended while this command ran, by phase
-    debrief     the study's own words about the player at the end, None before
+    debrief     the study's summary of the player at the end, None before
     """
 
     number: int
@@ -32,21 +32,22 @@ class Line:
 
 
 @dataclass
-class Tally:
-    """A simulated study as it goes.
+class OutcomeLog:
+    """The counts of a simulated study, kept up to date while it is played.
 
-    round_trips_ms  from each act to its frame
-    noted           input events of the players, each of which is to be kept once
-    lost            connections that broke, the server's restarts among them
-    reloads         pages closed and opened again of the players' own will
-    attempts        what cheaters tried, by name: (times tried, times refused)
-    faults          sentences: what a server must not do and did
+    players           one entry for each player that joined
+    round_trips_ms    from each act to its frame
+    events_recorded   input events of the players, each of which is to be kept once
+    lost_connections  connections that broke, the server's restarts among them
+    reloads           pages that the players closed and opened again
+    attempts          what cheaters tried, by name: (times tried, times refused)
+    faults            sentences: what a server must not do and did
     """
 
-    lines: list[Line] = field(default_factory=list)
+    players: list[PlayerOutcome] = field(default_factory=list)
     round_trips_ms: list[float] = field(default_factory=list)
-    noted: int = 0
-    lost: int = 0
+    events_recorded: int = 0
+    lost_connections: int = 0
     reloads: int = 0
     attempts: dict[str, tuple[int, int]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
@@ -60,21 +61,21 @@ class Tally:
     @property
     def episodes(self) -> int:
         """Episodes ended by now."""
-        return sum(sum(line.episodes.values()) for line in self.lines)
+        return sum(sum(player.episodes.values()) for player in self.players)
 
     def seconds(self) -> float:
         """Return the seconds since the beginning."""
         return time.perf_counter() - self.began
 
-    def tried(self, name: str, got_through: str | None) -> None:
+    def count_attempt(self, name: str, got_through: str | None) -> None:
         """Count an attempt; `got_through` says what a cheater was given, None when it was refused."""
         times, refused = self.attempts.get(name, (0, 0))
         self.attempts[name] = (times + 1, refused + (got_through is None))
         if got_through is not None:
-            self.fault(f"a cheater got through ({name}): {got_through}")
+            self.add_fault(f"a cheater got through ({name}): {got_through}")
 
-    def fault(self, sentence: str) -> None:
-        """Keep what should not have been; a repeat is kept once."""
+    def add_fault(self, sentence: str) -> None:
+        """Add a fault; one that is there already is not added again."""
         if sentence not in self.faults:
             self.faults.append(sentence)
 

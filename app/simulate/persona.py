@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.simulate.population import RANDOM, Population, draw
+from app.simulate.population import RANDOM_MOVES, SimulatedPopulation, draw_players
 
 PHASES = ("tutorial", "warm_up", "ranked")
 
 
 @dataclass(frozen=True)
-class Kind:
+class PlayerKind:
     """What sets players of one kind apart from an ordinary person.
 
     is_random     makes valid moves at random instead of exploring
     pauses        probability, per move, of leaving the keyboard for one to three minutes
     leaves        goes for ever after some ranked episodes
     reloads       probability, per move, of reloading the page or losing the connection
-    is_robotic    presses in a fixed beat and never releases a key
+    is_robotic    presses at a fixed interval and never releases a key
     cheats        tries what the server has to refuse
-    crash         probability of a crash per move beside something to crash into; None is the population's
+    crash         probability of a crash per move next to something to crash into; None is the population's
     """
 
     name: str
@@ -35,19 +35,19 @@ class Kind:
     crash: float | None = None
 
 
-KINDS = {
+PLAYER_KINDS = {
     kind.name: kind
     for kind in (
-        Kind(
+        PlayerKind(
             "noisy-frontier",
             "explores as people do, with slips; skill and luck of its own, a reload now and then",
             reloads=0.0005,
         ),
-        Kind("random", "makes valid moves at random", is_random=True),
-        Kind("idler", "leaves the keyboard for minutes now and then", pauses=0.004),
-        Kind("dropper", "goes for ever after some ranked episodes, by closing the page or by withdrawing", leaves=True),
-        Kind("reloader", "reloads the page, opens a second tab and loses the connection all the time", reloads=0.03),
-        Kind(
+        PlayerKind("random", "makes valid moves at random", is_random=True),
+        PlayerKind("idler", "leaves the keyboard for minutes now and then", pauses=0.004),
+        PlayerKind("dropper", "goes for ever after some ranked episodes, by closing the page or by withdrawing", leaves=True),
+        PlayerKind("reloader", "reloads the page, opens a second tab and loses the connection all the time", reloads=0.03),
+        PlayerKind(
             "cheater",
             "a beat like a machine's, no key-up, collisions, and everything a server has to refuse",
             is_robotic=True,
@@ -60,16 +60,16 @@ MIXED = (
     "noisy-frontier", "idler", "noisy-frontier", "reloader", "noisy-frontier",
     "dropper", "noisy-frontier", "cheater", "noisy-frontier", "random",
 )  # fmt: skip
-"""What `mixed` deals, round and round."""
+"""The kinds that `mixed` stands for; they are assigned in turn."""
 
 
 @dataclass(frozen=True)
-class Nature:
-    """How an episode is played: probabilities of a slip and of a crash per move, and what names its stream of draws."""
+class PlayStyle:
+    """How an episode is played: probabilities of a slip and of a crash per move, and the seed of its random stream."""
 
     slip: float
     crash: float
-    dice: int
+    stream: int
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Persona:
     """One synthetic player.
 
     number        0.. within its study
-    think_ms      median time from a frame to the key, straight on; a machine's beat
+    decision_ms   median time from a frame to the key, going straight on; the interval of a robotic player
     hold_ms       median time a key stays down
     modality      "keyboard" or "touch"
     leaves_after  ranked episodes after which it goes for ever, as a share of all; None for never
@@ -85,49 +85,49 @@ class Persona:
     """
 
     number: int
-    kind: Kind
+    kind: PlayerKind
     seed: int
     slip_logit: float
     crash: float
     luck_sd: float
-    think_ms: float
+    decision_ms: float
     hold_ms: float
     modality: str
     leaves_after: float | None
     withdraws: bool
 
-    def nature(self, phase: str, trial: int) -> Nature:
-        """Return how the trial of a phase is played: the same whenever it is asked, so a resumed study goes on as before."""
+    def style(self, phase: str, trial: int) -> PlayStyle:
+        """Return how the trial of a phase is played: the same at every call, so a resumed study goes on as before."""
         rng = self.rng(2 + PHASES.index(phase), trial)
         slip = 1.0 / (1.0 + np.exp(-(self.slip_logit + self.luck_sd * rng.standard_normal())))
-        return Nature(float(slip), self.crash, int(rng.integers(0, 2**64, dtype=np.uint64)))
+        return PlayStyle(float(slip), self.crash, int(rng.integers(0, 2**64, dtype=np.uint64)))
 
-    def rng(self, *what: int) -> np.random.Generator:
-        """Return a generator for one of this player's matters."""
-        return np.random.default_rng([self.seed, self.number, *what])
+    def rng(self, *purpose: int) -> np.random.Generator:
+        """Return a random generator of this player's for one purpose, which the numbers name."""
+        return np.random.default_rng([self.seed, self.number, *purpose])
 
 
-def persona(number: int, kind: str, population: Population, seed: int) -> Persona:
-    """Return the player `number` of the study that `seed` names; KeyError for an unknown kind."""
-    what = KINDS[kind]
+def draw_persona(number: int, kind: str, population: SimulatedPopulation, seed: int) -> Persona:
+    """Draw the player `number` of the study that `seed` names; KeyError for an unknown kind."""
+    player_kind = PLAYER_KINDS[kind]
     rng = np.random.default_rng([seed, number, 1])
-    skills = draw(RANDOM if what.is_random else population, 1, rng)
+    skills = draw_players(RANDOM_MOVES if player_kind.is_random else population, 1, rng)
     return Persona(
         number=number,
-        kind=what,
+        kind=player_kind,
         seed=seed,
         slip_logit=float(skills.slip_logit[0]),
-        crash=float(skills.crash[0]) if what.crash is None else what.crash,
+        crash=float(skills.crash[0]) if player_kind.crash is None else player_kind.crash,
         luck_sd=skills.luck_sd,
-        think_ms=60.0 if what.is_robotic else float(rng.lognormal(np.log(320.0), 0.25)),
+        decision_ms=60.0 if player_kind.is_robotic else float(rng.lognormal(np.log(320.0), 0.25)),
         hold_ms=float(rng.lognormal(np.log(90.0), 0.15)),
-        modality="touch" if rng.random() < 0.2 and not what.is_robotic else "keyboard",
-        leaves_after=float(rng.uniform(0.1, 0.9)) if what.leaves else None,
+        modality="touch" if rng.random() < 0.2 and not player_kind.is_robotic else "keyboard",
+        leaves_after=float(rng.uniform(0.1, 0.9)) if player_kind.leaves else None,
         withdraws=bool(rng.random() < 0.5),
     )
 
 
-def deal(kinds: tuple[str, ...], players: int) -> tuple[str, ...]:
-    """Return the kind of each player, dealt round and round; `mixed` stands for everything there is."""
-    pack = [each for kind in kinds for each in (MIXED if kind == "mixed" else (kind,))]
-    return tuple(pack[number % len(pack)] for number in range(players))
+def assign_kinds(kinds: tuple[str, ...], players: int) -> tuple[str, ...]:
+    """Return the kind of each player, assigned in turn; `mixed` stands for the kinds of MIXED."""
+    in_turn = [each for kind in kinds for each in (MIXED if kind == "mixed" else (kind,))]
+    return tuple(in_turn[number % len(in_turn)] for number in range(players))

@@ -1,8 +1,8 @@
-"""Populations of synthetic players: how much people differ, how much luck a game has, how often somebody crashes.
+"""Populations of synthetic players: how much people differ, how much one player's episodes differ, how often somebody crashes.
 
 A player follows `frontier-cost` and slips now and then into a random valid move. Players differ in how often (skill), and
-one player's games differ among themselves (luck). On top of that a move that could end in an obstacle or off the grid does
-so with a small probability of the player's own, spread unevenly: a few people make most of the collisions.
+one player's episodes differ among themselves (luck). On top of that a move that could end in an obstacle or off the grid
+does so with a small probability of the player's own, spread unevenly: a few people make most of the collisions.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Population:
-    """What players are drawn from.
+class SimulatedPopulation:
+    """A distribution from which players are drawn.
 
     slip          share of moves that slip for the median player, in (0, 1)
     skill_sd      SD between players of the slip, in logits
     luck_sd       SD between one player's episodes of the slip, in logits
-    crash         probability of a crash per move beside something to crash into, for the median player, in [0, 1)
+    crash         probability of a crash per move next to something to crash into, for the median player, in [0, 1)
     crash_sd      SD between players of the logarithm of that probability
     """
 
@@ -40,8 +40,10 @@ class Skills:
     crash: NDArray[np.float64]
     luck_sd: float
 
-    def games(self, players: NDArray[np.int64], rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (slip, crash) of one episode for each entry of `players`, the episode's luck drawn from `rng`."""
+    def draw_episodes(
+        self, players: NDArray[np.int64], rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw one episode for each entry of `players` and return its (slip, crash)."""
         logit = self.slip_logit[players] + self.luck_sd * rng.standard_normal(len(players))
         return 1.0 / (1.0 + np.exp(-logit)), self.crash[players]
 
@@ -49,19 +51,19 @@ class Skills:
 POPULATIONS = {
     each.name: each
     for each in (
-        Population("skilled", slip=0.05, skill_sd=0.5, luck_sd=0.4),
-        Population("mixed", slip=0.15, skill_sd=1.0, luck_sd=0.5, crash=0.0001, crash_sd=1.0),
-        Population("clumsy", slip=0.25, skill_sd=0.9, luck_sd=0.5, crash=0.002, crash_sd=1.2),
+        SimulatedPopulation("skilled", slip=0.05, skill_sd=0.5, luck_sd=0.4),
+        SimulatedPopulation("mixed", slip=0.15, skill_sd=1.0, luck_sd=0.5, crash=0.0001, crash_sd=1.0),
+        SimulatedPopulation("clumsy", slip=0.25, skill_sd=0.9, luck_sd=0.5, crash=0.002, crash_sd=1.2),
     )
 }
 """By name: hardly any slips; people as different as people are; slips everywhere, and collisions by a few."""
 
-RANDOM = Population("random", slip=1.0 - 1e-12, skill_sd=0.0, luck_sd=0.0)
-"""Every move a random valid one."""
+RANDOM_MOVES = SimulatedPopulation("random", slip=1.0 - 1e-12, skill_sd=0.0, luck_sd=0.0)
+"""Players whose every move is a random valid one."""
 
 
-def draw(population: Population, players: int, rng: np.random.Generator) -> Skills:
-    """Return `players` players drawn at random."""
+def draw_players(population: SimulatedPopulation, players: int, rng: np.random.Generator) -> Skills:
+    """Draw `players` players."""
     logit = np.log(population.slip / (1.0 - population.slip))
     slip = logit + population.skill_sd * rng.standard_normal(players)
     spread = np.exp(population.crash_sd * rng.standard_normal(players))

@@ -1,4 +1,4 @@
-"""All synthetic players of a study at once, in one event loop; and the file from which they come back as themselves."""
+"""All synthetic players of a study at once, in one event loop, and the state file from which they come back as themselves."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from app.simulate.client import ConnectionLostError, Page, detail_of
-from app.simulate.outcome_log import Tally
-from app.simulate.participant import Participant, Place, Seat, StudyOverError
-from app.simulate.persona import persona
+from app.simulate.outcome_log import OutcomeLog
+from app.simulate.participant import PlaySettings, SavedPlayer, SimulatedParticipant, StudyOverError
+from app.simulate.persona import draw_persona
 from app.simulate.population import POPULATIONS
 from marsexplorer.files import write_whole
 
-FORMAT = "marsexplorer-simulate-1"
+STATE_FORMAT = "marsexplorer-simulate-1"
 JOIN_EVERY_MS = 500.0
-"""Between two players' joining, compressed as everything else."""
+"""The time between two players' joining, compressed like all times."""
 
 Progress = Callable[[int, int], None]
 
@@ -30,8 +30,8 @@ class StudyNotReadyError(Exception):
 
 
 @dataclass(frozen=True)
-class Plan:
-    """A simulated study.
+class SimulationConfig:
+    """What is simulated, and how.
 
     kinds        of each player, in order
     population   a name in POPULATIONS
@@ -50,8 +50,8 @@ class Plan:
     state: Path | None = None
 
 
-async def check(url: str, name: str) -> dict[str, Any]:
-    """Return what the server says of the study; StudyNotReadyError when it cannot be played."""
+async def fetch_study(url: str, name: str) -> dict[str, Any]:
+    """Fetch what the server says of the study; StudyNotReadyError when it cannot be played."""
     try:
         page = Page(url, name)
     except ValueError as error:
@@ -76,105 +76,111 @@ async def check(url: str, name: str) -> dict[str, Any]:
     return found
 
 
-async def simulate(plan: Plan, tally: Tally, progress: Progress = lambda done, total: None) -> None:
-    """Return when every player is done, `tally` up to date all the time; StudyNotReadyError or StudyOverError otherwise.
+async def simulate(config: SimulationConfig, log: OutcomeLog, progress: Progress = lambda done, total: None) -> None:
+    """Simulate a study until every player is done, and keep `log` up to date; StudyNotReadyError or StudyOverError otherwise.
 
     progress  called with (episodes ended, episodes in all)
     """
-    study = await check(plan.url, plan.study)
-    seats = Seats.read(plan)
+    study = await fetch_study(config.url, config.study)
+    saved = SavedPlayers.read(config)
     try:
-        seats.write()
+        saved.write()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        raise StudyNotReadyError(f"cannot write {plan.state}: {why}; name another file with --state") from error
-    place = Place(plan.url, plan.study, study["config"]["sensor_radius"], plan.speed, plan.patience_s)
-    people: list[Participant] = []
-    for number, kind in enumerate(plan.kinds):
-        who = persona(number, kind, POPULATIONS[plan.population], plan.seed)
-        people.append(Participant(who, place, seats.of(number), tally, people))
-    watch = asyncio.create_task(_watch(people, study, tally, seats, progress))
+        raise StudyNotReadyError(f"cannot write {config.state}: {why}; name another file with --state") from error
+    settings = PlaySettings(config.url, config.study, study["config"]["sensor_radius"], config.speed, config.patience_s)
+    people: list[SimulatedParticipant] = []
+    for number, kind in enumerate(config.kinds):
+        who = draw_persona(number, kind, POPULATIONS[config.population], config.seed)
+        people.append(SimulatedParticipant(who, settings, saved.of(number), log, people))
+    watch = asyncio.create_task(_report_progress(people, study, log, saved, progress))
     try:
         async with asyncio.TaskGroup() as group:
             for number, each in enumerate(people):
-                group.create_task(_arrive(each, JOIN_EVERY_MS * number / 1000 / plan.speed))
+                group.create_task(_join_and_play(each, JOIN_EVERY_MS * number / 1000 / config.speed))
     except ExceptionGroup as errors:
         over = errors.subgroup(StudyOverError)
-        raise first_of(over or errors) from None
+        raise first_exception(over or errors) from None
     finally:
         watch.cancel()
-        seats.write()
+        saved.write()
     progress(1, 1)
 
 
-def first_of(group: ExceptionGroup[Exception]) -> Exception:
+def first_exception(group: ExceptionGroup[Exception]) -> Exception:
     """Return the first exception in a group, whatever it is nested in."""
     first = group.exceptions[0]
-    return first_of(first) if isinstance(first, ExceptionGroup) else first
+    return first_exception(first) if isinstance(first, ExceptionGroup) else first
 
 
-async def _arrive(player: Participant, wait_s: float) -> None:
+async def _join_and_play(player: SimulatedParticipant, wait_s: float) -> None:
     await asyncio.sleep(wait_s)
     await player.play()
 
 
-async def _watch(people: list[Participant], study: dict[str, Any], tally: Tally, seats: Seats, progress: Progress) -> None:
-    """Move the bar and keep the seats, for ever."""
+async def _report_progress(
+    people: list[SimulatedParticipant], study: dict[str, Any], log: OutcomeLog, saved: SavedPlayers, progress: Progress
+) -> None:
+    """Report progress and save the players, for ever."""
     each = 1 + int(study["warm_up"]) + int(study["ranked"])
     while True:
-        done = sum(each if player.line.is_done else player.progress for player in people)
+        done = sum(each if player.outcome.is_done else player.episodes_done for player in people)
         progress(done, each * len(people))
-        seats.write()
+        saved.write()
         await asyncio.sleep(0.3)
 
 
-class Seats:
-    """The players' seats and the file that keeps them (readable by its owner alone: cookies are keys)."""
+class SavedPlayers:
+    """The saved players and their state file, which only its owner can read because it holds cookies.
 
-    def __init__(self, plan: Plan, seats: list[Seat]) -> None:
-        self._plan, self._seats = plan, seats
+    The keys of the file, `seats` among them, are those of the first version and stay.
+    """
+
+    def __init__(self, config: SimulationConfig, players: list[SavedPlayer]) -> None:
+        self._config, self._players = config, players
         self._written = ""
 
     @classmethod
-    def read(cls, plan: Plan) -> Seats:
-        """Return the seats of a plan, from its file if that is there; StudyNotReadyError when it belongs to another plan."""
+    def read(cls, config: SimulationConfig) -> SavedPlayers:
+        """Return the players of the state file, or new ones; StudyNotReadyError when the file belongs to another simulation."""
         run = secrets.token_hex(4)
-        fresh = [Seat(outside_ids={"PROLIFIC_PID": f"simulated-{run}-{number}"}) for number in range(len(plan.kinds))]
-        if plan.state is None or not plan.state.exists():
-            return cls(plan, fresh)
+        fresh = [SavedPlayer(outside_ids={"PROLIFIC_PID": f"simulated-{run}-{number}"}) for number in range(len(config.kinds))]
+        if config.state is None or not config.state.exists():
+            return cls(config, fresh)
         try:
-            kept = json.loads(plan.state.read_text())
-            told = {name: kept[name] for name in cls._head(plan)}
-            seats = [Seat(**seat) for seat in kept["seats"]]
+            kept = json.loads(config.state.read_text())
+            found = {name: kept[name] for name in cls._identity(config)}
+            players = [SavedPlayer(**player) for player in kept["seats"]]
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise StudyNotReadyError(
-                f"{plan.state} is no state of a simulation ({error}); name another file with --state"
+                f"{config.state} is no state of a simulation ({error}); name another file with --state"
             ) from error
-        for name, value in cls._head(plan).items():
-            if told[name] != value:
+        for name, value in cls._identity(config).items():
+            if found[name] != value:
                 raise StudyNotReadyError(
-                    f"{plan.state} belongs to a simulation with {name} {told[name]!r}, not {value!r}; "
+                    f"{config.state} belongs to a simulation with {name} {found[name]!r}, not {value!r}; "
                     "give the same options as then, or another file with --state"
                 )
-        return cls(plan, seats)
+        return cls(config, players)
 
-    def of(self, number: int) -> Seat:
-        """Return a player's seat."""
-        return self._seats[number]
+    def of(self, number: int) -> SavedPlayer:
+        """Return what is saved of a player."""
+        return self._players[number]
 
     def write(self) -> None:
-        """Return with the file up to date, whole."""
-        text = json.dumps({**self._head(self._plan), "seats": [asdict(seat) for seat in self._seats]}, indent=1)
-        if self._plan.state is None or text == self._written:
+        """Write the file whole, if anything has changed."""
+        text = json.dumps({**self._identity(self._config), "seats": [asdict(player) for player in self._players]}, indent=1)
+        if self._config.state is None or text == self._written:
             return
-        with write_whole(self._plan.state) as file:
+        with write_whole(self._config.state) as file:
             os.fchmod(file.fileno(), 0o600)
             file.write(text.encode())
         self._written = text
 
     @staticmethod
-    def _head(plan: Plan) -> dict[str, Any]:
-        """Return what a state file and a plan must agree on."""
+    def _identity(config: SimulationConfig) -> dict[str, Any]:
+        """Return what a state file and a configuration must agree on."""
         return {
-            "format": FORMAT, "study": plan.study, "kinds": list(plan.kinds), "population": plan.population, "seed": plan.seed,
+            "format": STATE_FORMAT, "study": config.study, "kinds": list(config.kinds),
+            "population": config.population, "seed": config.seed,
         }  # fmt: skip

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from app.simulate.board import Board
-from app.simulate.decisions import Minds
-from app.simulate.persona import KINDS, Nature, deal, persona
-from app.simulate.population import POPULATIONS, RANDOM, draw
-from app.simulate.true_level import play, studies, true_level
+from app.simulate.board import SimulatedBoard
+from app.simulate.decisions import DecisionKernel
+from app.simulate.persona import PLAYER_KINDS, PlayStyle, assign_kinds, draw_persona
+from app.simulate.population import POPULATIONS, RANDOM_MOVES, draw_players
+from app.simulate.true_level import play_episodes, play_studies, true_level
 from app.statistics.intervals import printed_interval
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
@@ -30,21 +30,21 @@ def frame_of(episode):
 
 def board_on(episode):
     """A board that has just learnt where its episode stands, as after a reconnection."""
-    board = Board(None, episode.config.sensor_radius, pytest.fail)
-    board._see(frame_of(episode))
-    board._remember({"positions": episode.path})
+    board = SimulatedBoard(None, episode.config.sensor_radius, pytest.fail)
+    board._apply_frame(frame_of(episode))
+    board._restore_path({"positions": episode.path})
     return board
 
 
-def walk(seed, nature, forget_at=()):
+def walk(seed, style, forget_at=()):
     """Play an episode through a board, which forgets everything now and then."""
     episode = Episode.begin(CONFIG, seed=seed)
     board = board_on(episode)
     while not episode.ended:
         if episode.steps in forget_at:
             board = board_on(episode)
-        board._see(frame_of(episode))
-        episode.step(("north", "east", "south", "west").index(board.decide(nature)))
+        board._apply_frame(frame_of(episode))
+        episode.step(("north", "east", "south", "west").index(board.decide(style)))
     return episode
 
 
@@ -54,43 +54,43 @@ def test_without_slips_it_plays_as_frontier_cost(seed):
     policy.reset(seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
-    assert walk(seed, Nature(0.0, 0.0, 5)).actions == episode.actions
+    assert walk(seed, PlayStyle(0.0, 0.0, 5)).actions == episode.actions
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_lost_connection_changes_no_move(seed):
-    nature = Nature(0.4, 0.001, 2**63 + 11)
-    assert walk(seed, nature).actions == walk(seed, nature, forget_at=(1, 7, 20, 21)).actions
+    style = PlayStyle(0.4, 0.001, 2**63 + 11)
+    assert walk(seed, style).actions == walk(seed, style, forget_at=(1, 7, 20, 21)).actions
 
 
 def test_a_stack_plays_as_single_boards_do():
-    natures = [Nature(0.1 * i, 0.002 * i, 77 + i) for i in range(len(SEEDS))]
-    singles = [walk(seed, nature) for seed, nature in zip(SEEDS, natures, strict=True)]
-    rng = type("Fixed", (), {"integers": lambda *_: np.array([each.dice for each in natures], np.uint64)})()
-    slip, crash = (np.array([getattr(each, name) for each in natures]) for name in ("slip", "crash"))
-    played = play(CONFIG, SEEDS, slip, crash, rng)
+    styles = [PlayStyle(0.1 * i, 0.002 * i, 77 + i) for i in range(len(SEEDS))]
+    singles = [walk(seed, style) for seed, style in zip(SEEDS, styles, strict=True)]
+    rng = type("Fixed", (), {"integers": lambda *_: np.array([each.stream for each in styles], np.uint64)})()
+    slip, crash = (np.array([getattr(each, name) for each in styles]) for name in ("slip", "crash"))
+    played = play_episodes(CONFIG, SEEDS, slip, crash, rng)
     assert played.steps.tolist() == [each.steps for each in singles]
     assert played.score.tolist() == [each.score for each in singles]
     assert played.discovered.tolist() == [each.discovered for each in singles]
 
 
 def test_slips_are_valid_and_crashes_are_not():
-    skills = draw(RANDOM, 50, np.random.default_rng(1))
-    slip, crash = skills.games(np.arange(50), np.random.default_rng(2))
+    skills = draw_players(RANDOM_MOVES, 50, np.random.default_rng(1))
+    slip, crash = skills.draw_episodes(np.arange(50), np.random.default_rng(2))
     rng = np.random.default_rng(3)
-    played = play(CONFIG, range(50), slip, crash, rng)
+    played = play_episodes(CONFIG, range(50), slip, crash, rng)
     assert set(played.outcome) <= {1, 4}  # explored or timed out
-    played = play(CONFIG, range(50), slip, np.ones(50), rng)
-    assert set(played.outcome) == {3}  # from the corner straight off the grid, or into a rock beside it
+    played = play_episodes(CONFIG, range(50), slip, np.ones(50), rng)
+    assert set(played.outcome) == {3}  # from the corner straight off the grid, or into a rock next to it
     assert set(played.steps) == {1}
 
 
 def test_a_crash_takes_every_invalid_move_as_often():
-    minds, codes = Minds((5, 5), 6, 3000), np.ones((3000, 5, 5), np.uint8)
+    kernel, codes = DecisionKernel((5, 5), 6, 3000), np.ones((3000, 5, 5), np.uint8)
     codes[:, 0, 0] = 2
-    nature = np.zeros(3000), np.ones(3000), np.random.default_rng(0).integers(0, 2**64, 3000, np.uint64)
+    style = np.zeros(3000), np.ones(3000), np.random.default_rng(0).integers(0, 2**64, 3000, np.uint64)
     at, moves = np.zeros((3000, 2), np.int64), np.zeros(3000, np.int64)
-    counts = np.bincount(minds.decide(codes, at, np.ones(3000, bool), nature, moves), minlength=4)
+    counts = np.bincount(kernel.decide(codes, at, np.ones(3000, bool), style, moves), minlength=4)
     assert counts[1] == counts[2] == 0
     assert abs(int(counts[0]) - 1500) < 150
 
@@ -108,7 +108,7 @@ def test_populations_differ_as_their_names_say():
 def coverage(config, seeds, population, count, players, episodes=10_000):
     """The truth of a population, and the shares of simulated studies whose printed and t interval cover it."""
     truth = true_level(config, seeds, population, episodes, 1)
-    played = studies(config, seeds, population, (count, players), 2)
+    played = play_studies(config, seeds, population, (count, players), 2)
     shares = {}
     for name, values, true in (("score", played.score, truth.mean_score), ("steps", played.steps_to_99, truth.mean_steps)):
         means = values.mean(2)
@@ -132,21 +132,23 @@ def test_intervals_of_two_hundred_whole_studies_cover_the_truth(name):
 
 
 def test_a_persona_is_the_same_whenever_it_is_asked_for():
-    one, two = (persona(3, "reloader", POPULATIONS["mixed"], 8) for _ in range(2))
+    one, two = (draw_persona(3, "reloader", POPULATIONS["mixed"], 8) for _ in range(2))
     assert one == two
-    assert one.nature("ranked", 4) == two.nature("ranked", 4)
-    natures = {one.nature(phase, trial).dice for phase in ("warm_up", "ranked") for trial in range(20)}
-    assert len(natures) == 40
-    assert persona(4, "reloader", POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
+    assert one.style("ranked", 4) == two.style("ranked", 4)
+    styles = {one.style(phase, trial).stream for phase in ("warm_up", "ranked") for trial in range(20)}
+    assert len(styles) == 40
+    assert draw_persona(4, "reloader", POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
 
 
 def test_personas_are_drawn_from_their_population():
-    slips = [persona(number, "idler", POPULATIONS["clumsy"], 8).nature("ranked", 0).slip for number in range(400)]
-    whole = draw(POPULATIONS["clumsy"], 4000, np.random.default_rng(0)).games(np.arange(4000), np.random.default_rng(1))[0]
+    slips = [draw_persona(number, "idler", POPULATIONS["clumsy"], 8).style("ranked", 0).slip for number in range(400)]
+    whole = draw_players(POPULATIONS["clumsy"], 4000, np.random.default_rng(0)).draw_episodes(
+        np.arange(4000), np.random.default_rng(1)
+    )[0]
     error = (np.var(slips) / 400 + np.var(whole) / 4000) ** 0.5
     assert abs(np.mean(slips) - whole.mean()) < 4 * error
 
 
-def test_kinds_are_dealt_round_and_round():
-    assert deal(("idler", "random"), 3) == ("idler", "random", "idler")
-    assert set(deal(("mixed",), 10)) == set(KINDS)
+def test_kinds_are_assigned_in_turn():
+    assert assign_kinds(("idler", "random"), 3) == ("idler", "random", "idler")
+    assert set(assign_kinds(("mixed",), 10)) == set(PLAYER_KINDS)

@@ -1,6 +1,7 @@
 """Whole studies by synthetic players against a real server that is killed on the way: nothing lost, doubled or mistaken."""
 
 import asyncio
+import json
 import signal
 import sqlite3
 import subprocess
@@ -14,10 +15,10 @@ import pytest
 
 from app.report.build import build
 from app.simulate.cheating import ATTEMPTS
-from app.simulate.outcome_log import Tally
+from app.simulate.outcome_log import OutcomeLog
 from app.simulate.participant import StudyOverError
 from app.simulate.population import POPULATIONS
-from app.simulate.run import Plan, StudyNotReadyError, simulate
+from app.simulate.run import SavedPlayers, SimulationConfig, StudyNotReadyError, simulate
 from app.simulate.true_level import true_level
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
@@ -33,14 +34,14 @@ FAST = 1e6
 class Simulation(threading.Thread):
     """Players at work in a thread of their own; `result()` waits for them."""
 
-    def __init__(self, plan):
+    def __init__(self, config):
         super().__init__(daemon=True)
-        self.plan, self.tally, self.error = plan, Tally(), None
+        self.config, self.log, self.error = config, OutcomeLog(), None
         self.start()
 
     def run(self):
         try:
-            asyncio.run(simulate(self.plan, self.tally))
+            asyncio.run(simulate(self.config, self.log))
         except BaseException as error:
             self.error = error
 
@@ -49,11 +50,11 @@ class Simulation(threading.Thread):
         assert not self.is_alive(), "the players are still at it"
         if self.error is not None:
             raise self.error
-        return self.tally
+        return self.log
 
     def reaches(self, moves, seconds=120.0):
         """Wait until so many moves were answered."""
-        eventually(lambda: self.error or self.tally.moves >= moves, seconds)
+        eventually(lambda: self.error or self.log.moves >= moves, seconds)
 
 
 def rows(path, sql, *values):
@@ -61,11 +62,11 @@ def rows(path, sql, *values):
         return db.execute(sql, values).fetchall()
 
 
-def check_database(path, study, tally, kills):
+def check_database(path, study, log, kills):
     """Every participant has exactly its episodes, every episode exactly its moves, and all of it is a script's."""
     protocol = study.protocol
     people = rows(path, "SELECT id, kind, script, stage FROM participants")
-    assert sorted(script for _, _, script, _ in people) == sorted(line.kind for line in tally.lines)
+    assert sorted(script for _, _, script, _ in people) == sorted(player.kind for player in log.players)
     assert {kind for _, kind, _, _ in people} == {"script"}
     assert rows(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
     for person, _, _, stage in people:
@@ -85,12 +86,12 @@ def check_database(path, study, tally, kills):
     moves = rows(path, "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id")
     assert all((low, high) == (0, count - 1) for _, count, low, high in moves)
     # a kill can lose the frame of a move that is in the database: one a player, never the move
-    assert 0 <= sum(count for _, count, _, _ in moves) - tally.moves <= (kills + tally.reloads) * len(people)
+    assert 0 <= sum(count for _, count, _, _ in moves) - log.moves <= (kills + log.reloads) * len(people)
     assert rows(path, "SELECT count(*) FROM identities")[0][0] == len(people)
     # an input event is never lost, though its batch may be on its way when the server is killed, and never kept twice
     columns = "episode_id, kind, code, repeat, trusted, client_ms, step, round_trip_ms"
-    told = rows(path, f"SELECT {columns} FROM input_events")
-    assert len(told) == len(set(told)) == tally.noted > tally.moves
+    kept = rows(path, f"SELECT {columns} FROM input_events")
+    assert len(kept) == len(set(kept)) == log.events_recorded > log.moves
 
 
 def check_no_human_figure(path, study):
@@ -121,20 +122,20 @@ def test_a_small_study_survives_a_kill_and_reloads_and_refuses_a_cheater(spawn, 
     study = freeze(tmp_path / "studies", size=9)
     server = spawn()
     kinds = ("noisy-frontier", "reloader", "cheater")
-    simulation = Simulation(Plan(server.url, study.name, kinds, seed=3, speed=FAST))
+    simulation = Simulation(SimulationConfig(server.url, study.name, kinds, seed=3, speed=FAST))
     simulation.reaches(40)
     server.kill()
     server = spawn(port=server.port)
-    tally = simulation.result()
+    log = simulation.result()
     path = tmp_path / "playground.db"
-    assert [line.stage for line in tally.lines] == ["complete"] * 3
-    assert all(line.code for line in tally.lines)
-    assert tally.faults == []
-    assert tally.lost >= 3
-    assert tally.reloads > 0
-    assert set(tally.attempts) == set(ATTEMPTS)
-    assert all(times == refused for times, refused in tally.attempts.values())
-    check_database(path, study, tally, kills=1)
+    assert [player.stage for player in log.players] == ["complete"] * 3
+    assert all(player.code for player in log.players)
+    assert log.faults == []
+    assert log.lost_connections >= 3
+    assert log.reloads > 0
+    assert set(log.attempts) == set(ATTEMPTS)
+    assert all(times == refused for times, refused in log.attempts.values())
+    check_database(path, study, log, kills=1)
     check_no_human_figure(path, study)
     assert set(check_labels(load(path, study.name))) == set(kinds)
     verified = verify_database(path, secrets={study.name: study.secret})
@@ -144,15 +145,15 @@ def test_a_small_study_survives_a_kill_and_reloads_and_refuses_a_cheater(spawn, 
 def test_kinds_that_leave_idle_or_wander_do_what_they_are_called(server, tmp_path):
     study = freeze(tmp_path / "studies", size=7, ranked=4)
     kinds = ("dropper", "dropper", "dropper", "idler", "random")
-    tally = Simulation(Plan(server.url, study.name, kinds, seed=4, speed=FAST)).result()
-    assert [line.stage for line in tally.lines] == ["left"] * 3 + ["complete"] * 2
+    log = Simulation(SimulationConfig(server.url, study.name, kinds, seed=4, speed=FAST)).result()
+    assert [player.stage for player in log.players] == ["left"] * 3 + ["complete"] * 2
     stages = Counter(rows(tmp_path / "playground.db", "SELECT script, stage FROM participants"))
     assert all(stages["dropper", stage] for stage in ("withdrawn", "ranked")), stages
-    check_database(tmp_path / "playground.db", study, tally, kills=0)
+    check_database(tmp_path / "playground.db", study, log, kills=0)
     data = load(tmp_path / "playground.db", study.name)
     scripts = {person.id: person.script for person in data.people}
     assert any(trial.outcome is None for trial in data.trials if scripts[trial.participant] == "dropper")
-    assert tally.faults == []
+    assert log.faults == []
 
 
 def test_stopped_players_come_back_as_themselves(server, tmp_path):
@@ -194,10 +195,22 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path):
     third = subprocess.run([*command, "1e6"], capture_output=True, text=True, timeout=120)
     assert third.returncode == 0, third.stderr
     assert "0 moves" in third.stdout
-    # another plan is not mistaken for this one
+    # another simulation is not mistaken for this one
     other = subprocess.run([*command, "1e6", "--population", "clumsy"], capture_output=True, text=True, timeout=120)
     assert other.returncode == 2
     assert "belongs to a simulation with population 'mixed', not 'clumsy'" in other.stderr
+
+
+def test_a_state_file_of_the_first_version_is_read(tmp_path):
+    player = {"cookie": "kept", "outside_ids": {"PROLIFIC_PID": "simulated-0"}, "has_left": True}
+    head = {"format": "marsexplorer-simulate-1", "study": "dunes", "kinds": ["idler"], "population": "mixed", "seed": 5}
+    (tmp_path / "state.json").write_text(json.dumps({**head, "seats": [player]}))
+    config = SimulationConfig("http://127.0.0.1:1", "dunes", ("idler",), seed=5, state=tmp_path / "state.json")
+    saved = SavedPlayers.read(config)
+    assert vars(saved.of(0)) == player
+    (tmp_path / "state.json").unlink()
+    saved.write()
+    assert json.loads((tmp_path / "state.json").read_text()) == {**head, "seats": [player]}
 
 
 def test_each_mistake_is_a_sentence(serve, tmp_path):
@@ -206,7 +219,11 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
 
     def refused(**rest):
         with pytest.raises(StudyNotReadyError) as error:
-            asyncio.run(simulate(Plan(**{"url": server.url, "study": study.name, "kinds": ("random",), **rest}), Tally()))
+            asyncio.run(
+                simulate(
+                    SimulationConfig(**{"url": server.url, "study": study.name, "kinds": ("random",), **rest}), OutcomeLog()
+                )
+            )
         return str(error.value)
 
     assert "there is no such study here" in refused(study="nobody")
@@ -222,7 +239,7 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
 
 def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_path):
     study = freeze(tmp_path / "studies", size=9)
-    simulation = Simulation(Plan(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=40))
+    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=40))
     simulation.reaches(30)
     Folder(tmp_path / "studies").close(study.name)
     with pytest.raises(StudyOverError, match="closed"):
@@ -232,7 +249,7 @@ def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_pat
 def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
     study = freeze(tmp_path / "studies", size=9)
     server = spawn()
-    simulation = Simulation(Plan(server.url, study.name, ("noisy-frontier",), seed=6, speed=40, patience_s=1.0))
+    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier",), seed=6, speed=40, patience_s=1.0))
     simulation.reaches(10)
     server.kill()
     with pytest.raises(StudyOverError, match="has been away"):
@@ -240,15 +257,15 @@ def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
 
 
 def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatch):
-    """The checks can fail: scores that are not hidden, and a door left open."""
+    """The checks can fail: scores that are not hidden, and a route left open."""
     from app.study.participant_board import StudyParticipation
 
     study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
     monkeypatch.setattr(StudyParticipation, "hides_scores", lambda self, episode: False)
     monkeypatch.setattr("app.web.access.owns", lambda connection, session: True)
-    tally = Simulation(Plan(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)).result()
-    assert any(fault.startswith("a ranked frame tells its score") for fault in tally.faults)
-    assert any("somebody else" in fault for fault in tally.faults), tally.faults
+    log = Simulation(SimulationConfig(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)).result()
+    assert any(fault.startswith("a ranked frame tells its score") for fault in log.faults)
+    assert any("somebody else" in fault for fault in log.faults), log.faults
 
 
 @pytest.mark.long
@@ -258,15 +275,15 @@ def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn,
     study = freeze(tmp_path / "studies", size=21, warm_up=15, ranked=30, players=10, break_every=10)
     server = spawn()
     kinds = (*["noisy-frontier"] * 10, "dropper", "cheater")
-    simulation = Simulation(Plan(server.url, study.name, kinds, population, seed=11, speed=200))
+    simulation = Simulation(SimulationConfig(server.url, study.name, kinds, population, seed=11, speed=200))
     simulation.reaches(15_000, 1800)
     server.kill()
     server = spawn(port=server.port)
-    tally = simulation.result(3000)
+    log = simulation.result(3000)
     path = tmp_path / "playground.db"
-    assert tally.faults == []
-    assert Counter(line.stage for line in tally.lines) == {"complete": 11, "left": 1}
-    check_database(path, study, tally, kills=1)
+    assert log.faults == []
+    assert Counter(player.stage for player in log.players) == {"complete": 11, "left": 1}
+    check_database(path, study, log, kills=1)
     check_no_human_figure(path, study)
     verified = verify_database(path, secrets={study.name: study.secret})
     assert verified.findings == ()
@@ -276,7 +293,7 @@ def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn,
     truth = true_level(study.protocol.env_config, [study.seed("ranked", i) for i in range(30)], POPULATIONS[population])
     score, steps = group.figure.score, group.figure.steps
     print(
-        population, truth, score, steps, tally.seconds(), tally.moves, tally.latency_ms(), tally.reloads, tally.lost, sep="\n"
+        population, truth, score, steps, log.seconds(), log.moves, log.latency_ms(), log.reloads, log.lost_connections, sep="\n"
     )
     assert group.figure.players == 10
     assert group.figure.episodes == 300

@@ -1,4 +1,4 @@
-"""Synthetic hands look like a person's, a cheater's like a machine's, however much time is compressed."""
+"""The input of synthetic players looks like a person's, a cheater's like a machine's, however much time is compressed."""
 
 import asyncio
 import time
@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from app.simulate.keyboard import Clock, Hands
-from app.simulate.persona import KINDS, persona
+from app.simulate.input_device import InputDevice, PageClock
+from app.simulate.persona import PLAYER_KINDS, draw_persona
 from app.simulate.population import POPULATIONS
 from app.study.plausibility import intervals, pause_share, plausibility_labels
 
@@ -16,18 +16,20 @@ def press(kind, presses, speed=1e6, number=0, idle_ms=0.0):
     """The input events of some presses, answered at once."""
 
     async def work():
-        hands = Hands(persona(number, kind, POPULATIONS["mixed"], 1), Clock(speed), np.random.default_rng(number))
+        device = InputDevice(
+            draw_persona(number, kind, POPULATIONS["mixed"], 1), PageClock(speed), np.random.default_rng(number)
+        )
         for step in range(presses):
             action = ("east", "south")[step // 3 % 2]
-            await hands.think(action)
-            timing = hands.press(action, step)
+            await device.wait_to_decide(action)
+            timing = device.press(action, step)
             assert timing["key_down_ms"] <= timing["client_ms"]
-            await hands.release(action, step + 1, 2.0)
+            await device.release(action, step + 1, 2.0)
         if idle_ms:
-            await hands.idle(idle_ms, presses)
-            await hands.think("east")
-            hands.press("east", presses)
-        return hands.events
+            await device.idle(idle_ms, presses)
+            await device.wait_to_decide("east")
+            device.press("east", presses)
+        return device.events
 
     return asyncio.run(work())
 
@@ -46,7 +48,7 @@ def test_a_person_is_labelled_nothing(number):
     assert times == sorted(times)
 
 
-def test_both_hands_and_fingers_occur():
+def test_both_keyboards_and_touch_screens_occur():
     kinds = {press("noisy-frontier", 1, number=number)[0]["kind"] for number in range(60)}
     assert kinds == {"keydown", "touchdown"}
 
@@ -64,7 +66,7 @@ def test_compressed_time_is_short_and_looks_long():
 
 def test_at_the_speed_of_people_the_clock_is_the_wall():
     before = time.perf_counter()
-    clock = Clock(1.0)
+    clock = PageClock(1.0)
     after = time.perf_counter()
     asyncio.run(clock.wait(120.0))
     least = (time.perf_counter() - after) * 1000
@@ -84,4 +86,4 @@ def test_an_idler_pauses_its_page():
     ]
     assert pause_share([], events) > 0.8
     assert plausibility_labels([], events) == ()
-    assert KINDS["idler"].pauses > 0
+    assert PLAYER_KINDS["idler"].pauses > 0

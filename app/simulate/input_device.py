@@ -1,7 +1,7 @@
-"""Fingers and clock of a synthetic player: it presses keys as people do, and its page tells of it as a browser does.
+"""The keyboard or touch screen of a synthetic player: keys are pressed as people do, and reported as a browser does.
 
 Time is compressed, and the telemetry is not: a wait of 320 ms sleeps 320 / speed ms and moves the page's clock on by 320,
-so labels, pauses and thinking times come out as they would at human speed. Only the round trips are real.
+so labels, pauses and decision times come out as they would at human speed. Only the round trips are real.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from app.simulate.outcome_log import Tally
+from app.simulate.outcome_log import OutcomeLog
 from app.simulate.persona import Persona
 
 KEYS = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
-BATCH = 100
-"""Events after which they are sent."""
+SEND_AFTER_EVENTS = 100
+"""The number of events after which they are sent."""
+
 PAUSE_AFTER_MS = 60_000.0
 SHORTEST_SLEEP_S = 0.0005
-"""Below that, asyncio cannot sleep; the wait only moves the clock."""
+"""asyncio cannot sleep for less; a shorter wait only moves the clock."""
 
 
-class Clock:
+class PageClock:
     """The monotonic clock of one page, in ms since it was loaded; `speed` compresses waits alone."""
 
     def __init__(self, speed: float) -> None:
@@ -32,83 +33,85 @@ class Clock:
         self._skipped_ms = 0.0
 
     def now_ms(self) -> float:
-        """Return what performance.now() would say, to a tenth."""
+        """Return what performance.now() would return, rounded to a tenth."""
         return round((time.perf_counter() - self._loaded) * 1000 + self._skipped_ms, 1)
 
     async def wait(self, ms: float) -> None:
-        """Return once `ms` have passed on this clock."""
+        """Wait until `ms` have passed on this clock."""
         began = time.perf_counter()
         seconds = ms / 1000 / self.speed
         await asyncio.sleep(seconds if seconds > SHORTEST_SLEEP_S else 0)
         self._skipped_ms += max(0.0, ms - (time.perf_counter() - began) * 1000)
 
 
-class Hands:
-    """Presses and releases, and the input events of them not sent yet (`events`, as the socket takes them)."""
+class InputDevice:
+    """Presses and releases; `events` holds their input events that are not sent yet, as the socket takes them."""
 
-    def __init__(self, persona: Persona, clock: Clock, rng: np.random.Generator, tally: Tally | None = None) -> None:
+    def __init__(self, persona: Persona, clock: PageClock, rng: np.random.Generator, log: OutcomeLog | None = None) -> None:
         self.clock = clock
         self.events: list[dict[str, Any]] = []
         self._persona = persona
         self._rng = rng
-        self._tally = tally or Tally()
+        self._log = log or OutcomeLog()
         self._down, self._up = ("touchdown", "touchup") if persona.modality == "touch" else ("keydown", "keyup")
         self._up_ms: float | None = None
         self._pressed_ms = 0.0
         self._last = ""
 
-    async def think(self, action: str) -> None:
-        """Return after the time it takes to see a frame and to decide; a turn takes longer than going straight on.
+    async def wait_to_decide(self, action: str) -> None:
+        """Wait for the time it takes to see a frame and to decide; a turn takes longer than going straight on.
 
-        A machine presses at the next beat after the frame.
+        A robotic player presses at the next multiple of its interval after the frame.
         """
         persona = self._persona
         if persona.kind.is_robotic:
-            await self.clock.wait(persona.think_ms - (self.clock.now_ms() - self._pressed_ms) % persona.think_ms)
+            await self.clock.wait(persona.decision_ms - (self.clock.now_ms() - self._pressed_ms) % persona.decision_ms)
             return
         turn = 1.0 if action == self._last else 1.5
-        await self.clock.wait(max(110.0, float(self._rng.lognormal(np.log(persona.think_ms * turn), 0.35))))
+        await self.clock.wait(max(110.0, float(self._rng.lognormal(np.log(persona.decision_ms * turn), 0.35))))
 
     def press(self, action: str, step: int) -> dict[str, Any]:
-        """Return what the act message says of the press: input and times."""
+        """Press a key and return what the act message says of it: input and times in ms."""
         down = self.clock.now_ms()
         self._last, self._pressed_ms = action, down
-        self.note(self._down, code=self._code(action), repeat=False, step=step, at_ms=down)
+        self.record_event(self._down, code=self._code(action), repeat=False, step=step, at_ms=down)
         is_key = self._persona.modality == "keyboard"
         up, self._up_ms = self._up_ms, None
         return {"input": "key" if is_key else "touch", "key_down_ms": down, "key_up_ms": up, "client_ms": self.clock.now_ms()}
 
     async def release(self, action: str, step: int, round_trip_ms: float) -> None:
-        """Return once the key is up again; `step` is the frame then on screen."""
+        """Wait until the key is up again; `step` is the frame that is then on screen."""
         if self._persona.kind.is_robotic:
             return
         held = max(35.0, float(self._rng.lognormal(np.log(self._persona.hold_ms), 0.2)))
         await self.clock.wait(max(0.0, held - round_trip_ms))
         self._up_ms = self.clock.now_ms()
-        self.note(self._up, code=self._code(action), step=step, at_ms=self._up_ms, round_trip_ms=round(round_trip_ms, 2))
+        self.record_event(
+            self._up, code=self._code(action), step=step, at_ms=self._up_ms, round_trip_ms=round(round_trip_ms, 2)
+        )
 
     async def idle(self, ms: float, step: int) -> None:
-        """Return after a time away from the keyboard: the page pauses itself, hidden meanwhile."""
-        self.note("hidden", step=step)
+        """Stay away for a time: the page is hidden and, after PAUSE_AFTER_MS, pauses itself."""
+        self.record_event("hidden", step=step)
         if ms >= PAUSE_AFTER_MS:
             await self.clock.wait(PAUSE_AFTER_MS)
-            self.note("pause", step=step)
+            self.record_event("pause", step=step)
         await self.clock.wait(ms - PAUSE_AFTER_MS if ms >= PAUSE_AFTER_MS else ms)
-        self.note("visible", step=step)
+        self.record_event("visible", step=step)
         if ms >= PAUSE_AFTER_MS:
-            self.note("resume", step=step)
+            self.record_event("resume", step=step)
 
-    def take(self) -> list[dict[str, Any]]:
-        """Return the events for the next batch, which are not here any more."""
+    def take_events(self) -> list[dict[str, Any]]:
+        """Remove the events of the next batch and return them."""
         taken, self.events = self.events, []
         return taken
 
-    def note(self, kind: str, at_ms: float | None = None, **rest: Any) -> None:
+    def record_event(self, kind: str, at_ms: float | None = None, **rest: Any) -> None:
         """Keep an input event for the next batch."""
         is_press = kind in ("keydown", "keyup", "touchdown", "touchup")
         event = dict.fromkeys(("code", "repeat", "trusted", "step", "round_trip_ms"))
         at = self.clock.now_ms() if at_ms is None else at_ms
-        self._tally.noted += 1
+        self._log.events_recorded += 1
         self.events.append({**event, "kind": kind, "trusted": True if is_press else None, "client_ms": at, **rest})
 
     def _code(self, action: str) -> str | None:
