@@ -1,1 +1,4 @@
-"""The operator's console at `/admin`: one password, one page, nobody else."""
+"""What the operator sees and does: a study's participants, boards that are being played, the server's health, exports.
+
+Nothing here reads identities.
+"""

@@ -1,4 +1,4 @@
-"""How disk and database are: room left, sizes, the last write, and what SQLite's own check says."""
+"""The state of disk and database: free space, sizes, the last write, and the result of SQLite's own check."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from typing import Any
 from app.storage.health import quick_check
 
 LOW_BYTES = 1_000_000_000
-"""Less room on the disk than this is said to be low."""
+"""Less free space on the disk than this is called low."""
 
 
 @dataclass(frozen=True)
-class Check:
-    """What SQLite's quick check said, and when."""
+class DatabaseCheck:
+    """The result of `PRAGMA quick_check`, and when it was made."""
 
     result: str
     at_ms: int
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is damaged."""
+        """Whether SQLite found no damage."""
         return self.result == "ok"
 
 
 class Health:
-    """Looks after one database; the check reads all of it, so it is made once and then when asked for."""
+    """The health of one database; the check reads all of it, so it is made once, and again only on request."""
 
     def __init__(self, database: Path) -> None:
         self._database = database
-        self._check: Check | None = None
+        self._check: DatabaseCheck | None = None
 
     def check(self) -> None:
         """Check the database; it takes milliseconds to minutes, so call it in a thread."""
-        self._check = Check(quick_check(self._database), _now_ms())
+        self._check = DatabaseCheck(quick_check(self._database), _now_ms())
 
-    def look(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""
         if self._check is None:
             self.check()
         assert self._check is not None
-        room = shutil.disk_usage(self._database.parent)
+        space = shutil.disk_usage(self._database.parent)
         wal = self._database.with_name(self._database.name + "-wal")
         written = max((path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0)
         return {
-            "disk": {"free": room.free, "total": room.total, "is_low": room.free < LOW_BYTES},
+            "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
             "database": {"name": self._database.name, "size": _size(self._database), "wal_size": _size(wal)},
             "last_write_ms": round(written * 1000),
             "check": {"result": self._check.result, "is_whole": self._check.is_whole, "at_ms": self._check.at_ms},

@@ -1,4 +1,4 @@
-"""What the operator sees of boards that are being played: every frame with its scores, whatever the player is shown."""
+"""The boards that are being played, for the operator: every frame with its scores, whatever the player is shown."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from app.play.session import Session
 from app.storage.study_rows import participant_label
 from app.study.records import Records
 
-MOST = 60
+MAX_BOARDS = 60
 """Boards in a list."""
 
 
-def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
-    """Return the boards that somebody sits at now, a person or a script, participants' first; no player's id."""
+def list_boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
+    """Return the boards that a person or a script plays now, those of participants first; no player's id."""
     found = []
     live = [session for session in lobby.sessions() if session.is_human and session.channel.subscribers]
-    for session in sorted(live, key=lambda session: session.participation is None)[:MOST]:
+    for session in sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]:
         participant = records.seated_at(session.id)
         trial = next((each for each in records.trials(participant.id)[::-1]), None) if participant else None
         found.append(
@@ -38,10 +38,10 @@ def boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
     return sorted(found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"])))
 
 
-async def messages(session: Session) -> AsyncGenerator[str, None]:
-    """Yield a board's frames, the newest only, and its history wherever frames were missed, until nobody asks any more.
+async def board_messages(session: Session) -> AsyncGenerator[str, None]:
+    """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
 
-    The operator listens and does not follow: a board that its player has left is not kept alive by being watched.
+    The operator is no subscriber: a board that its player has left is not kept alive by being watched.
     """
     frame, episode, steps = "", "", 0
     woken = asyncio.Event()

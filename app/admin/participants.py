@@ -1,4 +1,4 @@
-"""A study as it runs, for the operator: who stands where, who has gone quiet, what each has played. No identities.
+"""A study as it runs, for the operator: the stage of each participant, who has gone quiet, what each has played.
 
 These queries are cheap and always fresh; the figure and the labels, which read every move, are kept for some seconds.
 """
@@ -24,14 +24,14 @@ from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
-"""Without a sign for so long on the way, a participant counts as gone quiet."""
+"""A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
 SHOWN = ("id", "kind", "script", "stage", "joined_ms", "session_id")
 """What the operator sees of a participant's row."""
 
 
-def participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]]:
-    """Return the participants of a study in the order of joining, each with its way so far."""
+def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]]:
+    """Return the participants of a study in the order of joining, each with its progress so far."""
     trials = defaultdict(list)
     for row in study_reader.trial_activity(reader, study):
         trials[row["participant_id"]].append(row)
@@ -50,14 +50,14 @@ def participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
                 "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
-                **_played(own),
+                **_totals(own),
             }
         )
     return found
 
 
-def _played(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return how far a participant is, and the means over finished ranked episodes (None before the first)."""
+def _totals(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the numbers of finished episodes, and the means over ranked ones (None before the first)."""
     ended = [trial for trial in trials if trial["outcome"] is not None]
     ranked = [trial for trial in ended if trial["phase"] == "ranked"]
     steps = [steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked]
@@ -70,14 +70,14 @@ def _played(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return per stage how many people and how many scripts stand there."""
+def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return for each stage how many people and how many scripts are at it."""
     count = Counter((each["stage"], each["kind"]) for each in people)
     return [{"stage": stage, "human": count[stage, "human"], "script": count[stage, "script"]} for stage in STAGES]
 
 
-class Figures:
-    """A study's figure and labels as they come; one thread at a time reads them, others get the last ones."""
+class LiveFigures:
+    """The newest figure and labels of each study; one thread at a time computes them, and the others wait for it."""
 
     def __init__(self, database: Path) -> None:
         self._database = database
@@ -85,7 +85,7 @@ class Figures:
         self._made: dict[str, tuple[float, dict[str, Any]]] = {}
 
     def of(self, study: str) -> dict[str, Any]:
-        """Return {"figure", "labels"}: at most some seconds old, the time it takes to make them ten times over at least."""
+        """Return {"figure", "labels"}; they are kept for FRESH_S seconds, or for ten times the time they took."""
         with self._lock:
             until, made = self._made.get(study, (0.0, {}))
             if time.monotonic() >= until:

@@ -1,4 +1,4 @@
-"""What people's counted episodes look like: coverage against steps, visits, trials; by replay of what is stored."""
+"""Coverage against steps, visits and trials of people's counted episodes, by replay of what is stored."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from app.storage.reader import Reader, record_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 
-MOST = 3000
+MAX_EPISODES = 3000
 """Episodes behind the pictures of a board: the newest so many."""
 
 
-class People:
-    """Pictures per configuration, kept until somebody has played on."""
+class HumanSummaries:
+    """Curves and visit maps for each configuration, kept until somebody finishes another episode."""
 
     def __init__(self) -> None:
         self._made: dict[str, tuple[str, dict[str, Any]]] = {}
@@ -31,10 +31,10 @@ class People:
 def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
     rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
     people: dict[str, list[EpisodeSummary]] = {}
-    for row in rows[-MOST:]:
+    for row in rows[-MAX_EPISODES:]:
         try:
             episode = replay(record_of(row, reader.steps(row["id"])))
-        except ValueError:  # of another core version: its totals count, its way cannot be drawn
+        except ValueError:  # of another core version: its totals count, its path cannot be drawn
             continue
         people.setdefault(row["owner_id"], []).append(summary_of(episode))
     groups = list(people.values())

@@ -22,23 +22,23 @@ def main() -> None:
     os.nice(19)
     for line in sys.stdin:
         try:
-            tell({"figure": done(json.loads(line))})
+            send({"figure": evaluate(json.loads(line))})
         except (ValueError, LookupError, OSError, RuntimeError) as error:
-            tell({"error": str(error) or type(error).__name__})
+            send({"error": str(error) or type(error).__name__})
 
 
-def done(job: dict[str, Any]) -> dict[str, Any]:
-    """Return the figure of a job, telling of each episode on the way."""
+def evaluate(job: dict[str, Any]) -> dict[str, Any]:
+    """Return the figure of a job, and send a message after each episode."""
     config = EnvConfig(**job["config"])
     policy = policies.load(job["policy"], config.sensor_radius)
     groups: list[list[EpisodeSummary]] = []
     for seed in job["seeds"]:
         groups.append([summary_of(drive(policy, config, seed))])
-        tell({"done": len(groups)})
+        send({"done": len(groups)})
     return figure(config, groups)
 
 
-def tell(message: dict[str, Any]) -> None:
+def send(message: dict[str, Any]) -> None:
     """Print one message; a reader that has gone ends the process."""
     try:
         print(json.dumps(message, separators=(",", ":")), flush=True)

@@ -19,7 +19,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.admin import live_boards, participants
-from app.admin.exports import ExportRunningError, Exports, What
+from app.admin.exports import ExportKind, ExportRunningError, Exports
 from app.admin.health import Health
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
@@ -64,7 +64,8 @@ class AdminServices:
     def __init__(self, door: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
         database = progress.lobby.store.path
         self.door, self.progress = door, progress
-        self.health, self.figures, self.exports = Health(database), participants.Figures(database), Exports(database, studies)
+        self.health, self.figures = Health(database), participants.LiveFigures(database)
+        self.exports = Exports(database, studies)
         self.began = time.monotonic()
 
     def study(self, name: str) -> Study:
@@ -155,11 +156,11 @@ async def logout(request: Request, response: Response) -> dict[str, Any]:
 @_calls.get("/api/admin/overview")
 async def overview(console: Operator) -> dict[str, Any]:
     """Studies, boards and the server's health."""
-    health = await asyncio.to_thread(console.health.look)
+    health = await asyncio.to_thread(console.health.state)
     lobby = console.progress.lobby
     return {
         "studies": await asyncio.to_thread(console.studies),
-        "boards": live_boards.boards(lobby, console.progress.records),
+        "boards": live_boards.list_boards(lobby, console.progress.records),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - console.began)},
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
@@ -174,7 +175,7 @@ async def study(console: Operator, name: str) -> dict[str, Any]:
 
     def read() -> list[dict[str, Any]]:
         with closing(Reader.open(store.path)) as reader:
-            return participants.participants(reader, name, now)
+            return participants.list_participants(reader, name, now)
 
     present = await asyncio.to_thread(read)
     protocol = found.protocol
@@ -193,7 +194,7 @@ async def study(console: Operator, name: str) -> dict[str, Any]:
         "planned": protocol.players,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
-        "stages": participants.stages(present),
+        "stages": participants.count_stages(present),
         "participants": present,
         **await asyncio.to_thread(console.figures.of, name),
         "exports": console.exports.state(name),
@@ -216,7 +217,7 @@ async def close(console: Operator, name: str, given: Close) -> dict[str, Any]:
 
 
 @_calls.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
-async def begin_export(console: Operator, name: str, what: What, wanted: Release | None = None) -> dict[str, Any]:
+async def begin_export(console: Operator, name: str, what: ExportKind, wanted: Release | None = None) -> dict[str, Any]:
     """Have the report or the release made; a release needs a closed study."""
     if what == "release" and console.study(name).is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
@@ -241,7 +242,7 @@ async def download(console: Operator, name: str, file: str) -> FileResponse:
 async def check(console: Operator) -> dict[str, Any]:
     """Have the database checked now."""
     await asyncio.to_thread(console.health.check)
-    return await asyncio.to_thread(console.health.look)
+    return await asyncio.to_thread(console.health.state)
 
 
 @_calls.websocket("/ws/admin/sessions/{session_id}")
@@ -262,7 +263,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
-        sender = asyncio.create_task(_send(websocket, console, live_boards.messages(session)))
+        sender = asyncio.create_task(_send(websocket, console, live_boards.board_messages(session)))
         try:
             while (await websocket.receive())["type"] != "websocket.disconnect":
                 pass

@@ -12,10 +12,10 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request
 from fastapi.responses import FileResponse
 
-from app.leaderboard.boards import Board, boards
-from app.leaderboard.figures import Figures
-from app.leaderboard.human_summaries import People
-from app.leaderboard.studies import Studies
+from app.leaderboard.closed_studies import ClosedStudies
+from app.leaderboard.entries import LeaderboardEntry, list_entries
+from app.leaderboard.evaluations import PolicyEvaluations
+from app.leaderboard.human_summaries import HumanSummaries
 from app.play.policy_catalogue import PolicyOffer
 from app.storage.reader import Reader
 
@@ -27,15 +27,15 @@ class Leaderboard:
 
     def __init__(self, database: Path, offers: Sequence[PolicyOffer]) -> None:
         self._database, self._offers = database, offers
-        self._figures = Figures(database.with_name(database.name + "-figures.json"))
-        self._people = People()
-        self._studies = Studies()
+        self._figures = PolicyEvaluations(database.with_name(database.name + "-figures.json"))
+        self._people = HumanSummaries()
+        self._studies = ClosedStudies()
         self._reading = threading.Lock()
 
-    def boards(self) -> list[Board]:
+    def boards(self) -> list[LeaderboardEntry]:
         """Return every board; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            return boards(reader, self._studies)
+            return list_entries(reader, self._studies)
 
     async def detail(self, board_id: str) -> dict[str, Any]:
         """Return everything about one board; evaluations that are missing begin. HTTPException 404 for an unknown one."""
@@ -47,7 +47,7 @@ class Leaderboard:
         sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, board)}
         jobs = found.jobs(sources)
         names = {source: name for name, source in sources.items()}
-        states = self._figures.ask(jobs)
+        states = self._figures.request(jobs)
         policies = [{"name": names.get(job.policy, job.policy), **state} for job, state in zip(jobs, states, strict=True)]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY}
 
@@ -55,7 +55,7 @@ class Leaderboard:
         """Return with the evaluation stopped."""
         await self._figures.close()
 
-    def _people_of(self, board: Board) -> dict[str, Any] | None:
+    def _people_of(self, board: LeaderboardEntry) -> dict[str, Any] | None:
         if board.human is None or board.study is not None:
             return board.human
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:

@@ -5,7 +5,7 @@ import threading
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
-from app.leaderboard import boards as listing
+from app.leaderboard import entries
 from tests.support.browser import NO_3D, SCREENSHOTS
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -21,7 +21,7 @@ COUNT = "[data-testid=stage-{}] td:nth-child(3)"
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of three terrains: the server evaluates in seconds."""
-    monkeypatch.setattr(listing, "held_out", lambda config: tuple(range(listing.FIRST_SEED, listing.FIRST_SEED + 3)))
+    monkeypatch.setattr(entries, "held_out_seeds", lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3)))
 
 
 @pytest.fixture

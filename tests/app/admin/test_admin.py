@@ -322,7 +322,7 @@ def test_damage_is_seen(serve, tmp_path):
     path.write_bytes(data)
     health = Health(path)
     health.check()
-    assert health.look()["check"]["is_whole"] is False
+    assert health.state()["check"]["is_whole"] is False
 
 
 def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.leaderboard import boards as listing
-from app.leaderboard.figures import Figures, Job, policy_hash
-from app.leaderboard.studies import Studies
+from app.leaderboard import entries
+from app.leaderboard.closed_studies import ClosedStudies
+from app.leaderboard.evaluations import EvaluationJob, PolicyEvaluations, policy_hash
 from app.statistics.summaries import EpisodeSummary, curve, figure, trials, visits
 from app.storage.store import Store
 from app.study.folder import Folder
@@ -54,18 +54,19 @@ def test_trials_say_on_how_many_people_each_point_rests():
 
 
 def test_policies_terrains_are_those_that_training_refuses():
-    assert EVALUATION_SEEDS.start == listing.FIRST_SEED
+    assert EVALUATION_SEEDS.start == entries.FIRST_SEED
     for size, count in ((21, 100), (42, 40), (84, 10)):
-        seeds = listing.held_out(EnvConfig.of("random", size))
+        seeds = entries.held_out_seeds(EnvConfig.of("random", size))
         assert (len(seeds), set(seeds) - set(EVALUATION_SEEDS)) == (count, set())
 
 
 def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
-        assert [board.to_dict()["players"] for board in listing.boards(store, Studies())] == [0] * len(listing.OFFERED)
+        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, ClosedStudies())]
+        assert players == [0] * len(entries.OFFERED)
         play(store, seed=1, explore=True)
-        first, *rest = listing.boards(store, Studies())
+        first, *rest = entries.list_entries(store, ClosedStudies())
     finally:
         store.close()
     assert first.config == SMALL
@@ -77,7 +78,7 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of five terrains: the server evaluates in seconds."""
-    monkeypatch.setattr(listing, "held_out", lambda config: tuple(range(listing.FIRST_SEED, listing.FIRST_SEED + 5)))
+    monkeypatch.setattr(entries, "held_out_seeds", lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 5)))
 
 
 def settled(client, board):
@@ -116,7 +117,7 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert np.shape(found["people"]["visits"]) == (5, 7)
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
-    table = evaluate([policy["name"] for policy in found["policies"]], config, 5, listing.FIRST_SEED, workers=1)
+    table = evaluate([policy["name"] for policy in found["policies"]], config, 5, entries.FIRST_SEED, workers=1)
     for policy, row in zip(found["policies"], table.rows, strict=True):
         made = policy["figure"]
         assert policy["name"] == row.policy
@@ -180,19 +181,19 @@ def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path):
     path = tmp_path / "figures.json"
     kept = {"curve": {}}
     path.write_text(json.dumps({f"{CORE_VERSION}|a": kept, "0|b": kept}))
-    assert list(Figures(path)._done) == [f"{CORE_VERSION}|a"]
+    assert list(PolicyEvaluations(path)._done) == [f"{CORE_VERSION}|a"]
     path.write_text('{"1|a": {"cur')
-    assert Figures(path)._done == {}
+    assert PolicyEvaluations(path)._done == {}
 
 
 def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
     async def settle():
-        figures = Figures(tmp_path / "figures.json")
-        jobs = [Job("nope", TINY, (1, 2)), Job("frontier-cost", TINY, (1, 2))]
+        figures = PolicyEvaluations(tmp_path / "figures.json")
+        jobs = [EvaluationJob("nope", TINY, (1, 2)), EvaluationJob("frontier-cost", TINY, (1, 2))]
         try:
-            while any(each["state"] in ("waiting", "computing") for each in figures.ask(jobs)):
+            while any(each["state"] in ("waiting", "computing") for each in figures.request(jobs)):
                 await asyncio.sleep(0.05)
-            return figures.ask(jobs)
+            return figures.request(jobs)
         finally:
             await figures.close()
 
@@ -203,15 +204,15 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
 
 def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
     async def settle():
-        figures = Figures(tmp_path / "figures.json")
-        jobs = [Job("planner", EnvConfig.of("random", 21), tuple(range(500))), Job("random", TINY, (1, 2))]
+        figures = PolicyEvaluations(tmp_path / "figures.json")
+        jobs = [EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))), EvaluationJob("random", TINY, (1, 2))]
         try:
-            while figures.ask(jobs)[0]["done"] == 0:
+            while figures.request(jobs)[0]["done"] == 0:
                 await asyncio.sleep(0.05)
             figures._process.kill()
-            while figures.ask(jobs)[0]["state"] == "computing":
+            while figures.request(jobs)[0]["state"] == "computing":
                 await asyncio.sleep(0.05)
-            return figures.ask(jobs)
+            return figures.request(jobs)
         finally:
             await figures.close()
 

@@ -1,12 +1,12 @@
-"""What can be compared: one board per configuration that people play, and one per study that has been closed."""
+"""The entries of the leaderboard: one for each configuration that people play, and one for each closed study."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from app.leaderboard.figures import Job
-from app.leaderboard.studies import Studies, ranked_seeds
+from app.leaderboard.closed_studies import ClosedStudies, ranked_seeds
+from app.leaderboard.evaluations import EvaluationJob
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
 from app.study.data import StudyData
@@ -16,17 +16,17 @@ FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
 
 OFFERED = (*(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random", 42), EnvConfig.of("random", 84))
-"""What the page's sheet offers: a board for each, whoever has played."""
+"""The configurations that the page's terrain dialog offers: each has an entry, even if nobody has played it."""
 
 
 @dataclass(frozen=True)
-class Board:
+class LeaderboardEntry:
     """A configuration and the terrains on which policies stand beside people.
 
     id        in the page's address
     human     the figure of `app.statistics.human_level`, or of a study with its pictures; None while nobody has played
     seeds     of the policies' terrains
-    study     its name; None for a board of the playground
+    study     its name; None for an entry of the playground
     policies  names (or paths); None means everything on offer
     """
 
@@ -38,15 +38,15 @@ class Board:
     study: str | None = None
     policies: tuple[str, ...] | None = None
 
-    def jobs(self, sources: dict[str, str]) -> list[Job]:
+    def jobs(self, sources: dict[str, str]) -> list[EvaluationJob]:
         """Return what has to be evaluated, quick policies first; `sources` is what `policies.load` takes, by name."""
         slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        return [Job(sources.get(name, name), self.config, self.seeds) for name in ordered]
+        return [EvaluationJob(sources.get(name, name), self.config, self.seeds) for name in ordered]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a list of boards says of it."""
+        """Return the entry as the list of the leaderboard shows it."""
         human = self.human or {"players": 0, "episodes": 0}
         return {
             "id": self.id,
@@ -63,32 +63,32 @@ class Board:
         }
 
 
-def boards(reader: Reader, studies: Studies) -> list[Board]:
-    """Return every board: closed studies, then what people have played, the most played first, then the rest."""
+def list_entries(reader: Reader, studies: ClosedStudies) -> list[LeaderboardEntry]:
+    """Return every entry: closed studies, then what people have played, the most played first, then the rest."""
     found = {f"study-{data.protocol.name}": _of_study(data, human) for data, human in studies.closed(reader)}
     for figure in human_level(reader)["figures"]:
         config = EnvConfig(**figure["config"])
-        found[config.hash] = _board(config, figure)
+        found[config.hash] = _of_config(config, figure)
     for config in OFFERED:
-        found.setdefault(config.hash, _board(config, None))
+        found.setdefault(config.hash, _of_config(config, None))
     return list(found.values())
 
 
-def held_out(config: EnvConfig) -> tuple[int, ...]:
+def held_out_seeds(config: EnvConfig) -> tuple[int, ...]:
     """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
     count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
     return tuple(range(FIRST_SEED, FIRST_SEED + count))
 
 
-def _of_study(data: StudyData, human: dict[str, Any] | None) -> Board:
+def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
     protocol = data.protocol
     names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
-    return Board(*names, human, ranked_seeds(data), protocol.name, protocol.policies)
+    return LeaderboardEntry(*names, human, ranked_seeds(data), protocol.name, protocol.policies)
 
 
-def _board(config: EnvConfig, human: dict[str, Any] | None) -> Board:
+def _of_config(config: EnvConfig, human: dict[str, Any] | None) -> LeaderboardEntry:
     name = f"{config.level}-{config.rows}x{config.cols}"
     title = f"{config.level} {config.rows} × {config.cols}"
     if EnvConfig.of(config.level, (config.rows, config.cols)) != config:
         name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
-    return Board(name, title, config, human, held_out(config))
+    return LeaderboardEntry(name, title, config, human, held_out_seeds(config))

@@ -1,6 +1,6 @@
-"""Studies that have been closed, on the leaderboard: people and policies on the very same terrains.
+"""Closed studies on the leaderboard: people and policies on the very same terrains.
 
-An open study is not here: a mean that changes with every episode would tell players their hidden scores.
+An open study is not shown: a mean that changes with every episode would reveal hidden scores to its players.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from app.study.data import StudyData, load
 from app.study.seeds import seed
 
 
-class Studies:
+class ClosedStudies:
     """Closed studies of a database, read once each: nothing happens in them any more."""
 
     def __init__(self) -> None:

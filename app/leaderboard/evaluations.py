@@ -1,7 +1,7 @@
-"""Policies' figures: made by a process of low priority when first asked for, kept in a file beside the database.
+"""Policies' figures: made by a process of low priority when first requested, and kept in a file next to the database.
 
-A figure belongs to (core version, policy with its file, configuration, seeds); whatever of that changes makes it anew. No
-figure is ever guessed: until it is there, its progress is.
+A figure belongs to (core version, policy with its file, configuration, seeds); when one of these changes, it is made again. No
+figure is ever guessed: until it is ready, its progress is shown.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.files import write_whole
 from marsexplorer.policies.files.card import shipped
 
-LARGEST_LINE = 1 << 24
+MAX_LINE_BYTES = 1 << 24
 """Bytes of a worker's line: a heat map of the largest grid fits."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Job:
+class EvaluationJob:
     """A policy (its name or path) on the terrains of some seeds."""
 
     policy: str
@@ -41,7 +41,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """What the figure belongs to."""
+        """Everything that the figure depends on, as one string."""
         seeds = hashlib.sha256(",".join(map(str, self.seeds)).encode()).hexdigest()
         return "|".join((CORE_VERSION, self.policy, policy_hash(self.policy), self.config.hash, seeds))
 
@@ -62,21 +62,21 @@ def policy_hash(source: str) -> str:
     return found.hexdigest()
 
 
-class Figures:
-    """Asked for a board's figures, it answers with what is there and has the rest made, the board asked for last first."""
+class PolicyEvaluations:
+    """Gives the figures that are ready and makes the missing ones in the background, the latest request first."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._done: dict[str, dict[str, Any]] = _read(path)
         self._failed: dict[str, str] = {}
-        self._waiting: dict[str, Job] = {}
+        self._waiting: dict[str, EvaluationJob] = {}
         self._progress: tuple[str, int] = ("", 0)
         self._task: asyncio.Task[None] | None = None
         self._process: Process | None = None
         self._closed = False
 
-    def ask(self, jobs: Sequence[Job]) -> list[dict[str, Any]]:
-        """Return per job {"state", "done", "of", "figure", "error"}; what is missing is begun. On the event loop only."""
+    def request(self, jobs: Sequence[EvaluationJob]) -> list[dict[str, Any]]:
+        """Return per job {"state", "done", "of", "figure", "error"}; what is missing is begun. Call it on the event loop."""
         keys = {job.key: job for job in jobs}
         missing = {key: job for key, job in keys.items() if key not in self._done and key not in self._failed}
         if missing and not self._closed:
@@ -86,7 +86,7 @@ class Figures:
         return [self._state(key, job) for key, job in keys.items()]
 
     async def close(self) -> None:
-        """Return with the process ended; what it had not finished is begun again another time."""
+        """End the process; what it had not finished is begun again after the next start."""
         self._waiting.clear()
         self._closed = True
         if self._process is not None:
@@ -94,7 +94,7 @@ class Figures:
         if self._task is not None:
             await self._task
 
-    def _state(self, key: str, job: Job) -> dict[str, Any]:
+    def _state(self, key: str, job: EvaluationJob) -> dict[str, Any]:
         made, error = self._done.get(key), self._failed.get(key)
         at, done = self._progress
         state = "ready" if made else "failed" if error else "computing" if at == key else "waiting"
@@ -102,12 +102,12 @@ class Figures:
         return {"state": state, "done": count, "of": len(job.seeds), "figure": made, "error": error}
 
     async def _work(self) -> None:
-        """Return when nothing is left to make."""
+        """Make figures until none is missing."""
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         command = (sys.executable, "-m", "app.leaderboard.worker")
         # a session of its own: Ctrl-C in the server's terminal is not meant for it
         process = self._process = await asyncio.create_subprocess_exec(
-            *command, stdin=PIPE, stdout=PIPE, limit=LARGEST_LINE, env=environment, start_new_session=True
+            *command, stdin=PIPE, stdout=PIPE, limit=MAX_LINE_BYTES, env=environment, start_new_session=True
         )
         while self._waiting:
             key, job = next(iter(self._waiting.items()))
@@ -117,7 +117,7 @@ class Figures:
         self._progress, self._process = ("", 0), None
         await _end(process)
 
-    async def _make(self, process: Process, key: str, job: Job) -> None:
+    async def _make(self, process: Process, key: str, job: EvaluationJob) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
         self._progress = (key, 0)
@@ -142,7 +142,7 @@ class Figures:
 
 
 async def _end(process: Process) -> None:
-    """Return with the process gone and its pipes closed."""
+    """End the process, wait for it and close its pipes."""
     assert process.stdin is not None
     assert process.stdout is not None
     _kill(process)
@@ -166,7 +166,7 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _write(path: Path, figures: dict[str, dict[str, Any]]) -> None:
-    """Return with the figures in the file, whole; a disk that is full costs a warning and the next start's time."""
+    """Write the figures to the file; when the disk is full, warn: the next start must then make them again."""
     try:
         with write_whole(path) as file:
             file.write(json.dumps(figures, separators=(",", ":")).encode())
