@@ -1,4 +1,4 @@
-"""`marsexplorer refine`: a trained policy learns what other moves would have cost it."""
+"""The command `marsexplorer refine`: a trained policy learns what other moves would have cost it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.console import PATH, interruptible, reason
-from app.cli.train import commit, tried
+from app.cli.train import commit, measure_policy
 
 if TYPE_CHECKING:
-    from marsexplorer.training.refine import Refining, Report
+    from marsexplorer.training.refine import RefineRun, RoundMetrics
+
+LOG_COLUMNS = {
+    "round": "round",
+    "num_pairs": "pairs",
+    "better_share": "better",
+    "loss": "loss",
+    "episode_steps": "steps",
+}
+"""Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it was."""
 
 
 @click.command(short_help="Let a trained policy learn from moves it did not make.")
@@ -55,7 +64,7 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
     from marsexplorer.policies.network.model import load_net
-    from marsexplorer.training.refine import Plan, Refining
+    from marsexplorer.training.refine import RefineConfig, RefineRun
 
     path = shipped().get(policy, Path(policy))
     try:
@@ -66,72 +75,87 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
     file = folder / f"{folder.resolve().name}.safetensors"
     if file.exists():
         raise click.UsageError(f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out")
-    words = f"marsexplorer refine {policy} --rounds {rounds} --seed {seed} --out {folder.name}"
+    command = f"marsexplorer refine {policy} --rounds {rounds} --seed {seed} --out {folder.name}"
     processes = workers or cores()
-    softer = 1.0 if "pairs" in card.get("training", {}) else Plan.softer  # refined before: no longer certain of every move
-    plan = Plan(opening=max(1, round(0.6 * rounds)), first=max(1, round(0.45 * rounds)), softer=softer)
-    run = Refining(net, seed, plan)
-    book = _Book(
-        file, run, card, {"command": words, "commit": commit(), "hardware": f"{platform.machine()}, {processes} cores"}
+    was_refined = "pairs" in card.get("training", {})  # then it is no longer almost certain of every move
+    config = RefineConfig(
+        first_round_tasks=max(1, round(0.6 * rounds)),
+        first_round_steps=max(1, round(0.45 * rounds)),
+        logit_scale=1.0 if was_refined else RefineConfig.logit_scale,
     )
+    run = RefineRun(net, seed, config)
+    own_card = {"command": command, "commit": commit(), "hardware": f"{platform.machine()}, {processes} cores"}
+    output = _RefineOutput(file, run, card, own_card)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with _bar(rounds) as tell:
-            interruptible(lambda: _play(run, rounds, processes, book, tell))
+        with _progress_bar(rounds) as advance:
+            interruptible(lambda: _refine(run, rounds, processes, output, advance))
     except OSError as error:
         raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
     except KeyboardInterrupt:
         left = (
-            f"{file} is as it was after round {run.done}" if run.done else "nothing is written before the first round is done"
+            f"{file} is as it was after round {run.rounds_done}"
+            if run.rounds_done
+            else "nothing is written before the first round is done"
         )
         click.echo(f"stopped; {left}", err=True)
         raise
-    click.echo(f"{file}: {tried(file, book.keep, EnvConfig())}")
+    click.echo(f"{file}: {measure_policy(file, output.save_policy, EnvConfig())}")
 
 
-def _play(run: Refining, rounds: int, processes: int, book: _Book, tell: Callable[[float, str | None], None]) -> None:
+def _refine(
+    run: RefineRun, rounds: int, processes: int, output: _RefineOutput, advance: Callable[[float, str | None], None]
+) -> None:
+    """Make the rounds, with the episodes played in processes of their own."""
     from marsexplorer.evaluation.play import one_thread
 
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn, one_thread) as pool:
-        while run.done < rounds:
-            report = run.round(pool, lambda gone: tell(run.done + gone, None))
-            book.heard(report)
-            steps = ", ".join(f"{mean:.1f} at {size}" for size, mean in report.steps.items())
-            tell(run.done, f"round {report.round}, {report.pairs:,} pairs: {steps} moves an episode")
+        while run.rounds_done < rounds:
+            metrics = run.train_round(pool, lambda done: advance(run.rounds_done + done, None))
+            output.save_round(metrics)
+            steps = ", ".join(f"{mean:.1f} at {size}" for size, mean in metrics.episode_steps.items())
+            advance(run.rounds_done, f"round {metrics.round}, {metrics.num_pairs:,} pairs: {steps} moves an episode")
 
 
-class _Book:
-    """Writes the policy with its card, and the log, whole after every round."""
+class _RefineOutput:
+    """Writes the policy with its card, and the log, whole after every round.
 
-    def __init__(self, file: Path, run: Refining, card: dict[str, Any], own: dict[str, Any]) -> None:
-        self._file, self._run, self._own, self._card = file, run, own, card
+    card      of the policy that the run began with; own_card: what replaces parts of it
+    """
+
+    def __init__(self, file: Path, run: RefineRun, card: dict[str, Any], own_card: dict[str, Any]) -> None:
+        self._file, self._run, self._own_card, self._card = file, run, own_card, card
         self._lines: list[dict[str, Any]] = []
-        self._began = time.monotonic()
+        self._started = time.monotonic()
 
-    def heard(self, report: Report) -> None:
+    def save_round(self, metrics: RoundMetrics) -> None:
+        """Add a round to the log and write both files."""
         from marsexplorer.files import write_whole
 
-        self._lines.append({**asdict(report), "seconds": round(time.monotonic() - self._began, 1)})
+        line = {LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
+        self._lines.append({**line, "seconds": round(time.monotonic() - self._started, 1)})
         text = "".join(json.dumps(line) + "\n" for line in self._lines)
         with write_whole(self._file.with_name("log.jsonl")) as file:
             file.write(text.encode())
-        self.keep({"results": {}})
+        self.save_policy({"results": {}})
 
-    def keep(self, results: dict[str, Any]) -> None:
+    def save_policy(self, results: dict[str, Any]) -> None:
+        """Write the policy file; `results` are added to its card."""
         from marsexplorer.policies.network.model import save_network
 
         run, card = self._run, self._card
-        numbers = {"rounds": run.done, "pairs": run.found, "seconds": self._lines[-1]["seconds"], "seed": run.seed}
-        begun = {key: card.get(key) for key in ("command", "commit", "hardware", "training")}
-        training = {**numbers, "plan": asdict(run.plan), "log": self._lines, "began_with": begun}
-        summary = f"{card.get('summary', 'A network.')} Refined on {run.found:,} pairs of moves."
-        save_network(run.net, self._file, {**card, **self._own, "summary": summary, **results, "training": training})
+        seconds = self._lines[-1]["seconds"]
+        numbers = {"rounds": run.rounds_done, "pairs": run.num_pairs, "seconds": seconds, "seed": run.seed}
+        began_with = {key: card.get(key) for key in ("command", "commit", "hardware", "training")}
+        training = {**numbers, "plan": asdict(run.config), "log": self._lines, "began_with": began_with}
+        summary = f"{card.get('summary', 'A network.')} Refined on {run.num_pairs:,} pairs of moves."
+        save_network(run.net, self._file, {**card, **self._own_card, "summary": summary, **results, "training": training})
 
 
 @contextmanager
-def _bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
-    """Yield a `tell(rounds done, note)` that moves a bar on stderr, or prints each note where stderr is no terminal."""
+def _progress_bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
+    """Yield `advance(rounds done, note)` that moves a bar on stderr, or prints each note where stderr is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -140,11 +164,11 @@ def _bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=rounds, note="the first round is a long one")
 
-        def tell(done: float, note: str | None) -> None:
+        def advance(done: float, note: str | None) -> None:
             progress.update(task, completed=done)
             if note:
                 progress.update(task, note=note)
                 if not console.is_terminal:
                     click.echo(note, err=True)
 
-        yield tell
+        yield advance

@@ -1,4 +1,4 @@
-"""The command `marsexplorer sweep`: one training for every level, size and seed, on a Ray cluster."""
+"""The command `marsexplorer sweep`: one training run for every level, size and seed, on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.cli.console import PATH, Size, config_of, interruptible, print_table, p
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
-    from marsexplorer.training.sweep import Finished, Trial
+    from marsexplorer.training.sweep import SweepResult, SweepRun
 
 FIGURES = ("steps", "completion", "score", "rule_ratio")
 
@@ -51,7 +51,7 @@ def sweep(
 ) -> None:
     """Train one policy for every level, size and seed, one core each, and measure all on terrains kept apart.
 
-    The trainings are trials of Ray Tune, on this machine or on a cluster that runs already. Each leaves a folder as
+    The training runs are trials of Ray Tune, on this machine or on a cluster that runs already. Each leaves a folder as
     `marsexplorer train` does; sweep.csv holds a line for each. A policy of several levels at once is what
     `marsexplorer train --level all` makes. Needs the extra `ray`.
 
@@ -64,7 +64,7 @@ def sweep(
 
     names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
     configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
-    trials = [_trial(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
+    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")
     from marsexplorer.files import write_whole
@@ -72,19 +72,19 @@ def sweep(
     try:
         out.mkdir(parents=True, exist_ok=True)
         with write_whole(out / "sweep.csv") as file:
-            finished = _run(trials, out, ray)
-            file.write(_csv(finished).encode())
+            results = _run(runs, out, ray)
+            file.write(_csv(results).encode())
     except OSError as error:
         raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
-    _show(finished)
-    failed = [each for each in finished if each.error]
+    _show(results)
+    failed = [each for each in results if each.error]
     if failed:
-        raise click.ClickException(f"{len(failed)} of {len(trials)} trainings failed, the first with: {failed[0].error}")
+        raise click.ClickException(f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}")
 
 
-def _trial(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> Trial:
+def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
     from marsexplorer.training.config import LIMITS
-    from marsexplorer.training.sweep import Trial
+    from marsexplorer.training.sweep import SweepRun
 
     side = f"{config.rows}x{config.cols}"
     card = {
@@ -94,41 +94,50 @@ def _trial(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int)
         "limits": LIMITS[recipe],
         "size": [config.rows, config.cols],
     }
-    return Trial(f"{recipe}-{config.level}-{side}-s{seed}", recipe, config.to_dict(), steps, seed, episodes, card)
+    return SweepRun(
+        name=f"{recipe}-{config.level}-{side}-s{seed}",
+        recipe=recipe,
+        config=config.to_dict(),
+        steps=steps,
+        seed=seed,
+        episodes=episodes,
+        card=card,
+    )
 
 
-def _run(trials: list[Trial], out: Path, address: str) -> list[Finished]:
+def _run(runs: list[SweepRun], out: Path, address: str) -> list[SweepResult]:
     from marsexplorer.evaluation.cluster import ClusterError
-    from marsexplorer.training.sweep import sweep as run
+    from marsexplorer.training.sweep import sweep as run_sweep
 
     with progress("training") as advance:
-        advance(0, len(trials))
+        advance(0, len(runs))
         try:
-            return interruptible(lambda: run(trials, out, address, advance))
+            return interruptible(lambda: run_sweep(runs, out, address, advance))
         except ClusterError as error:
             raise click.ClickException(str(error)) from error
 
 
-def _csv(finished: list[Finished]) -> str:
+def _csv(results: list[SweepResult]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])
-    for each in finished:
-        trial = each.trial
-        where = (trial.config["level"], trial.config["rows"], trial.config["cols"])
-        writer.writerow([trial.name, trial.recipe, *where, trial.seed, trial.steps, *_figures(each), each.error])
+    for each in results:
+        run = each.run
+        where = (run.config["level"], run.config["rows"], run.config["cols"])
+        writer.writerow([run.name, run.recipe, *where, run.seed, run.steps, *_figures(each), each.error])
     return text.getvalue()
 
 
-def _figures(finished: Finished) -> list[float]:
-    return [getattr(finished, field.name) for field in fields(finished) if field.name in FIGURES]
+def _figures(result: SweepResult) -> list[float]:
+    return [getattr(result, field.name) for field in fields(result) if field.name in FIGURES]
 
 
-def _show(finished: list[Finished]) -> None:
+def _show(results: list[SweepResult]) -> None:
     rows = []
-    for each in finished:
+    for each in results:
         steps, completion, score, ratio = _figures(each)
-        where = (each.trial.config["level"], f"{each.trial.config['rows']}x{each.trial.config['cols']}", str(each.trial.seed))
-        rows.append((each.trial.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}"))
+        run = each.run
+        where = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
+        rows.append((run.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}"))
     columns = ("policy", "level", "size", "seed", "completion", "steps to 99 %", "to rule", "mean score")
-    print_table(f"{finished[0].trial.episodes} held-out terrains each", columns, rows)
+    print_table(f"{results[0].run.episodes} held-out terrains each", columns, rows)

@@ -1,4 +1,4 @@
-"""`marsexplorer train`: a policy of one's own by PPO, with a log, a learning curve and checkpoints."""
+"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints."""
 
 from __future__ import annotations
 
@@ -15,11 +15,16 @@ from app.cli.console import PATH, Size, config_of, reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
-    from marsexplorer.training.config import Recipe
-    from marsexplorer.training.ppo import Report, Run
+    from marsexplorer.training.config import TrainConfig
+    from marsexplorer.training.ppo import TrainingRun, UpdateMetrics
 
-HELD_OUT = 200
-"""Terrains that the finished policy is tried on for its card."""
+DEFAULT_MINUTES = 30.0
+TIMED_UPDATES = 4
+"""Updates that are timed to find how many steps fit into --minutes."""
+PRINT_INTERVAL_S = 15
+"""Seconds between two lines where stderr is no terminal."""
+HELD_OUT_TERRAINS = 200
+"""Terrains that the finished policy is measured on for its card."""
 
 
 @click.command(short_help="Train a policy on this machine.")
@@ -93,70 +98,77 @@ def train(
     if resume and (steps is None or out is None):
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
     from marsexplorer.training.config import FAMILIES, RECIPES
+    from marsexplorer.training.ppo import TrainingRun
 
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
     configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     _check_device(device)
-    chosen = RECIPES[recipe]
-    folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_side(size) for size in sizes)}-s{seed}"
+    config = RECIPES[recipe]
+    folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
     try:
-        steps = steps or _measured(chosen, configs, minutes or 30.0, device)
-        asked = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_side(size)}" for size in sizes)])
-        words = f"marsexplorer train --recipe {recipe} {asked} --steps {steps} --seed {seed} --out {folder.name}"
-        click.echo(f"{words}{'' if device == 'cpu' else f' --device {device}'}", err=True)
-        _run(chosen, configs, steps, seed, device, folder, resume, words)
+        steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
+        options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
+        command = f"marsexplorer train --recipe {recipe} {options} --steps {steps} --seed {seed} --out {folder.name}"
+        click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
+        run = TrainingRun.begin(config, configs, steps, seed, device)
+        _train(run, steps, folder, resume, command)
     except OSError as error:
         raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
 
-def _run(
-    recipe: Recipe, configs: list[EnvConfig], steps: int, seed: int, device: str, folder: Path, resume: bool, words: str
-) -> None:
-    from marsexplorer.training.config import LIMITS
-    from marsexplorer.training.ppo import Run
-    from marsexplorer.training.ppo import train as play
-    from marsexplorer.training.run_folder import Logbook
+def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str) -> None:
+    """Make the run, write its folder and print how the policy does on held-out terrains."""
+    from marsexplorer.training.ppo import train as train_network
+    from marsexplorer.training.run_folder import RunFolder
 
-    run = Run.begin(recipe, configs, steps, seed, device)
-    where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in configs))
-    what = "PPO as in the paper" if recipe.name == "paper" else "A network trained by PPO"
-    card = {
-        "summary": f"{what}: {steps:,} moves on {where}.",
-        "command": words,
-        "commit": commit(),
-        "hardware": f"{platform.machine()}, one thread" if device == "cpu" else device,
-        "limits": LIMITS[recipe.name],
-        "size": [configs[0].rows, configs[0].cols],
-    }
-    with _bar(run) as tell:
-        book = Logbook(folder, run, card, tell)
+    with _progress_bar(run) as on_update:
+        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update)
         if resume:
-            book.resume()
+            run_folder.resume()
         try:
-            play(run, book.heard)
-            book.keep()
+            train_network(run, run_folder.on_update)
+            run_folder.save()
         except KeyboardInterrupt:
-            book.keep()
-            click.echo(f"stopped after {run.moves:,} of {steps:,} moves; go on with: {words} --resume", err=True)
+            run_folder.save()
+            click.echo(f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume", err=True)
             raise
-    click.echo(f"{book.policy}: {tried(book.policy, book.keep_policy, configs[0])}")
+    click.echo(f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, run.env_configs[0])}")
 
 
-def tried(file: Path, keep: Callable[[dict[str, Any]], None], config: EnvConfig) -> str:
-    """Return how the finished policy does on held-out terrains, in words; `keep` puts the numbers into its card."""
-    from marsexplorer.evaluation import evaluate
+def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
+    """Return what the policy's card says besides the numbers of the run."""
+    from marsexplorer.training.config import LIMITS
+
+    where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs))
+    what = "PPO as in the paper" if run.config.name == "paper" else "A network trained by PPO"
+    return {
+        "summary": f"{what}: {steps:,} moves on {where}.",
+        "command": command,
+        "commit": commit(),
+        "hardware": f"{platform.machine()}, one thread" if run.device == "cpu" else run.device,
+        "limits": LIMITS[run.config.name],
+        "size": [run.env_configs[0].rows, run.env_configs[0].cols],
+    }
+
+
+def measure_policy(file: Path, save_policy: Callable[[dict[str, Any]], None], config: EnvConfig) -> str:
+    """Return a sentence on how the policy in a file does on held-out terrains.
+
+    save_policy   is called with the numbers, to write them into the card
+    """
+    from marsexplorer.evaluation import RULES, evaluate
     from marsexplorer.training.envs import EVALUATION_SEEDS
 
-    table = evaluate([str(file), "frontier-cost", "frontier-utility"], config, HELD_OUT, EVALUATION_SEEDS.start)
+    table = evaluate([str(file), *RULES], config, HELD_OUT_TERRAINS, EVALUATION_SEEDS.start)
     own, *rules = table.rows
     best = min(row.steps_mean for row in rules)
     where = f"{config.level} {config.rows}x{config.cols}"
     numbers = {
-        "terrains": HELD_OUT,
+        "terrains": HELD_OUT_TERRAINS,
         "first_seed": EVALUATION_SEEDS.start,
         "steps": round(own.steps_mean, 2),
         "completion": own.completion,
@@ -164,32 +176,32 @@ def tried(file: Path, keep: Callable[[dict[str, Any]], None], config: EnvConfig)
         "score": round(own.score_mean, 4),
         "best_rule_steps": round(best, 2),
     }
-    keep({"results": {where: numbers}})
-    said = f"{own.steps_mean:.1f} steps to 99 % on {HELD_OUT} terrains of {where} ({own.completion:.0%} explored)"
-    return f"{said}, the best rule {best:.1f}"
+    save_policy({"results": {where: numbers}})
+    steps = f"{own.steps_mean:.1f} steps to 99 % on {HELD_OUT_TERRAINS} terrains of {where} ({own.completion:.0%} explored)"
+    return f"{steps}, the best rule {best:.1f}"
 
 
-def _measured(recipe: Recipe, configs: list[EnvConfig], minutes: float, device: str) -> int:
-    """Return the moves that `minutes` will do for, by timing a few updates of a run that is thrown away."""
+def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], device: str) -> int:
+    """Return the steps that fit into `minutes`, by timing a few updates of a run that is thrown away."""
     import time
 
-    from marsexplorer.training.ppo import Run
-    from marsexplorer.training.ppo import train as play
+    from marsexplorer.training.ppo import TrainingRun
+    from marsexplorer.training.ppo import train as train_network
 
     click.echo("measuring how fast this machine is", err=True)
-    updates = 4
     times = [time.monotonic()]
-    run = Run.begin(recipe, configs, updates * recipe.boards * recipe.horizon, 0, device)
-    play(run, lambda _: times.append(time.monotonic()))
-    each = (times[-1] - times[1]) / (updates - 1)
-    return max(1, int(minutes * 60 / each)) * recipe.boards * recipe.horizon
+    run = TrainingRun.begin(config, configs, TIMED_UPDATES * config.batch_size, 0, device)
+    train_network(run, lambda _: times.append(time.monotonic()))
+    seconds_per_update = (times[-1] - times[1]) / (TIMED_UPDATES - 1)
+    return max(1, int(minutes * 60 / seconds_per_update)) * config.batch_size
 
 
-def _side(size: int | tuple[int, int]) -> str:
+def _size_text(size: int | tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size)
 
 
 def _check_device(device: str) -> None:
+    """Raise UsageError when torch cannot compute on the device."""
     if device == "cpu":
         return
     import torch
@@ -210,8 +222,8 @@ def commit() -> str | None:
 
 
 @contextmanager
-def _bar(run: Run) -> Iterator[Callable[[Report, float], None]]:
-    """Yield a `tell` that moves a progress bar on stderr, or prints a line now and then where stderr is no terminal."""
+def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float], None]]:
+    """Yield an `on_update` that moves a bar on stderr, or prints a line now and then where stderr is no terminal."""
     import time
 
     from rich.console import Console
@@ -220,18 +232,19 @@ def _bar(run: Run) -> Iterator[Callable[[Report, float], None]]:
     console = Console(stderr=True)
     columns = (TextColumn("playing"), BarColumn(), TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=run.updates, note="")
-        began, first, said = time.monotonic(), run.moves, 0.0
+        task = progress.add_task("", total=run.num_updates, note="")
+        started, first_step, printed = time.monotonic(), run.global_step, 0.0
 
-        def tell(report: Report, seconds: float) -> None:
-            nonlocal said
+        def on_update(metrics: UpdateMetrics, seconds: float) -> None:
+            nonlocal printed
             now = time.monotonic()
-            speed = (report.moves - first) / max(now - began, 1e-9)
-            lately = f"return {report.returned:.0f}, {report.steps:.1f} moves an episode, {report.explored:.1%} explored"
-            note = f"{report.moves / 1e6:.2f} M moves, {speed:,.0f}/s: {lately}"
-            progress.update(task, completed=run.done, note=note)
-            if not console.is_terminal and (now - said > 15 or run.done == run.updates):
-                click.echo(f"{note}, entropy {report.entropy:.2f}", err=True)
-                said = now
+            speed = (metrics.global_step - first_step) / max(now - started, 1e-9)
+            episodes = f"{metrics.episode_steps:.1f} moves an episode, {metrics.explored:.1%} explored"
+            played = f"{metrics.global_step / 1e6:.2f} M moves, {speed:,.0f}/s"
+            note = f"{played}: return {metrics.episode_return:.0f}, {episodes}"
+            progress.update(task, completed=run.updates_done, note=note)
+            if not console.is_terminal and (now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates):
+                click.echo(f"{note}, entropy {metrics.entropy:.2f}", err=True)
+                printed = now
 
-        yield tell
+        yield on_update

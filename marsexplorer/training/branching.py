@@ -1,7 +1,7 @@
-"""What another move would have cost: episodes are branched, and every branch is played to its end.
+"""What another action would have cost: episodes are branched, and every branch is played to its end.
 
-An episode is played greedily. At some of its moments another move is made instead, and the policy goes on from there on the
-same terrain: the difference of the two episodes' moves is a sample of what that move costs given what is known there, since
+An episode is played greedily. At some of its steps another action is taken instead, and the policy goes on from there on the
+same terrain. The difference in length of the two episodes is a sample of what that action costs given what is known there, as
 the terrain is a draw from those that look like this so far. (The vine of Schulman et al. 2015, "Trust region policy
 optimization", section 5.2; here with the whole episode as its length.)
 """
@@ -16,34 +16,34 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.training.envs import refuse_evaluation_seeds
-from marsexplorer.training.rollouts import Decided, Judge, Players, Saved
+from marsexplorer.training.rollouts import ActionScorer, Decisions, GreedyRollouts, Snapshot
 
-MOST = 20
-"""Costs are cut off at so many moves either way: beyond that chance speaks."""
-PATIENCE = 30
+MAX_COST = 20
+"""Costs are clipped to so many moves either way: beyond that they are mostly chance."""
+MAX_EXTRA_MOVES = 30
 """A branch that has made so many moves more than its episode is played no further."""
-USUAL = 0.17
-"""Moves a cell of the grid that an episode usually takes."""
-SLOTS = 256
+TYPICAL_MOVES_PER_CELL = 0.17
+"""Length of an ordinary episode, in moves for each cell of the grid."""
+PARALLEL_BRANCHES = 256
 """Branches played together."""
-LONGEST = 0.57
-"""Episodes are followed for so many moves a cell of the grid."""
-BUSY = 0.8
-"""A stack in which a smaller share of the worlds still plays is made smaller."""
-SHARE = 0.25
-"""Share of an episode's moments whose looks are kept."""
-ANY = 0.1
-"""Weight of a move that the network is sure about, beside 1 of one about which it is in two minds."""
+MAX_MOVES_PER_CELL = 0.57
+"""Episodes are followed for so many moves for each cell of the grid."""
+MIN_RUNNING_SHARE = 0.8
+"""When a smaller share of the worlds still runs, the others are dropped."""
+OBSERVATION_SHARE = 0.25
+"""Share of an episode's steps whose observations are kept."""
+BASE_WEIGHT = 0.1
+"""Weight of an action where the network is certain, in comparison with 1 where it is undecided between two."""
 
 
 @dataclass(frozen=True)
-class Pairs:
-    """Two moves at the same moment: the network's own, and another.
+class ActionPairs:
+    """Two actions for the same observation: the network's own, and another one.
 
-    planes, moves  what the network is shown there, see `policies.perception`
-    own, other     int64[num], actions
-    cost           float32[num], moves that the episode takes more with the other, -MOST..MOST
-    steps          int64[episodes], moves of the episodes
+    planes, moves  the observations, see `policies.network.features`
+    own, other     int64[num_pairs], actions
+    cost           float32[num_pairs], moves that the episode takes more with the other action, -MAX_COST..MAX_COST
+    steps          int64[num_episodes], moves of the episodes
     """
 
     planes: NDArray[np.uint8]
@@ -55,8 +55,8 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class Looks:
-    """What the network was shown at some moments: planes, moves; steps int64[episodes], moves of the episodes."""
+class SampledObservations:
+    """Observations (planes, moves) from some steps of episodes; steps int64[num_episodes], moves of the episodes."""
 
     planes: NDArray[np.uint8]
     moves: NDArray[np.float32]
@@ -64,114 +64,130 @@ class Looks:
 
 
 @dataclass(frozen=True)
-class Moment:
-    """A moment of episodes that are played together: the number of each one's episode, and what was decided."""
+class JointStep:
+    """One step of episodes that are played together: their worlds, the number of each one's episode, and the decisions."""
 
-    players: Players
-    which: NDArray[np.intp]
-    decided: Decided
+    rollouts: GreedyRollouts
+    episodes: NDArray[np.intp]
+    decisions: Decisions
 
 
-def branch(config: EnvConfig, net: Judge, first_seed: int, episodes: int, each: int) -> Pairs:
-    """Return about `each` pairs an episode, of the terrains first_seed, first_seed + 1, ...; the same for the same network."""
+def branch_episodes(
+    config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int, pairs_per_episode: int
+) -> ActionPairs:
+    """Return pairs of actions from the episodes on the terrains first_seed, first_seed + 1, ...; the same for the same network.
+
+    pairs_per_episode  about how many pairs an episode gives in the mean
+    """
     rng = np.random.default_rng(first_seed)
-    steps, rate = np.zeros(episodes, np.int64), each / (USUAL * config.n)
-    found: list[tuple[Saved, Saved]] = []
-    for moment in play(config, net, first_seed, steps):
-        players, its = moment.players, moment.decided
-        weights = doubts(its, players.memory["headings"])
+    steps, rate = np.zeros(num_episodes, np.int64), pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n)
+    found: list[tuple[Snapshot, Snapshot]] = []
+    for joint in play_greedily(config, net, first_seed, steps):
+        rollouts, decisions = joint.rollouts, joint.decisions
+        weights = alternative_weights(decisions, rollouts.memory["headings"])
         total = weights.sum(1)
-        ready = players.running & ~its.guarded & (total > 0)
-        if not ready.any():
+        eligible = rollouts.running & ~decisions.guarded & (total > 0)
+        if not eligible.any():
             continue
-        at = np.flatnonzero(ready & (rng.random(players.num) < rate * total / total[ready].mean()))
-        drawn = rng.random(len(at))[:, None] * total[at, None]
-        others = (np.cumsum(weights[at], axis=1) <= drawn).sum(1)
-        pair = {"planes": its.planes[at], "moves": its.moves[at], "own": its.actions[at], "other": others}
-        found.append((players.take(at), {"episode": moment.which[at], **pair}))
-    worlds, pairs = joined([saved for saved, _ in found]), joined([pair for _, pair in found])
-    cost = play_on(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
-    return Pairs(**pairs, cost=np.clip(cost, -MOST, MOST).astype(np.float32), steps=steps)
+        draws = rng.random(rollouts.num_worlds)
+        chosen = np.flatnonzero(eligible & (draws < rate * total / total[eligible].mean()))
+        thresholds = rng.random(len(chosen))[:, None] * total[chosen, None]
+        pairs = {
+            "episode": joint.episodes[chosen],
+            "planes": decisions.planes[chosen],
+            "moves": decisions.moves[chosen],
+            "own": decisions.actions[chosen],
+            "other": (np.cumsum(weights[chosen], axis=1) <= thresholds).sum(1),
+        }
+        found.append((rollouts.snapshot(chosen), pairs))
+    worlds, pairs = concatenate([snapshot for snapshot, _ in found]), concatenate([pairs for _, pairs in found])
+    cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
+    return ActionPairs(**pairs, cost=np.clip(cost, -MAX_COST, MAX_COST).astype(np.float32), steps=steps)
 
 
-def walk(config: EnvConfig, net: Judge, first_seed: int, episodes: int) -> Looks:
-    """Return what the network is shown in SHARE of the moments of its episodes on the terrains first_seed and on."""
+def sample_observations(config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int) -> SampledObservations:
+    """Return the observations at OBSERVATION_SHARE of the steps of the episodes on the terrains first_seed and following."""
     rng = np.random.default_rng(first_seed)
-    steps, planes, moves = np.zeros(episodes, np.int64), [], []
-    for moment in play(config, net, first_seed, steps):
-        some = moment.players.running & (rng.random(moment.players.num) < SHARE)
-        planes.append(moment.decided.planes[some])
-        moves.append(moment.decided.moves[some])
-    return Looks(np.concatenate(planes), np.concatenate(moves), steps)
+    steps, planes, moves = np.zeros(num_episodes, np.int64), [], []
+    for joint in play_greedily(config, net, first_seed, steps):
+        chosen = joint.rollouts.running & (rng.random(joint.rollouts.num_worlds) < OBSERVATION_SHARE)
+        planes.append(joint.decisions.planes[chosen])
+        moves.append(joint.decisions.moves[chosen])
+    return SampledObservations(np.concatenate(planes), np.concatenate(moves), steps)
 
 
-def play(config: EnvConfig, net: Judge, first_seed: int, steps: NDArray[np.int64]) -> Iterator[Moment]:
-    """Play the terrains first_seed, first_seed + 1, ... to their ends, yielding every moment; write the moves made to `steps`.
+def play_greedily(config: EnvConfig, net: ActionScorer, first_seed: int, steps: NDArray[np.int64]) -> Iterator[JointStep]:
+    """Play the terrains first_seed, first_seed + 1, ... to their ends and yield every step.
 
-    Episodes are followed for LONGEST moves a cell at most. What a moment holds changes with the next.
+    steps  int64[num_episodes], becomes the moves of each episode
+
+    Episodes are followed for MAX_MOVES_PER_CELL moves a cell at most. What was yielded changes with the next step.
     """
     seeds = np.arange(first_seed, first_seed + len(steps))
     refuse_evaluation_seeds(seeds)
-    longest = int(LONGEST * config.n)
-    players, which = Players(config, len(seeds)), np.arange(len(seeds))
-    players.worlds.start(seeds)
-    steps[:] = longest
-    for count in range(1, longest + 1):
-        running = players.running
-        if running.sum() < BUSY * players.num:
-            keep = np.flatnonzero(running)
-            if not len(keep):
+    max_moves = int(MAX_MOVES_PER_CELL * config.n)
+    rollouts, episodes = GreedyRollouts(config, len(seeds)), np.arange(len(seeds))
+    rollouts.worlds.start(seeds)
+    steps[:] = max_moves
+    for count in range(1, max_moves + 1):
+        running = rollouts.running
+        if running.sum() < MIN_RUNNING_SHARE * rollouts.num_worlds:
+            kept = np.flatnonzero(running)
+            if not len(kept):
                 return
-            players, which = players.only(keep), which[keep]
-        decided = players.decide(net)
-        yield Moment(players, which, decided)
-        running = players.running
-        players.step(decided.actions)
-        steps[which[running & ~players.running]] = count
+            rollouts, episodes = rollouts.subset(kept), episodes[kept]
+        decisions = rollouts.decide(net)
+        yield JointStep(rollouts, episodes, decisions)
+        running = rollouts.running
+        rollouts.step(decisions.actions)
+        steps[episodes[running & ~rollouts.running]] = count
 
 
-def doubts(its: Decided, headings: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return float64[num, 4], how much each move is worth trying: the less sure the network is that its own is the better.
+def alternative_weights(decisions: Decisions, headings: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return float64[num_worlds, 4], how much each other action is worth trying: more where the network is less certain.
 
-    Ways back are tried half as often; the network's own move and invalid ones never.
+    Turning back is tried half as often; the network's own action and invalid ones never.
     """
-    rows = np.arange(len(its.actions))
-    against = np.clip(its.logits - its.logits[rows, its.actions][:, None], -50.0, 0.0).astype(np.float64)
-    share = 1 / (1 + np.exp(-against))
-    weights = np.where(its.moves[:, :, 0] > 0, ANY + 4 * share * (1 - share), 0.0)
+    rows = np.arange(len(decisions.actions))
+    margins = np.clip(decisions.logits - decisions.logits[rows, decisions.actions][:, None], -50.0, 0.0).astype(np.float64)
+    probability = 1 / (1 + np.exp(-margins))
+    weights = np.where(decisions.moves[:, :, 0] > 0, BASE_WEIGHT + 4 * probability * (1 - probability), 0.0)
     weights[rows, headings ^ 2] *= 0.5
-    weights[rows, its.actions] = 0.0
+    weights[rows, decisions.actions] = 0.0
     return weights
 
 
-def play_on(
-    config: EnvConfig, net: Judge, worlds: Saved, actions: NDArray[np.int64], steps: NDArray[np.int64]
+def extra_moves(
+    config: EnvConfig, net: ActionScorer, worlds: Snapshot, actions: NDArray[np.int64], steps: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Make `actions` in worlds that were taken and play on; return how many moves more than `steps` the episodes came to."""
-    num = len(actions)
-    cost, following = np.full(num, PATIENCE), min(SLOTS, num)
-    players, which = Players(config, following), np.arange(following)
-    players.put(which, {name: array[which] for name, array in worlds.items()})
-    chosen = actions[which]
+    """Return how many moves more than `steps` the episodes take when `actions` are taken in the worlds of a snapshot.
+
+    actions, steps  int64[num_branches]; so is the result, at most MAX_EXTRA_MOVES
+    """
+    num_branches = len(actions)
+    cost, started = np.full(num_branches, MAX_EXTRA_MOVES), min(PARALLEL_BRANCHES, num_branches)
+    rollouts, branches = GreedyRollouts(config, started), np.arange(started)
+    rollouts.restore(branches, {name: array[branches] for name, array in worlds.items()})
+    next_actions = actions[branches]
     while True:
-        players.step(chosen)
-        over = players.memory["made"] - steps[which]
-        done = (which >= 0) & (~players.running | (over >= PATIENCE))
-        cost[which[done]] = over[done]
-        which[done] = -1
-        if following == num and (which >= 0).sum() < BUSY * players.num:
-            keep = np.flatnonzero(which >= 0)
-            if not len(keep):
+        rollouts.step(next_actions)
+        extra = rollouts.memory["steps"] - steps[branches]
+        finished = (branches >= 0) & (~rollouts.running | (extra >= MAX_EXTRA_MOVES))
+        cost[branches[finished]] = extra[finished]
+        branches[finished] = -1
+        if started == num_branches and (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds:
+            kept = np.flatnonzero(branches >= 0)
+            if not len(kept):
                 return cost
-            players, which = players.only(keep), which[keep]
-        chosen = players.decide(net).actions
-        free = np.flatnonzero(which < 0)[: num - following]
-        fresh = np.arange(following, following + len(free))
-        players.put(free, {name: array[fresh] for name, array in worlds.items()})
-        which[free], chosen[free] = fresh, actions[fresh]
-        following += len(free)
+            rollouts, branches = rollouts.subset(kept), branches[kept]
+        next_actions = rollouts.decide(net).actions
+        free = np.flatnonzero(branches < 0)[: num_branches - started]
+        fresh = np.arange(started, started + len(free))
+        rollouts.restore(free, {name: array[fresh] for name, array in worlds.items()})
+        branches[free], next_actions[free] = fresh, actions[fresh]
+        started += len(free)
 
 
-def joined(parts: list[Saved]) -> Saved:
-    """Return arrays of the same names one after the other."""
+def concatenate(parts: list[Snapshot]) -> Snapshot:
+    """Return the arrays of each name one after the other."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -1,7 +1,7 @@
-"""Environments as a network in training sees them: stacks of boards of several levels and sizes, stepped as one.
+"""Environments as a network in training sees them: several levels and sizes, stepped as one.
 
-No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The whole state can be taken out and put
-back, so that a run that was interrupted goes on exactly where it stood.
+No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The whole state can be saved and loaded, so
+that a run that was interrupted goes on exactly where it stood.
 """
 
 from __future__ import annotations
@@ -18,39 +18,46 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.policies.base import EAST
 from marsexplorer.policies.network.features import Perception
 from marsexplorer.rules import R_MOVE
 from marsexplorer.vector import MarsExplorerVector
 
 EVALUATION_SEEDS = range(10**9, 10**9 + 10**6)
-"""Seeds that are for evaluation: training refuses them."""
+"""Seeds that are kept for evaluation: training refuses them."""
 
-Inputs = tuple[Tensor, ...]
-"""What a network is given for a batch of boards, each [boards, ...]."""
-View = Callable[[NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]], Inputs]
-"""(codes, places, visited, headings) of some boards -> what the network is given."""
+Observation = tuple[Tensor, ...]
+"""The arguments of a network's `forward` for a batch of environments, each [num_envs, ...]."""
+Encoder = Callable[[NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]], Observation]
+"""(codes, cells, visited, headings) of some environments -> the observation that the network is given."""
+EncoderFactory = Callable[[EnvConfig, int], Encoder]
+"""(configuration, number of environments) -> an encoder for them."""
 
 
-def pictures(config: EnvConfig, num: int) -> View:
-    """Return the view of `policies.network.Net`: planes and numbers for each move."""
-    eyes = Perception(num, config.rows, config.cols, config.sensor_radius)
+def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
+    """Return the encoder for `policies.network.model.Net`: planes, and numbers for each move."""
+    features = Perception(num_envs, config.rows, config.cols, config.sensor_radius)
 
-    def view(*boards: NDArray[Any]) -> Inputs:
-        planes, moves = eyes(*boards)
+    def encode(*arrays: NDArray[Any]) -> Observation:
+        planes, moves = features(*arrays)
         return torch.from_numpy(planes), torch.from_numpy(moves)
 
-    return view
+    return encode
 
 
-def matrix(config: EnvConfig, num: int) -> View:
-    """Return the view of `policies.paper_network.PaperNet`: the codes of the state matrix (eq. 6) alone."""
-    del config, num
-    return lambda codes, places, visited, headings: (torch.from_numpy(codes),)
+def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:
+    """Return the encoder for `policies.network.paper_model.PaperNet`: the codes of the state matrix (eq. 6) alone."""
+    del config, num_envs
+    return lambda codes, cells, visited, headings: (torch.from_numpy(codes),)
+
+
+STATE_ARRAYS = ("visited", "headings", "steps", "returns", "cells")
+"""The arrays of TrainingEnvs that a checkpoint holds."""
 
 
 @dataclass
-class Recent:
-    """The last thousand episodes that ended in training, with sampled moves: steps, whether explored, return."""
+class RecentEpisodes:
+    """The last thousand episodes that ended in training, with sampled actions: steps, whether explored, return."""
 
     steps: deque[int] = field(default_factory=lambda: deque(maxlen=1000))
     explored: deque[bool] = field(default_factory=lambda: deque(maxlen=1000))
@@ -58,113 +65,147 @@ class Recent:
 
 
 @dataclass(frozen=True)
-class Step:
-    """What a move brought: rewards float64[num] of eq. 8; ended, explored bool[num].
+class StepResult:
+    """What one step of all environments brought.
 
-    late   of boards that ran out of time: their indices, and the inputs of their last observations; None without any
+    rewards    float64[num_envs], of eq. 8
+    dones      bool[num_envs], whether the episode terminated or was truncated
+    explored   bool[num_envs], whether it ended because the target was discovered
+    truncated  int[...], indices of the environments that ran out of time
+    final_obs  the last observations of those; None when there are none
     """
 
     rewards: NDArray[np.float64]
-    ended: NDArray[np.bool_]
+    dones: NDArray[np.bool_]
     explored: NDArray[np.bool_]
-    late: tuple[NDArray[np.intp], Inputs] | None
+    truncated: NDArray[np.intp]
+    final_obs: Observation | None
 
 
-class Boards:
-    """A stack of environments with what a network needs of each: cells stood on, headings, its view."""
+class TrainingEnvs:
+    """Environments of one configuration with what a network needs of each: cells visited, headings, the observation."""
 
-    def __init__(self, config: EnvConfig, num: int, seed: int, view: Callable[[EnvConfig, int], View] = pictures) -> None:
-        options: dict[str, Any] = {"level": config.level, "size": (config.rows, config.cols), "observation": "uint8"}
-        options |= {"sensor_radius": config.sensor_radius, "max_steps": config.max_steps}
-        env = gymnasium.make_vec("MarsExplorer-v0", num_envs=num, vectorization_mode="vector_entry_point", **options)
-        assert isinstance(env, MarsExplorerVector)
-        self.env, self.num, self.config = env, num, config
-        self._make_view, self._view = view, view(config, num)
-        self.recent = Recent()
-        self.codes, info = env.reset(seed=seed)
+    def __init__(self, config: EnvConfig, num_envs: int, seed: int, make_encoder: EncoderFactory = feature_encoder) -> None:
+        self.env, self.num_envs, self.config = make_vector_env(config, num_envs), num_envs, config
+        self._make_encoder, self._encoder = make_encoder, make_encoder(config, num_envs)
+        self.recent = RecentEpisodes()
+        self.codes, info = self.env.reset(seed=seed)
         refuse_evaluation_seeds(info["terrain_seed"])
-        self.visited: NDArray[np.uint8] = np.zeros((num, config.n), np.uint8)
-        self.headings: NDArray[np.int64] = np.ones(num, np.int64)
-        self.steps: NDArray[np.int64] = np.zeros(num, np.int64)
-        self.returns: NDArray[np.float64] = np.zeros(num)
-        self._stand(info["position"])
+        self.visited: NDArray[np.uint8] = np.zeros((num_envs, config.n), np.uint8)
+        self.headings: NDArray[np.int64] = np.full(num_envs, EAST, np.int64)
+        self.steps: NDArray[np.int64] = np.zeros(num_envs, np.int64)
+        self.returns: NDArray[np.float64] = np.zeros(num_envs)
+        self._mark_visited(info["position"])
 
-    def _stand(self, positions: NDArray[np.int64]) -> None:
-        self.places = positions[:, 0] * self.config.cols + positions[:, 1]
-        self.visited[np.arange(self.num), self.places] = 1
+    def _mark_visited(self, positions: NDArray[np.int64]) -> None:
+        """Set the rovers' cells from positions int64[num_envs, 2] and mark them as visited."""
+        self.cells = positions[:, 0] * self.config.cols + positions[:, 1]
+        self.visited[np.arange(self.num_envs), self.cells] = 1
 
-    def look(self) -> Inputs:
-        """Return what the network is given of all boards; the arrays change with the next look."""
-        return self._view(self.codes, self.places, self.visited, self.headings)
+    def observe(self) -> Observation:
+        """Return the observation of all environments; the tensors change with the next call."""
+        return self._encoder(self.codes, self.cells, self.visited, self.headings)
 
-    def step(self, actions: NDArray[np.int64]) -> Step:
-        """Make one move on every board; what ended begins anew."""
+    def step(self, actions: NDArray[np.int64]) -> StepResult:
+        """Step every environment with actions int64[num_envs]; the next episode begins at once where one ended."""
         self.codes, rewards, terminated, truncated, info = self.env.step(actions)
         self.headings, self.steps, self.returns = actions, self.steps + 1, self.returns + rewards
-        ended = terminated | truncated
-        explored, late = np.zeros(self.num, np.bool_), None
-        if ended.any():
-            explored = ended & (info["final_info"]["outcome"] == "explored")  # the column holds older endings too
-            self.recent.steps += self.steps[ended].tolist()
-            self.recent.explored += explored[ended].tolist()
-            self.recent.returns += self.returns[ended].tolist()
-            if truncated.any():
-                late = self._look_back(np.flatnonzero(truncated), info)
+        dones, late = terminated | truncated, np.flatnonzero(truncated)
+        explored, final_obs = np.zeros(self.num_envs, np.bool_), None
+        if dones.any():
+            explored = dones & (info["final_info"]["outcome"] == "explored")  # the column holds older endings too
+            self.recent.steps += self.steps[dones].tolist()
+            self.recent.explored += explored[dones].tolist()
+            self.recent.returns += self.returns[dones].tolist()
+            if len(late):
+                final_obs = self._final_observations(late, info)
             refuse_evaluation_seeds(info["terrain_seed"])
-            self.visited[ended], self.steps[ended], self.returns[ended] = 0, 0, 0
-            self.headings = np.where(ended, 1, actions)
-        self._stand(info["position"])
-        return Step(rewards, ended, explored, late)
+            self.visited[dones], self.steps[dones], self.returns[dones] = 0, 0, 0
+            self.headings = np.where(dones, EAST, actions)
+        self._mark_visited(info["position"])
+        return StepResult(rewards, dones, explored, late, final_obs)
 
-    def _look_back(self, which: NDArray[np.intp], info: dict[str, Any]) -> tuple[NDArray[np.intp], Inputs]:
-        """Return the boards that ran out of time and the inputs of their last observations."""
-        positions = info["final_info"]["position"][which]
-        places = positions[:, 0] * self.config.cols + positions[:, 1]
-        visited = self.visited[which]
-        visited[np.arange(len(which)), places] = 1
-        codes = np.stack([info["final_obs"][i] for i in which])
-        return which, self._make_view(self.config, len(which))(codes, places, visited, self.headings[which])
+    def _final_observations(self, indices: NDArray[np.intp], info: dict[str, Any]) -> Observation:
+        """Return the last observations of the environments of these indices, whose episodes have just ended."""
+        positions = info["final_info"]["position"][indices]
+        cells = positions[:, 0] * self.config.cols + positions[:, 1]
+        visited = self.visited[indices]
+        visited[np.arange(len(indices)), cells] = 1
+        codes = np.stack([info["final_obs"][i] for i in indices])
+        return self._make_encoder(self.config, len(indices))(codes, cells, visited, self.headings[indices])
 
-    def state(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors and lists."""
-        arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in ("visited", "headings", "steps", "returns")}
+        arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in STATE_ARRAYS}
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
         recent = {name: list(values) for name, values in vars(self.recent).items()}
-        return {"arrays": arrays, "worlds": worlds, "places": torch.from_numpy(self.places.copy()), "recent": recent}
+        return {"arrays": arrays, "worlds": worlds, "recent_episodes": recent}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Return with everything as `state` says."""
-        for name, tensor in state["arrays"].items():
-            setattr(self, name, tensor.numpy().copy())
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it."""
+        for name in STATE_ARRAYS:
+            setattr(self, name, state["arrays"][name].numpy().copy())
         self.codes = self.env.restore({name: tensor.numpy() for name, tensor in state["worlds"].items()})
-        self.places = state["places"].numpy().copy()
-        for name, values in state["recent"].items():
+        for name, values in state["recent_episodes"].items():
             getattr(self.recent, name).extend(values)
 
 
-class Stacks:
-    """Several Boards as one: all of them look and step together."""
+class MixedEnvs:
+    """The environments of several configurations as one: all observe and step together."""
 
-    def __init__(self, parts: Sequence[Boards]) -> None:
+    def __init__(self, parts: Sequence[TrainingEnvs]) -> None:
         self.parts = list(parts)
-        self.num = sum(part.num for part in parts)
-        self._cuts = np.cumsum([part.num for part in parts])[:-1]
+        self.num_envs = sum(part.num_envs for part in parts)
+        self._splits = np.cumsum([part.num_envs for part in parts])[:-1]
 
-    def look(self) -> Inputs:
-        """Return the inputs of all boards, part by part."""
-        return tuple(torch.cat(each) for each in zip(*(part.look() for part in self.parts), strict=True))
+    def observe(self) -> Observation:
+        """Return the observation of all environments, part by part."""
+        return tuple(torch.cat(each) for each in zip(*(part.observe() for part in self.parts), strict=True))
 
-    def step(self, actions: NDArray[np.int64]) -> list[Step]:
-        """Make one move on every board; return the parts' steps."""
-        return [part.step(own) for part, own in zip(self.parts, np.split(actions, self._cuts), strict=True)]
+    def step(self, actions: NDArray[np.int64]) -> list[StepResult]:
+        """Step every environment with actions int64[num_envs]; return the result of each part."""
+        return [part.step(own) for part, own in zip(self.parts, np.split(actions, self._splits), strict=True)]
 
 
-def in_moves(config: EnvConfig, step: Step, pace: float) -> NDArray[np.float64]:
-    """Return a step's rewards told in moves: `pace` for each new cell, -1 for the move; float64[num].
+def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
+    """Return `num_envs` environments of this very configuration that observe uint8 codes."""
+    fields = config.to_dict()
+    size = (fields.pop("rows"), fields.pop("cols"))
+    env = gymnasium.make_vec(
+        "MarsExplorer-v0",
+        num_envs=num_envs,
+        vectorization_mode="vector_entry_point",
+        size=size,
+        observation="uint8",
+        **fields,
+    )
+    assert isinstance(env, MarsExplorerVector)
+    assert env.config == config
+    return env
+
+
+def make_envs(configs: Sequence[EnvConfig], num_envs: int, seed: int, make_encoder: EncoderFactory) -> MixedEnvs:
+    """Return the environments of a run: every configuration has some, the first level half, larger grids fewer.
+
+    ValueError when there are more configurations than environments.
+    """
+    levels = {config.level for config in configs}
+    weight_of_first = max(1, len(levels) - 1)
+    weights = [(weight_of_first if config.level == configs[0].level else 1) / config.n for config in configs]
+    counts = [max(1, int(num_envs * weight / sum(weights))) for weight in weights]
+    counts[0] += num_envs - sum(counts)
+    if counts[0] < 1:
+        raise ValueError(f"{len(configs)} levels and sizes are too many for {num_envs} environments; choose fewer")
+    seeds = [10**12 * (seed + 1) + 10**7 * k for k in range(len(configs))]
+    return MixedEnvs([TrainingEnvs(*each, make_encoder) for each in zip(configs, counts, seeds, strict=True)])
+
+
+def rewards_in_moves(config: EnvConfig, step: StepResult, reward_per_cell: float) -> NDArray[np.float64]:
+    """Return a step's rewards in units of moves, float64[num_envs]: `reward_per_cell` for each new cell, -1 for the move.
 
     Undiscounted they rank explorations as eq. 8 does, by the number of moves, but they are of one magnitude at every size.
     """
-    return pace * (step.rewards + R_MOVE - config.r_bonus * step.explored) - 1.0
+    return reward_per_cell * (step.rewards + R_MOVE - config.r_bonus * step.explored) - 1.0
 
 
 def refuse_evaluation_seeds(seeds: NDArray[np.int64]) -> None:

@@ -1,12 +1,12 @@
-"""PPO, told top to bottom: play, judge the moves, improve, again.
+"""Proximal policy optimization, in reading order (Schulman et al. 2017, "Proximal policy optimization algorithms").
 
-1. The network plays on all boards for `horizon` moves, drawing each move from its probabilities (`collect`).
-2. Generalised advantage estimation says how much better each move was than expected (`advantages`).
-3. The clipped objective moves the probabilities towards the better ones (`update`); the weight of the entropy in it is steered
-   so that the policy stays as curious as the recipe wants, less and less.
+1. `collect_rollout`: the network plays `num_steps` steps in all environments and samples every action from its policy.
+2. `compute_advantages`: generalised advantage estimation says how much better each action was than expected.
+3. `update`: minibatch gradient steps on the clipped objective raise the probabilities of the better actions. The coefficient
+   of the entropy is adapted so that the policy's entropy follows the target of the configuration, which falls.
 
-It begins from nothing: no teacher, no demonstrations. Schulman et al. 2017, "Proximal policy optimization algorithms". The same
-recipe, levels, sizes, seed and steps give the same weights on one CPU, also when the run was interrupted and resumed.
+A run begins from a freshly initialised network, without a teacher or demonstrations. The same configuration, levels, sizes,
+seed and steps give the same weights on one CPU, also when the run was interrupted and resumed.
 """
 
 from __future__ import annotations
@@ -17,248 +17,297 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.training.config import Recipe, stacks
-from marsexplorer.training.envs import Boards, Inputs, Stacks, Step, in_moves
+from marsexplorer.training.config import TrainConfig
+from marsexplorer.training.envs import MixedEnvs, Observation, StepResult, TrainingEnvs, make_envs, rewards_in_moves
 
-STEER = 1.05
-"""Factor by which the weight of the entropy is steered after an update."""
-MOST_ENTROPY = 0.5
-NEVER_LOG = -100.0
-"""Log-probabilities are taken to be no lower where entropies and divergences are summed: invalid moves have -1e9."""
+ENT_COEF_FACTOR = 1.05
+"""Factor by which the entropy's coefficient is adapted after an update."""
+MAX_ENT_COEF = 0.5
+MIN_LOG_PROB = -100.0
+"""Log-probabilities are taken to be no lower where entropies and divergences are summed: invalid actions have -1e9."""
 
 
 @dataclass
-class Rollout:
-    """`horizon` moves of every board; tensors [horizon, boards, ...], kept on the CPU.
+class RolloutBuffer:
+    """`num_steps` steps of all environments: tensors [num_steps, num_envs, ...], kept on the CPU.
 
-    logs   float32[horizon, boards, 4], log-probabilities of all moves; rewards in the recipe's unit
+    obs        the parts of the observation
+    actions    int64[num_steps, num_envs]
+    log_probs  float32[num_steps, num_envs, 4], of all actions under the policy that played
+    values     float32[num_steps, num_envs], what the network expected
+    rewards    float32[num_steps, num_envs], in the unit of the configuration
+    dones      float32[num_steps, num_envs], 1 where the episode ended with the step
     """
 
-    inputs: list[Tensor]
+    obs: list[Tensor]
     actions: Tensor
-    logs: Tensor
+    log_probs: Tensor
     values: Tensor
     rewards: Tensor
-    ended: Tensor
+    dones: Tensor
 
     @classmethod
-    def room(cls, recipe: Recipe, sample: Inputs) -> Rollout:
-        """Return an empty rollout; `sample` shows what the inputs of all boards look like."""
-        shape = (recipe.horizon, recipe.boards)
-        inputs = [torch.zeros((recipe.horizon, *each.shape), dtype=each.dtype) for each in sample]
+    def empty(cls, config: TrainConfig, sample: Observation) -> RolloutBuffer:
+        """Return a buffer of zeros; `sample` is an observation of all environments."""
+        shape = (config.num_steps, config.num_envs)
         return cls(
-            inputs, torch.zeros(shape, dtype=torch.long), torch.zeros((*shape, 4)), *(torch.zeros(shape) for _ in range(3))
+            obs=[torch.zeros((config.num_steps, *part.shape), dtype=part.dtype) for part in sample],
+            actions=torch.zeros(shape, dtype=torch.long),
+            log_probs=torch.zeros((*shape, 4)),
+            values=torch.zeros(shape),
+            rewards=torch.zeros(shape),
+            dones=torch.zeros(shape),
         )
 
 
 @dataclass
-class Run:
-    """A run under way: what `save` keeps and `load` brings back, whole updates at a time.
+class TrainingRun:
+    """A run under way; `state_dict` and `load_state_dict` save and restore it between two updates.
 
-    updates         of the run in all; done: made so far
-    entropy_share   weight of the entropy in the loss as steered; kl_share: of the divergence
+    num_updates     updates of the whole run; updates_done: made so far
+    ent_coef        coefficient of the entropy in the loss as adapted; kl_coef: of the divergence
     device          where the network computes: "cpu" or "cuda"
     """
 
-    recipe: Recipe
-    configs: list[EnvConfig]
+    config: TrainConfig
+    env_configs: list[EnvConfig]
     seed: int
-    updates: int
-    boards: Stacks
+    num_updates: int
+    envs: MixedEnvs
     net: nn.Module
-    optimiser: torch.optim.Optimizer
+    optimizer: torch.optim.Optimizer
     device: str = "cpu"
-    done: int = 0
-    entropy_share: float = 0.05
-    kl_share: float = 0.0
+    updates_done: int = 0
+    ent_coef: float = 0.05
+    kl_coef: float = 0.0
 
     @classmethod
-    def begin(cls, recipe: Recipe, configs: list[EnvConfig], steps: int, seed: int, device: str = "cpu") -> Run:
-        """Return a run at its beginning; its length is `steps` moves, rounded up to whole updates."""
+    def begin(
+        cls, config: TrainConfig, env_configs: list[EnvConfig], total_timesteps: int, seed: int, device: str = "cpu"
+    ) -> TrainingRun:
+        """Return a run at its beginning; its length is `total_timesteps`, rounded up to whole updates."""
         torch.manual_seed(seed)
         torch.set_num_threads(1)
-        net = recipe.network(configs).to(device)
-        optimiser = torch.optim.Adam(net.parameters(), lr=recipe.rate, eps=1e-8)
-        updates = -(-steps // (recipe.boards * recipe.horizon))
-        run = cls(recipe, configs, seed, updates, stacks(recipe, configs, seed), net, optimiser, device)
-        run.kl_share = recipe.kl_share
-        return run
+        net = config.make_network(env_configs).to(device)
+        return cls(
+            config=config,
+            env_configs=env_configs,
+            seed=seed,
+            num_updates=-(-total_timesteps // config.batch_size),
+            envs=make_envs(env_configs, config.num_envs, seed, config.make_encoder),
+            net=net,
+            optimizer=torch.optim.Adam(net.parameters(), lr=config.learning_rate, eps=1e-8),
+            device=device,
+            kl_coef=config.kl_coef,
+        )
 
     @property
-    def moves(self) -> int:
-        """Moves played so far."""
-        return self.done * self.recipe.boards * self.recipe.horizon
+    def global_step(self) -> int:
+        """Steps played so far, over all environments."""
+        return self.updates_done * self.config.batch_size
 
     @property
     def identity(self) -> dict[str, Any]:
         """What must agree for a checkpoint to go on in this run."""
-        configs = [config.hash for config in self.configs]
-        return {"recipe": self.recipe.to_dict(), "configs": configs, "seed": self.seed, "updates": self.updates}
+        hashes = [config.hash for config in self.env_configs]
+        return {"config": self.config.to_dict(), "env_configs": hashes, "seed": self.seed, "num_updates": self.num_updates}
 
-    def save(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors, numbers and lists."""
         return {
-            "done": self.done,
-            "shares": [self.entropy_share, self.kl_share],
+            "updates_done": self.updates_done,
+            "ent_coef": self.ent_coef,
+            "kl_coef": self.kl_coef,
             "net": self.net.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "boards": [part.state() for part in self.boards.parts],
-            "random": torch.get_rng_state(),
+            "optimizer": self.optimizer.state_dict(),
+            "envs": [part.state_dict() for part in self.envs.parts],
+            "rng_state": torch.get_rng_state(),
         }
 
-    def load(self, kept: dict[str, Any]) -> None:
-        """Return with the run as it was saved."""
-        self.done = kept["done"]
-        self.entropy_share, self.kl_share = kept["shares"]
-        self.net.load_state_dict(kept["net"])
-        self.optimiser.load_state_dict(kept["optimiser"])
-        for part, state in zip(self.boards.parts, kept["boards"], strict=True):
-            part.restore(state)
-        torch.set_rng_state(kept["random"])
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
+        self.updates_done = state["updates_done"]
+        self.ent_coef, self.kl_coef = state["ent_coef"], state["kl_coef"]
+        self.net.load_state_dict(state["net"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        for part, part_state in zip(self.envs.parts, state["envs"], strict=True):
+            part.load_state_dict(part_state)
+        torch.set_rng_state(state["rng_state"])
 
 
 @dataclass(frozen=True)
-class Report:
-    """How an update went, and the episodes that ended lately (level and size of the first boards): means, NaN before the first.
+class UpdateMetrics:
+    """How an update went, and means over the last episodes of the first environments, NaN before the first has ended.
 
-    moves      played so far
-    steps      moves an episode; explored: share of them, 0..1; score: return of eq. 8
-    entropy    of the moves, nats; moved: mean change of their probability ratio; explained: share of the targets' variance that
-               the values explain
+    global_step         steps played so far
+    episode_steps       moves of an episode
+    explored            share of the episodes that discovered the target, 0..1
+    episode_return      return of eq. 8
+    entropy             of the policy, nats
+    ratio_change        mean absolute change of the probability ratio
+    explained_variance  share of the returns' variance that the values explain, at most 1
     """
 
-    moves: int
-    steps: float
+    global_step: int
+    episode_steps: float
     explored: float
-    returned: float
+    episode_return: float
     entropy: float
-    moved: float
-    explained: float
+    ratio_change: float
+    explained_variance: float
 
 
-def train(run: Run, tell: Callable[[Report], None]) -> nn.Module:
-    """Return the network after the rest of the run's updates; `tell` hears of each and may stop the run by raising."""
-    rollout = Rollout.room(run.recipe, run.boards.look())
-    while run.done < run.updates:
-        gone = run.done / run.updates
-        recipe = run.recipe
-        run.optimiser.param_groups[0]["lr"] = recipe.rate + (recipe.final_rate - recipe.rate) * gone
-        after = collect(run, rollout)
-        report = update(run, rollout, after)
-        run.done += 1
-        if recipe.curiosity is not None and run.done > recipe.value_updates:
-            wanted = recipe.curiosity[0] + (recipe.curiosity[1] - recipe.curiosity[0]) * gone
-            run.entropy_share = min(MOST_ENTROPY, run.entropy_share * (STEER if report["entropy"] < wanted else 1 / STEER))
-        tell(told(run, report))
+def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Module:
+    """Make the rest of the run's updates and return the network; `on_update` is called after each and may raise to stop."""
+    config = run.config
+    buffer = RolloutBuffer.empty(config, run.envs.observe())
+    while run.updates_done < run.num_updates:
+        progress = run.updates_done / run.num_updates
+        learning_rate = config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
+        run.optimizer.param_groups[0]["lr"] = learning_rate
+        next_values = collect_rollout(run, buffer)
+        advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
+        metrics = update(run, buffer, advantages)
+        run.updates_done += 1
+        if config.target_entropy is not None and run.updates_done > config.value_warmup_updates:
+            target_entropy = config.target_entropy[0] + (config.target_entropy[1] - config.target_entropy[0]) * progress
+            factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
+            run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
+        on_update(UpdateMetrics(run.global_step, **episode_means(run), **metrics))
     return run.net.eval()
 
 
-def told(run: Run, report: dict[str, float]) -> Report:
-    """Return the report of an update just made."""
-    recent = run.boards.parts[0].recent
-    steps, explored, returned = (
-        float(np.mean(each)) if each else np.nan for each in (recent.steps, recent.explored, recent.returns)
-    )
-    return Report(run.moves, steps, explored, returned, **report)
-
-
-def think(run: Run, inputs: Inputs) -> tuple[Tensor, Tensor]:
-    """Return (logits float32[boards, 4], values float32[boards]), computed in bfloat16."""
+def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
+    """Return (logits float32[num_envs, 4], values float32[num_envs]), computed in bfloat16."""
     with torch.autocast(run.device, torch.bfloat16):
-        logits, values = run.net(*(each.to(run.device) for each in inputs))
+        logits, values = run.net(*(part.to(run.device) for part in obs))
     return logits.float(), values.float()
 
 
 @torch.no_grad()
-def collect(run: Run, into: Rollout) -> Tensor:
-    """Fill a rollout with sampled moves; return the values float32[boards] of where the boards stand afterwards."""
-    recipe = run.recipe
-    for t in range(recipe.horizon):
-        inputs = run.boards.look()
-        for kept, each in zip(into.inputs, inputs, strict=True):
-            kept[t] = each
-        logits, values = think(run, inputs)
-        logs = logits.log_softmax(1).cpu()
-        into.logs[t], into.values[t] = logs, values.cpu()
-        into.actions[t] = torch.multinomial(logs.exp(), 1).squeeze(1)
-        steps = run.boards.step(into.actions[t].numpy())
-        into.rewards[t] = torch.from_numpy(
-            np.concatenate([paid(run, part, step) for part, step in zip(run.boards.parts, steps, strict=True)])
-        )
-        into.ended[t] = torch.from_numpy(np.concatenate([step.ended for step in steps]).astype(np.float32))
-    return think(run, run.boards.look())[1].cpu()
+def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
+    """Fill the buffer with sampled steps; return the values float32[num_envs] of the observation that follows them."""
+    for t in range(run.config.num_steps):
+        obs = run.envs.observe()
+        for stored, part in zip(buffer.obs, obs, strict=True):
+            stored[t] = part
+        logits, values = forward(run, obs)
+        log_probs = logits.log_softmax(1).cpu()
+        buffer.log_probs[t], buffer.values[t] = log_probs, values.cpu()
+        buffer.actions[t] = torch.multinomial(log_probs.exp(), 1).squeeze(1)
+        steps = run.envs.step(buffer.actions[t].numpy())
+        rewards = [compute_rewards(run, envs, step) for envs, step in zip(run.envs.parts, steps, strict=True)]
+        buffer.rewards[t] = torch.from_numpy(np.concatenate(rewards))
+        buffer.dones[t] = torch.from_numpy(np.concatenate([step.dones for step in steps]).astype(np.float32))
+    return forward(run, run.envs.observe())[1].cpu()
 
 
-def paid(run: Run, boards: Boards, step: Step) -> np.ndarray[Any, Any]:
-    """Return rewards float32[boards] in the recipe's unit; after a time limit with what would have followed: it is no end."""
-    rewards = in_moves(boards.config, step, run.recipe.pace) if run.recipe.pace else step.rewards.copy()
-    if step.late is not None:
-        which, inputs = step.late
-        rewards[which] += run.recipe.gamma * think(run, inputs)[1].cpu().numpy()
+def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> NDArray[np.float32]:
+    """Return rewards float32[num_envs] in the unit of the configuration.
+
+    Where an episode was truncated, the discounted value of its last observation is added: a time limit is no terminal state.
+    """
+    reward_per_cell = run.config.reward_per_cell
+    rewards = rewards_in_moves(envs.config, step, reward_per_cell) if reward_per_cell else step.rewards.copy()
+    if step.final_obs is not None:
+        rewards[step.truncated] += run.config.gamma * forward(run, step.final_obs)[1].cpu().numpy()
     return rewards.astype(np.float32)
 
 
-def advantages(rollout: Rollout, after: Tensor, gamma: float, lam: float) -> Tensor:
-    """Return generalised advantage estimates, float32[horizon, boards] (Schulman et al. 2016, eq. 16)."""
-    found, running, following = torch.zeros_like(rollout.values), torch.zeros_like(after), after
-    for t in reversed(range(len(found))):
-        goes_on = 1 - rollout.ended[t]
-        surprise = rollout.rewards[t] + gamma * following * goes_on - rollout.values[t]
-        running = surprise + gamma * lam * goes_on * running
-        found[t], following = running, rollout.values[t]
-    return found
+def compute_advantages(buffer: RolloutBuffer, next_values: Tensor, gamma: float, gae_lambda: float) -> Tensor:
+    """Return generalised advantage estimates, float32[num_steps, num_envs] (Schulman et al. 2016, eq. 16).
 
-
-def update(run: Run, rollout: Rollout, after: Tensor) -> dict[str, float]:
-    """Improve the network on a rollout; return entropy, moved and explained."""
-    recipe = run.recipe
-    gains = advantages(rollout, after, recipe.gamma, recipe.lam).flatten()
-    values = rollout.values.flatten()
-    targets = gains + values
-    explained = 1 - float((targets - values).var() / targets.var().clamp(min=1e-8))
-    gains = (gains - gains.mean()) / (gains.std() + 1e-8)
-    inputs = [each.flatten(0, 1) for each in rollout.inputs]
-    actions, logs = rollout.actions.flatten(), rollout.logs.flatten(0, 1)
-    sums, batches = np.zeros(3), 0
-    for _ in range(recipe.epochs):
-        for chosen in torch.split(torch.randperm(len(actions)), recipe.minibatch):
-            batch = (tuple(each[chosen] for each in inputs), actions[chosen], logs[chosen], gains[chosen], targets[chosen])
-            sums += improve(run, *batch)
-            batches += 1
-    entropy, moved, divergence = sums / batches
-    if recipe.kl_share:
-        run.kl_share *= 1.5 if divergence > 2 * recipe.kl_target else 0.5 if divergence < recipe.kl_target / 2 else 1.0
-    return {"entropy": float(entropy), "moved": float(moved), "explained": explained}
-
-
-def improve(
-    run: Run, inputs: Inputs, actions: Tensor, before: Tensor, gains: Tensor, targets: Tensor
-) -> tuple[float, float, float]:
-    """Make one gradient step on a minibatch; return its entropy, mean change of the ratio and divergence.
-
-    before   float32[batch, 4], log-probabilities of the policy that played
+    next_values   float32[num_envs], of the observation after the last step
     """
-    recipe = run.recipe
-    actions, before, gains, targets = (each.to(run.device) for each in (actions, before, gains, targets))
-    logits, values = think(run, inputs)
-    logs = logits.log_softmax(1)
-    ratio = (logs - before).gather(1, actions[:, None]).squeeze(1).exp()
-    objective = torch.min(ratio * gains, ratio.clamp(1 - recipe.clip, 1 + recipe.clip) * gains).mean()
-    error = (values - targets).square().clamp(max=recipe.value_clip).mean()
-    entropy = -(logs.exp() * logs.clamp(min=NEVER_LOG)).sum(1).mean()
-    divergence = (before.exp() * (before.clamp(min=NEVER_LOG) - logs.clamp(min=NEVER_LOG))).sum(1).mean()
-    loss = recipe.value_share * error
-    if run.done >= recipe.value_updates:
-        loss = loss - objective
-        if recipe.curiosity is not None:
-            loss = loss - run.entropy_share * entropy
-        if recipe.kl_share:
-            loss = loss + run.kl_share * divergence
-    run.optimiser.zero_grad(set_to_none=True)
+    advantages = torch.zeros_like(buffer.values)
+    last_advantage = torch.zeros_like(next_values)
+    for t in reversed(range(len(advantages))):
+        next_nonterminal = 1 - buffer.dones[t]
+        delta = buffer.rewards[t] + gamma * next_values * next_nonterminal - buffer.values[t]
+        last_advantage = delta + gamma * gae_lambda * next_nonterminal * last_advantage
+        advantages[t], next_values = last_advantage, buffer.values[t]
+    return advantages
+
+
+@dataclass(frozen=True)
+class Minibatch:
+    """Some steps of a rollout: log_probs float32[batch, 4] under the policy that played, the other tensors [batch, ...]."""
+
+    obs: Observation
+    actions: Tensor
+    log_probs: Tensor
+    advantages: Tensor
+    returns: Tensor
+
+    def to(self, device: str) -> Minibatch:
+        """Return the minibatch on a device."""
+        tensors = (each.to(device) for each in (self.actions, self.log_probs, self.advantages, self.returns))
+        return Minibatch(self.obs, *tensors)
+
+
+def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[str, float]:
+    """Improve the network on a rollout; return entropy, ratio_change and explained_variance."""
+    config = run.config
+    advantages, values = advantages.flatten(), buffer.values.flatten()
+    returns = advantages + values
+    explained_variance = 1 - float((returns - values).var() / returns.var().clamp(min=1e-8))
+    advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+    obs = [part.flatten(0, 1) for part in buffer.obs]
+    actions, log_probs = buffer.actions.flatten(), buffer.log_probs.flatten(0, 1)
+    sums, num_minibatches = np.zeros(3), 0
+    for _ in range(config.update_epochs):
+        for indices in torch.split(torch.randperm(len(actions)), config.minibatch_size):
+            minibatch = Minibatch(
+                obs=tuple(part[indices] for part in obs),
+                actions=actions[indices],
+                log_probs=log_probs[indices],
+                advantages=advantages[indices],
+                returns=returns[indices],
+            )
+            sums += gradient_step(run, minibatch.to(run.device))
+            num_minibatches += 1
+    entropy, ratio_change, kl = sums / num_minibatches
+    if config.kl_coef:
+        run.kl_coef *= 1.5 if kl > 2 * config.kl_target else 0.5 if kl < config.kl_target / 2 else 1.0
+    return {"entropy": float(entropy), "ratio_change": float(ratio_change), "explained_variance": explained_variance}
+
+
+def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float, float]:
+    """Make one gradient step on a minibatch; return its entropy, mean absolute change of the ratio and divergence."""
+    config, advantages, old_log_probs = run.config, minibatch.advantages, minibatch.log_probs
+    logits, values = forward(run, minibatch.obs)
+    log_probs = logits.log_softmax(1)
+    ratio = (log_probs - old_log_probs).gather(1, minibatch.actions[:, None]).squeeze(1).exp()
+    clipped_ratio = ratio.clamp(1 - config.clip_coef, 1 + config.clip_coef)
+    policy_objective = torch.min(ratio * advantages, clipped_ratio * advantages).mean()
+    value_loss = (values - minibatch.returns).square().clamp(max=config.vf_clip).mean()
+    entropy = -(log_probs.exp() * log_probs.clamp(min=MIN_LOG_PROB)).sum(1).mean()
+    kl = (old_log_probs.exp() * (old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB))).sum(1).mean()
+    loss = config.vf_coef * value_loss
+    if run.updates_done >= config.value_warmup_updates:
+        loss = loss - policy_objective
+        if config.target_entropy is not None:
+            loss = loss - run.ent_coef * entropy
+        if config.kl_coef:
+            loss = loss + run.kl_coef * kl
+    run.optimizer.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
-    torch.nn.utils.clip_grad_norm_(run.net.parameters(), recipe.max_grad)
-    run.optimiser.step()
-    return float(entropy.detach()), float((ratio.detach() - 1).abs().mean()), float(divergence.detach())
+    torch.nn.utils.clip_grad_norm_(run.net.parameters(), config.max_grad_norm)
+    run.optimizer.step()
+    return float(entropy.detach()), float((ratio.detach() - 1).abs().mean()), float(kl.detach())
+
+
+def episode_means(run: TrainingRun) -> dict[str, float]:
+    """Return the means over the episodes that the first environments ended lately, NaN when there are none."""
+    recent = run.envs.parts[0].recent
+    if not recent.steps:
+        return dict.fromkeys(("episode_steps", "explored", "episode_return"), float("nan"))
+    return {
+        "episode_steps": float(np.mean(recent.steps)),
+        "explored": float(np.mean(recent.explored)),
+        "episode_return": float(np.mean(recent.returns)),
+    }

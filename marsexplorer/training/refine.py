@@ -1,12 +1,12 @@
-"""Refining a trained network: it learns at which moments another move would have taken fewer moves.
+"""Refining a trained network: it learns at which steps another action would have taken fewer moves.
 
-A round branches episodes (`branches.branch`), in as many processes as there are cores, and then makes gradient steps on the
-pairs of moves found so far. The loss of a pair is the logistic one of the two moves' scores, weighted by the cost: whatever
-chance says of single pairs, in the mean it is lowest where the better move has the higher score (cost-sensitive
+A round branches episodes (`branching.branch_episodes`), in as many processes as there are cores, and then makes gradient steps
+on the pairs of actions found so far. The loss of a pair is the logistic one of the two actions' logits, weighted by the cost:
+whatever chance says of single pairs, in the mean it is lowest where the better action has the higher logit (cost-sensitive
 classification; Lagoudakis and Parr 2003, "Reinforcement learning as classification").
 
-What the network does on larger grids is held: there its probabilities are fitted to those that it began with, and so are its
-values everywhere. The same network, rounds and seed give the same weights, whatever the number of processes.
+On larger grids the network is anchored to what it was: there its probabilities are fitted to those that it began with, and so
+are its values everywhere. The same network, rounds and seed give the same weights, whatever the number of processes.
 """
 
 from __future__ import annotations
@@ -27,213 +27,248 @@ from torch.nn import functional
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.network.features import RINGS
 from marsexplorer.policies.network.model import Net
-from marsexplorer.training.branching import Looks, Pairs, branch, walk
-from marsexplorer.training.ppo import NEVER_LOG
+from marsexplorer.training.branching import ActionPairs, SampledObservations, branch_episodes, sample_observations
+from marsexplorer.training.ppo import MIN_LOG_PROB
 
 
 @dataclass(frozen=True)
-class Plan:
+class RefineConfig:
     """Everything that fixes a run besides its network, rounds and seed; the card of the policy lists it.
 
-    levels               tasks of a round on each family of terrains at 21x21: large obstacles have the most to learn from
-    episodes, each       of such a task: terrains, and pairs branched off each episode
-    held                 sizes of the larger grids, and episodes of a task there
-    opening, first       tasks and gradient steps of the first round, as multiples of a later one's
-    steps, batch         gradient steps a round; pairs in one, half of them of the newest `newest`
-    window               pairs kept besides those of the first round
-    looks, held_batch    moments kept from the larger grids, and in a gradient step
-    rate, opening_rate   Adam's learning rates; decay: of the weights (AdamW)
-    average              the network that plays and is kept moves towards the one that learns by 1 - average a step
-    softer               the scores it began with are taken by so much: PPO ends almost certain of every move
-    hold_values          weight of the values' squared error
-    scale                typical cost, moves; max_grad: largest norm of a gradient
+    tasks_per_level           tasks of a round on each family of terrains at 21x21: large obstacles have the most to learn from
+    episodes_per_task         terrains of such a task
+    pairs_per_episode         pairs of actions branched off each episode, about
+    anchor_sizes              sizes of the larger grids, and episodes of a task there
+    first_round_tasks         tasks of the first round, as a multiple of a later one's
+    first_round_steps         gradient steps of the first round, as a multiple of a later one's
+    gradient_steps            of a round
+    batch_size, newest_pairs  pairs in a gradient step, half of them of the newest `newest_pairs`
+    max_pairs                 pairs kept besides those of the first round
+    max_observations          observations kept from the larger grids
+    anchor_batch_size         observations of those in a gradient step
+    learning_rate             of AdamW; first_round_learning_rate: at the beginning of the first round, annealed linearly
+    weight_decay              of AdamW
+    ema_decay                 the network that plays and is kept is an exponential moving average of the one that learns
+    logit_scale               factor of the logits that it began with: PPO ends almost certain of every action
+    vf_coef                   coefficient of the value loss
+    cost_scale                typical cost, moves
+    max_grad_norm             gradients are clipped to this norm
     """
 
-    levels: tuple[tuple[str, int], ...] = (
+    tasks_per_level: tuple[tuple[str, int], ...] = (
         ("random", 12), ("1-2-1", 4), ("2-2-1", 4), ("3-2-1", 4), ("1-1-1", 1), ("2-1-1", 1), ("3-1-1", 1),
     )  # fmt: skip
-    episodes: int = 64
-    each: int = 16
-    held: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16))
-    opening: int = 18
-    first: int = 14
-    steps: int = 200
-    batch: int = 2048
-    newest: int = 200_000
-    window: int = 500_000
-    looks: int = 120_000
-    held_batch: int = 512
-    rate: float = 5e-4
-    opening_rate: float = 1e-3
-    decay: float = 0.1
-    average: float = 0.998
-    softer: float = 0.25
-    hold_values: float = 0.02
-    scale: float = 3.0
-    max_grad: float = 1.0
+    episodes_per_task: int = 64
+    pairs_per_episode: int = 16
+    anchor_sizes: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16))
+    first_round_tasks: int = 18
+    first_round_steps: int = 14
+    gradient_steps: int = 200
+    batch_size: int = 2048
+    newest_pairs: int = 200_000
+    max_pairs: int = 500_000
+    max_observations: int = 120_000
+    anchor_batch_size: int = 512
+    learning_rate: float = 5e-4
+    first_round_learning_rate: float = 1e-3
+    weight_decay: float = 0.1
+    ema_decay: float = 0.998
+    logit_scale: float = 0.25
+    vf_coef: float = 0.02
+    cost_scale: float = 3.0
+    max_grad_norm: float = 1.0
 
 
 @dataclass(frozen=True)
-class Task:
-    """Something to play in a process of its own; `pairs` an episode, 0 for looks alone."""
+class EpisodeTask:
+    """Episodes to play in a process of its own; pairs_per_episode 0 asks for sampled observations instead of pairs."""
 
     level: str
     size: int
     first_seed: int
-    episodes: int
-    pairs: int
+    num_episodes: int
+    pairs_per_episode: int
 
 
 @dataclass(frozen=True)
-class Report:
+class RoundMetrics:
     """How a round went.
 
-    pairs   found so far; better: share of this round's in which the other move was the better; loss: mean of the gradient steps
-    steps   mean moves of this round's episodes on level random, by size of the grid
+    round          its number, 1 for the first
+    num_pairs      pairs found so far
+    better_share   share of this round's pairs in which the other action was the better, 0..1
+    loss           mean of the gradient steps
+    episode_steps  mean moves of this round's episodes on level random, by size of the grid
     """
 
     round: int
-    pairs: int
-    better: float
+    num_pairs: int
+    better_share: float
     loss: float
-    steps: dict[str, float]
+    episode_steps: dict[str, float]
 
 
-class Heap:
-    """Rows of several tensors: the first ones for good, then the newest `room` of those that follow."""
+class SampleBuffer:
+    """Rows of several tensors: the permanent ones first, then the newest `capacity` of those that followed."""
 
-    def __init__(self, room: int) -> None:
-        self._room, self._first = room, 0
+    def __init__(self, capacity: int) -> None:
+        self._capacity, self._num_permanent = capacity, 0
         self.columns: list[Tensor] = []
 
     def __len__(self) -> int:
         return len(self.columns[0]) if self.columns else 0
 
-    def add(self, rows: list[NDArray[Any]], for_good: bool = False) -> None:
-        """Add rows, the same number to each column; the oldest make way."""
-        fresh = [torch.from_numpy(each) for each in rows]
-        over = max(0, len(self) - self._first + len(fresh[0]) - self._room) if not for_good else 0
-        parts = self.columns or [each[:0] for each in fresh]
+    def append(self, rows: list[NDArray[Any]], permanent: bool = False) -> None:
+        """Append rows, the same number to each column; the oldest that are not permanent are dropped."""
+        new = [torch.from_numpy(each) for each in rows]
+        excess = max(0, len(self) - self._num_permanent + len(new[0]) - self._capacity) if not permanent else 0
+        columns = self.columns or [each[:0] for each in new]
+        kept = self._num_permanent
         self.columns = [
-            torch.cat([old[: self._first], old[self._first + over :], new]) for old, new in zip(parts, fresh, strict=True)
+            torch.cat([column[:kept], column[kept + excess :], added]) for column, added in zip(columns, new, strict=True)
         ]
-        if for_good:
-            self._first = len(self)
+        if permanent:
+            self._num_permanent = len(self)
 
-    def draw(self, count: int, newest: int | None = None) -> list[Tensor]:
-        """Return `count` rows drawn at random, of the newest ones alone if so asked."""
+    def sample(self, count: int, newest: int | None = None) -> list[Tensor]:
+        """Return `count` rows drawn at random with replacement, of the newest ones alone if `newest` says how many."""
         low = max(0, len(self) - newest) if newest else 0
-        which = torch.randint(low, len(self), (count,))
-        return [each[which] for each in self.columns]
+        indices = torch.randint(low, len(self), (count,))
+        return [column[indices] for column in self.columns]
 
 
-class Refining:
-    """A run under way: `round` makes one; `net` is the network as it plays, `done` counts rounds and `found` pairs."""
+class RefineRun:
+    """A run under way: `train_round` makes a round.
 
-    def __init__(self, net: Net, seed: int, plan: Plan | None = None) -> None:
+    net          the network as it plays
+    rounds_done  rounds made so far
+    num_pairs    pairs found so far
+    """
+
+    def __init__(self, net: Net, seed: int, config: RefineConfig | None = None) -> None:
         torch.manual_seed(seed)
         torch.set_num_threads(1)
-        self.plan = plan or Plan()
-        self.seed, self.done, self.found = seed, 0, 0
-        self._origin = deepcopy(net).eval().requires_grad_(False)
+        self.config = config or RefineConfig()
+        self.seed, self.rounds_done, self.num_pairs = seed, 0, 0
+        self._original = deepcopy(net).eval().requires_grad_(False)
         self._learner = deepcopy(net).train()
         with torch.no_grad():
             for weights in self._learner.judge[-1].parameters():
-                weights.mul_(self.plan.softer)
+                weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
-        self._optimiser = torch.optim.AdamW(self._learner.parameters(), lr=self.plan.rate, weight_decay=self.plan.decay)
-        self._pairs, self._looks = Heap(self.plan.window), Heap(self.plan.looks)
+        self._optimizer = torch.optim.AdamW(
+            self._learner.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay
+        )
+        self._pairs = SampleBuffer(self.config.max_pairs)
+        self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
 
-    def tasks(self) -> list[Task]:
+    def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""
-        plan, tasks = self.plan, []
-        kinds = [("random", size, episodes, 0) for size, episodes in plan.held]
-        times = plan.opening if self.done == 0 else 1
-        kinds += [(level, 21, plan.episodes, plan.each) for level, count in plan.levels for _ in range(count * times)]
+        config, tasks = self.config, []
+        kinds = [("random", size, episodes, 0) for size, episodes in config.anchor_sizes]
+        factor = config.first_round_tasks if self.rounds_done == 0 else 1
+        kinds += [
+            (level, 21, config.episodes_per_task, config.pairs_per_episode)
+            for level, count in config.tasks_per_level
+            for _ in range(count * factor)
+        ]
         for level, size, episodes, pairs in kinds:
-            tasks.append(Task(level, size, self._next_seed, episodes, pairs))
+            tasks.append(EpisodeTask(level, size, self._next_seed, episodes, pairs))
             self._next_seed += episodes
         return tasks
 
-    def round(self, pool: Executor, tell: Callable[[float], None] = lambda gone: None) -> Report:
-        """Make a round; `tell` hears which share of it is done, 0..1."""
-        tasks, found = self.tasks(), list[Pairs | Looks]()
+    def train_round(self, pool: Executor, on_progress: Callable[[float], None] = lambda done: None) -> RoundMetrics:
+        """Make a round; `on_progress` is called with the share of it that is done, 0..1."""
+        tasks, results = self.make_tasks(), list[ActionPairs | SampledObservations]()
         weights = {name: tensor.numpy() for name, tensor in self.net.state_dict().items()}
-        for result in pool.map(work, [(weights, task) for task in tasks]):
-            found.append(result)
-            tell(len(found) / len(tasks) / 2)
-        pairs = [one for one in found if isinstance(one, Pairs)]
-        looks = [one for one in found if isinstance(one, Looks)]
-        names = ("planes", "moves", "own", "other", "cost")
-        self._pairs.add([np.concatenate([getattr(one, name) for one in pairs]) for name in names], self.done == 0)
-        self._looks.add([np.concatenate([getattr(one, name) for one in looks]) for name in names[:2]])
-        loss = self._learn(lambda gone: tell((1 + gone) / 2))
-        self.done += 1
+        for result in pool.map(play_task, [(weights, task) for task in tasks]):
+            results.append(result)
+            on_progress(len(results) / len(tasks) / 2)
+        pairs = [result for result in results if isinstance(result, ActionPairs)]
+        self._store(pairs, [result for result in results if isinstance(result, SampledObservations)])
+        loss = self._optimize(lambda done: on_progress((1 + done) / 2))
+        self.rounds_done += 1
         cost = np.concatenate([one.cost for one in pairs])
-        self.found += len(cost)
+        self.num_pairs += len(cost)
         steps: dict[str, list[int]] = {}
-        for task, one in zip(tasks, found, strict=True):
+        for task, result in zip(tasks, results, strict=True):
             if task.level == "random":
-                steps.setdefault(f"{task.size}x{task.size}", []).extend(one.steps.tolist())
-        return Report(
-            self.done, self.found, float((cost < 0).mean()), loss, {size: fmean(each) for size, each in steps.items()}
+                steps.setdefault(f"{task.size}x{task.size}", []).extend(result.steps.tolist())
+        return RoundMetrics(
+            round=self.rounds_done,
+            num_pairs=self.num_pairs,
+            better_share=float((cost < 0).mean()),
+            loss=loss,
+            episode_steps={size: fmean(each) for size, each in steps.items()},
         )
 
-    def _learn(self, tell: Callable[[float], None]) -> float:
+    def _store(self, pairs: list[ActionPairs], observations: list[SampledObservations]) -> None:
+        """Append a round's pairs and observations to the buffers; the pairs of the first round stay."""
+        names = ("planes", "moves", "own", "other", "cost")
+        columns = [np.concatenate([getattr(one, name) for one in pairs]) for name in names]
+        self._pairs.append(columns, permanent=self.rounds_done == 0)
+        self._observations.append([np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]])
+
+    def _optimize(self, on_progress: Callable[[float], None]) -> float:
         """Make the gradient steps of a round and return their mean loss."""
-        plan, opening = self.plan, self.done == 0
-        count, total = plan.steps * (plan.first if opening else 1), 0.0
+        config, is_first = self.config, self.rounds_done == 0
+        count, total = config.gradient_steps * (config.first_round_steps if is_first else 1), 0.0
         for step in range(count):
-            gone = step / count
-            rate = plan.opening_rate + (plan.rate - plan.opening_rate) * gone if opening else plan.rate
-            self._optimiser.param_groups[0]["lr"] = rate
-            total += self._improve(turned=step % 2 == 1)
-            tell(gone)
+            done, first_rate = step / count, config.first_round_learning_rate
+            rate = first_rate + (config.learning_rate - first_rate) * done if is_first else config.learning_rate
+            self._optimizer.param_groups[0]["lr"] = rate
+            total += self._gradient_step(transposed=step % 2 == 1)
+            on_progress(done)
         return total / count
 
-    def _improve(self, turned: bool) -> float:
-        """Make one gradient step, on the boards as they were or as in a mirror; return its loss."""
-        plan, num = self.plan, self.plan.batch
-        halves = self._pairs.draw(num // 2), self._pairs.draw(num // 2, plan.newest)
+    def _gradient_step(self, transposed: bool) -> float:
+        """Make one gradient step, on the grids as they were or with rows and columns exchanged; return its loss."""
+        config, num_pairs, num_anchors = self.config, self.config.batch_size, self.config.anchor_batch_size
+        # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor the network to.
+        halves = self._pairs.sample(num_pairs // 2), self._pairs.sample(num_pairs // 2, config.newest_pairs)
         planes, moves, own, other, cost = (torch.cat(each) for each in zip(*halves, strict=True))
-        planes, moves = (torch.cat(each) for each in zip((planes, moves), self._looks.draw(plan.held_batch), strict=True))
-        if turned:
-            planes, moves, own, other = planes[:, :, MIRROR], moves.flip(1), 3 - own, 3 - other
+        anchors = self._observations.sample(num_anchors)
+        planes, moves = (torch.cat(each) for each in zip((planes, moves), anchors, strict=True))
+        if transposed:
+            planes, moves, own, other = planes[:, :, TRANSPOSED], moves.flip(1), 3 - own, 3 - other
         with torch.autocast("cpu", torch.bfloat16):
-            scores, values = self._learner(planes, moves)
-        apart = (scores.gather(1, other[:, None]) - scores.gather(1, own[:, None])).squeeze(1)
-        loss = (cost.abs() * functional.softplus(cost.sign() * apart)).mean() / plan.scale
-        some = slice(num - plan.held_batch, None)  # as many pairs as looks
+            logits, values = self._learner(planes, moves)
+        # 2. Cost-weighted logistic loss of the pairs.
+        margin = (logits.gather(1, other[:, None]) - logits.gather(1, own[:, None])).squeeze(1)
+        loss = (cost.abs() * functional.softplus(cost.sign() * margin)).mean() / config.cost_scale
+        # 3. Cross-entropy to the original policy on the anchors; squared error to its values there and on as many pairs.
+        anchored = slice(num_pairs - num_anchors, None)
         with torch.no_grad():
-            before, worth = self._origin(planes[some], moves[some])
-        wanted = (plan.softer * before[plan.held_batch :]).softmax(1)
-        loss = loss - (wanted * scores[num:].log_softmax(1).clamp(min=NEVER_LOG)).sum(1).mean()
-        loss = loss + plan.hold_values * (values[some] - worth).square().mean()
-        self._optimiser.zero_grad(set_to_none=True)
+            original_logits, original_values = self._original(planes[anchored], moves[anchored])
+        probabilities = (config.logit_scale * original_logits[num_anchors:]).softmax(1)
+        loss = loss - (probabilities * logits[num_pairs:].log_softmax(1).clamp(min=MIN_LOG_PROB)).sum(1).mean()
+        loss = loss + config.vf_coef * (values[anchored] - original_values).square().mean()
+        # 4. Step the learner, and move the network that plays towards it.
+        self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self._learner.parameters(), plan.max_grad)
-        self._optimiser.step()
+        torch.nn.utils.clip_grad_norm_(self._learner.parameters(), config.max_grad_norm)
+        self._optimizer.step()
         with torch.no_grad():
-            for mean, newest in zip(self.net.parameters(), self._learner.parameters(), strict=True):
-                mean.lerp_(newest, 1 - plan.average)
+            for average, newest in zip(self.net.parameters(), self._learner.parameters(), strict=True):
+                average.lerp_(newest, 1 - config.ema_decay)
         return float(loss.detach())
 
 
-def work(job: tuple[dict[str, NDArray[np.float32]], Task]) -> Pairs | Looks:
-    """Play a task with the network of these weights."""
+def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> ActionPairs | SampledObservations:
+    """Play a task with the network of the given weights; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
-    net = _Quick().eval()
+    net = _Bfloat16Net().eval()
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
     config = EnvConfig.of(task.level, task.size)
-    if task.pairs:
-        return branch(config, net, task.first_seed, task.episodes, task.pairs)
-    return walk(config, net, task.first_seed, task.episodes)
+    if task.pairs_per_episode:
+        return branch_episodes(config, net, task.first_seed, task.num_episodes, task.pairs_per_episode)
+    return sample_observations(config, net, task.first_seed, task.num_episodes)
 
 
-class _Quick(Net):
-    """The network in bfloat16: twice as fast, and hardly ever of another mind."""
+class _Bfloat16Net(Net):
+    """The network in bfloat16: twice as fast, and its best action is almost always the same."""
 
     def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
@@ -241,8 +276,8 @@ class _Quick(Net):
         return logits.float().numpy(), values.float().numpy()
 
 
-def mirror() -> Tensor:
-    """Return where the cells of the pictures lie once rows and columns are exchanged: int64[CELLS]."""
+def transposed_cells() -> Tensor:
+    """Return where each cell of the planes lies once rows and columns are exchanged: int64[CELLS]."""
     parts, start = [], 0
     for side, _ in RINGS:
         parts.append(torch.arange(start, start + side * side).view(side, side).T.flatten())
@@ -250,4 +285,4 @@ def mirror() -> Tensor:
     return torch.cat(parts)
 
 
-MIRROR = mirror()
+TRANSPOSED = transposed_cells()

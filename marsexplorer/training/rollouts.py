@@ -1,7 +1,7 @@
-"""Stacks of worlds played greedily by a network, as its policy plays: with the loop guard, from the observation alone.
+"""Worlds played together and greedily by a network, as its policy plays: with the loop guard, from the observation alone.
 
-Worlds can be taken out with all that is remembered of them and put back, also into another stack: so an episode can be played
-on from any of its moments more than once.
+Worlds can be copied with all that is remembered of them and put back, also among other worlds, so an episode can be continued
+from any of its steps more than once.
 """
 
 from __future__ import annotations
@@ -13,29 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import UNKNOWN, EnvConfig
-from marsexplorer.policies.base import Memory
+from marsexplorer.policies.base import EAST, Memory
 from marsexplorer.policies.frontier import FrontierCost
 from marsexplorer.policies.guard import MOVES
 from marsexplorer.policies.network.features import Perception
 from marsexplorer.rules import RUNNING
 from marsexplorer.world import Worlds, positions
 
-Saved = dict[str, NDArray[Any]]
-"""Worlds taken out of a stack: arrays [worlds, ...]."""
+Snapshot = dict[str, NDArray[Any]]
+"""Copies of worlds and of what is remembered of them: arrays [num_worlds, ...] by name."""
 
 
-class Judge(Protocol):
-    """What scores the moves: `policies.network.Net`, or its like."""
+class ActionScorer(Protocol):
+    """A network that scores the actions: `policies.network.model.Net`, or one with the same method."""
 
     def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (logits float32[num, 4], values float32[num]) of what `Perception` gives."""
+        """Return (logits float32[num, 4], values float32[num]) for what `Perception` returns."""
 
 
 @dataclass(frozen=True)
-class Decided:
-    """What the network is shown of each world (planes, moves) and what follows from it.
+class Decisions:
+    """What the network is shown of each world, and the actions that follow from it.
 
-    logits   float32[num, 4], the network's; actions int64[num], what is done; guarded bool[num], where the guard decided
+    planes, moves  the observation, see `policies.network.features`
+    logits         float32[num_worlds, 4], the network's
+    actions        int64[num_worlds], what is done
+    guarded        bool[num_worlds], where the loop guard chose the action
     """
 
     planes: NDArray[np.uint8]
@@ -45,86 +48,89 @@ class Decided:
     guarded: NDArray[np.bool_]
 
 
-class Players:
-    """`num` worlds of one configuration and what is remembered of each.
+class GreedyRollouts:
+    """`num_worlds` worlds of one configuration and what is remembered of each in `memory`.
 
-    visited   uint8[num, cells], 1 where the rover has stood; headings int64[num], the last action; made int64[num], moves
-    met       int64[num, cells], how many cells were known when the rover was last there: a second time sets the guard off
-    left      int64[num], moves the guard still makes; stuck int64[num], the cells known when it was set off
+    visited    uint8[num_worlds, cells], 1 where the rover has been
+    headings   int64[num_worlds], the last action
+    steps      int64[num_worlds], moves made
+    known_at   int64[num_worlds, cells], cells known when the rover was last there: the same number again starts the guard
+    remaining  int64[num_worlds], moves that the guard still makes
+    stuck_at   int64[num_worlds], the cells known when the guard started
     """
 
-    def __init__(self, config: EnvConfig, num: int) -> None:
-        self.config, self.num = config, num
-        self.worlds = Worlds(config, num)
-        self._eyes = Perception(num, config.rows, config.cols, config.sensor_radius)
+    def __init__(self, config: EnvConfig, num_worlds: int) -> None:
+        self.config, self.num_worlds = config, num_worlds
+        self.worlds = Worlds(config, num_worlds)
+        self._features = Perception(num_worlds, config.rows, config.cols, config.sensor_radius)
         self._frontier = FrontierCost(config.sensor_radius)
-        self._rows = np.arange(num)
-        self.memory: Saved = {
-            "visited": np.zeros((num, config.n), np.uint8),
-            "headings": np.ones(num, np.int64),
-            "made": np.zeros(num, np.int64),
-            "met": np.full((num, config.n), -1, np.int64),
-            "left": np.zeros(num, np.int64),
-            "stuck": np.full(num, -1),
+        self._indices = np.arange(num_worlds)
+        self.memory: Snapshot = {
+            "visited": np.zeros((num_worlds, config.n), np.uint8),
+            "headings": np.full(num_worlds, EAST, np.int64),
+            "steps": np.zeros(num_worlds, np.int64),
+            "known_at": np.full((num_worlds, config.n), -1, np.int64),
+            "remaining": np.zeros(num_worlds, np.int64),
+            "stuck_at": np.full(num_worlds, -1),
         }
 
     @property
     def running(self) -> NDArray[np.bool_]:
-        """bool[num]: whose episode goes on."""
+        """bool[num_worlds]: whether the episode goes on."""
         return np.equal(self.worlds.outcomes, RUNNING)
 
-    def decide(self, net: Judge) -> Decided:
-        """Look at every world and decide; once for every move, as the guard remembers it."""
-        memory, at = self.memory, positions(self.worlds.scalars)
-        places = at[:, 0] * self.config.cols + at[:, 1]
-        memory["visited"][self._rows, places] = 1
-        planes, moves = self._eyes(self.worlds.codes, places, memory["visited"], memory["headings"])
+    def decide(self, net: ActionScorer) -> Decisions:
+        """Return the decisions for what the worlds show now; call it once for each step, as the guard remembers it."""
+        memory, rovers = self.memory, positions(self.worlds.scalars)
+        cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
+        memory["visited"][self._indices, cells] = 1
+        planes, moves = self._features(self.worlds.codes, cells, memory["visited"], memory["headings"])
         logits, _ = net.decide(planes, moves)
         actions = logits.argmax(1)
-        guarded = self._guarded(places)
+        guarded = self._update_guards(cells)
         for world in np.flatnonzero(guarded):
-            actions[world] = self._way_out(world, at[world])
-        return Decided(planes, moves, logits, actions, guarded)
+            actions[world] = self._guard_action(world, rovers[world])
+        return Decisions(planes, moves, logits, actions, guarded)
 
-    def _guarded(self, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return where the guard decides: `LoopGuard.overrule` over the stack."""
+    def _update_guards(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""
         memory = self.memory
-        left, stuck, met = memory["left"], memory["stuck"], memory["met"]
-        known = np.count_nonzero(self.worlds.codes.reshape(self.num, -1) != UNKNOWN, axis=1)
-        again = (met[self._rows, places] == known) & (left == 0)
-        left[again], stuck[again] = MOVES, known[again]
-        met[self._rows, places] = known
-        guarded = left > 0
-        left[guarded & ((left > 1) | (known != stuck))] -= 1
+        remaining, stuck_at, known_at = memory["remaining"], memory["stuck_at"], memory["known_at"]
+        known = np.count_nonzero(self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1)
+        repeated = (known_at[self._indices, cells] == known) & (remaining == 0)
+        remaining[repeated], stuck_at[repeated] = MOVES, known[repeated]
+        known_at[self._indices, cells] = known
+        guarded = remaining > 0
+        remaining[guarded & ((remaining > 1) | (known != stuck_at))] -= 1
         return guarded
 
-    def _way_out(self, world: np.intp, at: NDArray[np.int64]) -> int:
-        """Return the guard's move: that of the frontier rule."""
+    def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:
+        """Return the guard's action in one world: that of the frontier rule."""
         remembered = Memory()
         remembered.codes = self.worlds.codes[world]
         remembered.visited = self.memory["visited"][world].reshape(remembered.codes.shape)
-        remembered.position = int(at[0]), int(at[1])
+        remembered.position = int(rover[0]), int(rover[1])
         remembered.heading = int(self.memory["headings"][world])
         return self._frontier.decide(remembered)
 
     def step(self, actions: NDArray[np.int64]) -> None:
-        """Make one move in every running world. actions: int64[num]."""
-        self.memory["made"][self.running] += 1
+        """Make one move in every running world. actions: int64[num_worlds]."""
+        self.memory["steps"][self.running] += 1
         self.worlds.step(actions)
         self.memory["headings"] = actions.copy()
 
-    def take(self, which: NDArray[np.intp]) -> Saved:
-        """Return copies of some worlds and of what is remembered of them."""
-        return {**self.worlds.take(which), **{name: array[which] for name, array in self.memory.items()}}
+    def snapshot(self, indices: NDArray[np.intp]) -> Snapshot:
+        """Return copies of the worlds of these indices and of what is remembered of them."""
+        return {**self.worlds.take(indices), **{name: array[indices] for name, array in self.memory.items()}}
 
-    def put(self, which: NDArray[np.intp], saved: Saved) -> None:
-        """Put worlds that were taken in the places of some."""
-        self.worlds.put(which, saved)
+    def restore(self, indices: NDArray[np.intp], snapshot: Snapshot) -> None:
+        """Put the worlds of a snapshot in the places of these indices."""
+        self.worlds.put(indices, snapshot)
         for name, array in self.memory.items():
-            array[which] = saved[name]
+            array[indices] = snapshot[name]
 
-    def only(self, which: NDArray[np.intp]) -> Players:
-        """Return a stack of some of the worlds."""
-        fewer = Players(self.config, len(which))
-        fewer.put(np.arange(len(which)), self.take(which))
+    def subset(self, indices: NDArray[np.intp]) -> GreedyRollouts:
+        """Return copies of some of the worlds, to be played on without the others."""
+        fewer = GreedyRollouts(self.config, len(indices))
+        fewer.restore(np.arange(len(indices)), self.snapshot(indices))
         return fewer

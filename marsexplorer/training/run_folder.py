@@ -1,9 +1,9 @@
 """The folder of a training run: its log, learning curve, checkpoints and policy file.
 
 NAME.safetensors   the policy with its card, NAME being the folder's
-checkpoint.pt      what `--resume` goes on from (tensors and numbers, no pickled code)
-log.jsonl          a line an update
-curve.png          moves an episode against moves played: as sampled in training, and greedily on terrains kept apart
+checkpoint.pt      what `--resume` goes on from (see `checkpoint`)
+log.jsonl          a line for each update
+curve.png          moves of an episode against steps played: as sampled in training, and greedily on validation terrains
 events.out.*       the log for TensorBoard
 """
 
@@ -21,127 +21,151 @@ import torch
 
 from marsexplorer.files import replace_whole, write_whole
 from marsexplorer.policies.network.model import save_network
-from marsexplorer.training.envs import Boards
-from marsexplorer.training.ppo import Report, Run, think
+from marsexplorer.training.checkpoint import FORMAT_VERSION, load_checkpoint
+from marsexplorer.training.envs import TrainingEnvs
+from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, forward
 
 VALIDATION_SEED = 2 * 10**9
-"""First of the terrains that the curve's greedy trials are on: neither trained on nor evaluated on."""
-TRIALS = 20
-"""Greedy trials in a run."""
-TRIAL_BOARDS = 100
-KEEP_S = 60.0
+"""Seed of the first validation terrain: those are neither trained on nor evaluated on."""
+NUM_VALIDATIONS = 20
+"""Times in a run that the greedy policy is measured on the validation terrains."""
+VALIDATION_EPISODES = 100
+CHECKPOINT_INTERVAL_S = 60.0
 """Seconds between checkpoints."""
 
+LOG_COLUMNS = {
+    "global_step": "moves",
+    "episode_steps": "steps",
+    "explored": "explored",
+    "episode_return": "returned",
+    "entropy": "entropy",
+    "ratio_change": "moved",
+    "explained_variance": "explained",
+}
+"""Field of UpdateMetrics -> its name in log.jsonl, in TensorBoard and in the policy's card, which stays what it was."""
 
-class Logbook:
-    """Writes the folder as the run goes; `heard` is the run's `tell`, and `keep` ends it. Every file is replaced whole.
 
-    card   what the policy's card says besides the numbers of the run
+class RunFolder:
+    """Writes the folder as the run goes: pass `on_update` to `train`, and call `save` at the end. Files are replaced whole.
+
+    card       what the policy's card says besides the numbers of the run
+    on_update  called with the metrics of each update and the seconds that the run has taken
     """
 
-    def __init__(self, folder: Path, run: Run, card: dict[str, Any], tell: Callable[[Report, float], None]) -> None:
+    def __init__(
+        self, folder: Path, run: TrainingRun, card: dict[str, Any], on_update: Callable[[UpdateMetrics, float], None]
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self._run, self._card, self._tell = folder, run, card, tell
+        self.folder, self._run, self._card, self._on_update = folder, run, card, on_update
         self.policy = folder / f"{folder.resolve().name}.safetensors"
         self._lines: list[dict[str, Any]] = []
-        self._spent_before, self._began, self._kept = 0.0, time.monotonic(), time.monotonic()
-        self._events = events(folder)
+        self._seconds_before, self._started, self._saved = 0.0, time.monotonic(), time.monotonic()
+        self._tensorboard = make_summary_writer(folder)
 
     @property
     def seconds(self) -> float:
-        """Seconds the run has taken, those before an interruption included."""
-        return self._spent_before + time.monotonic() - self._began
+        """Seconds that the run has taken, those before an interruption included."""
+        return self._seconds_before + time.monotonic() - self._started
 
     def resume(self) -> None:
-        """Return with the run where its checkpoint left it; ValueError when the folder holds none of this run."""
+        """Set the run to where its checkpoint left it; ValueError when the folder holds no checkpoint of this run."""
         path = self.folder / "checkpoint.pt"
         if not path.is_file():
             raise ValueError(f"no checkpoint in {self.folder}; leave --resume out to begin a run there")
-        kept = torch.load(path, weights_only=True)
-        wanted = json.loads(json.dumps(self._run.identity))
-        if (came := json.loads(kept["identity"])) != wanted:
-            differs = ", ".join(name for name in wanted if came.get(name) != wanted[name])
-            raise ValueError(f"the checkpoint in {self.folder} is of another run ({differs}); give the options it began with")
-        self._run.load(kept["run"])
-        self._spent_before = kept["seconds"]
+        checkpoint = load_checkpoint(path)
+        expected, found = json.loads(json.dumps(self._run.identity)), json.loads(checkpoint["identity"])
+        if found != expected:
+            differing = ", ".join(name for name in expected if found.get(name) != expected[name])
+            raise ValueError(f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with")
+        self._run.load_state_dict(checkpoint["run"])
+        self._seconds_before = checkpoint["seconds"]
         log = self.folder / "log.jsonl"
         lines = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
-        self._lines = [line for line in lines if line["moves"] <= self._run.moves]
+        self._lines = [line for line in lines if line["moves"] <= self._run.global_step]
 
-    def heard(self, report: Report) -> None:
-        """Take an update's report in; every now and then keep the run."""
-        line = {name: None if value != value else value for name, value in asdict(report).items()}
+    def on_update(self, metrics: UpdateMetrics) -> None:
+        """Log an update; save everything when the last checkpoint is CHECKPOINT_INTERVAL_S old."""
+        values = {LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
+        line = {name: None if value != value else value for name, value in values.items()}
         line["seconds"] = round(self.seconds, 1)
-        every = max(1, self._run.updates // TRIALS)
-        if self._run.done % every == 0 or self._run.done == self._run.updates:
-            line["greedy"], line["greedy_explored"] = trial(self._run)
+        run = self._run
+        interval = max(1, run.num_updates // NUM_VALIDATIONS)
+        if run.updates_done % interval == 0 or run.updates_done == run.num_updates:
+            line["greedy"], line["greedy_explored"] = validate(run)
         self._lines.append(line)
         for name, value in line.items():
             if value is not None and name != "moves":
-                self._events.add_scalar(f"train/{name}", value, report.moves)
-        if time.monotonic() - self._kept > KEEP_S:
-            self.keep()
-        self._tell(report, self.seconds)
+                self._tensorboard.add_scalar(f"train/{name}", value, metrics.global_step)
+        if time.monotonic() - self._saved > CHECKPOINT_INTERVAL_S:
+            self.save()
+        self._on_update(metrics, self.seconds)
 
-    def keep(self) -> None:
-        """Write everything."""
-        self._kept = time.monotonic()
-        state = {"identity": json.dumps(self._run.identity), "run": self._run.save(), "seconds": self.seconds}
-        with replace_whole(self.folder / "checkpoint.pt") as unfinished:
-            torch.save(state, unfinished)
+    def save(self) -> None:
+        """Write the checkpoint, the log, the learning curve and the policy file."""
+        self._saved = time.monotonic()
+        checkpoint = {
+            "version": FORMAT_VERSION,
+            "identity": json.dumps(self._run.identity),
+            "run": self._run.state_dict(),
+            "seconds": self.seconds,
+        }
+        with replace_whole(self.folder / "checkpoint.pt") as path:
+            torch.save(checkpoint, path)
         text = "".join(json.dumps(line) + "\n" for line in self._lines)
         with write_whole(self.folder / "log.jsonl") as file:
             file.write(text.encode())
-        with replace_whole(self.folder / "curve.png") as unfinished:
-            draw(self._lines, unfinished)
-        self.keep_policy({})
+        with replace_whole(self.folder / "curve.png") as path:
+            plot_learning_curve(self._lines, path)
+        self.save_policy({})
 
-    def keep_policy(self, results: dict[str, Any]) -> None:
-        """Write the policy file; `results` go into its card."""
+    def save_policy(self, results: dict[str, Any]) -> None:
+        """Write the policy file; `results` are added to its card."""
         run = self._run
-        numbers = {"moves": run.moves, "updates": run.done, "seconds": round(self.seconds), "seed": run.seed}
-        training = {**numbers, "recipe": run.recipe.to_dict(), "curve": [line for line in self._lines if "greedy" in line]}
-        save_network(run.net, self.policy, {**self._card, **results, "training": training}, run.recipe.format)
+        numbers = {"moves": run.global_step, "updates": run.updates_done, "seconds": round(self.seconds), "seed": run.seed}
+        curve = [line for line in self._lines if "greedy" in line]
+        training = {**numbers, "recipe": run.config.to_dict(), "curve": curve}
+        save_network(run.net, self.policy, {**self._card, **results, "training": training}, run.config.policy_format)
 
 
-def trial(run: Run) -> tuple[float, float]:
-    """Return (mean moves, share explored) of the most probable moves on 100 terrains; unfinished ones count max_steps."""
-    config = run.configs[0]
-    boards = Boards(config, TRIAL_BOARDS, VALIDATION_SEED, run.recipe.view)
-    steps, explored = np.zeros(TRIAL_BOARDS, np.int64), np.zeros(TRIAL_BOARDS, np.bool_)
+def validate(run: TrainingRun) -> tuple[float, float]:
+    """Return (mean moves, share explored) of the greedy policy on 100 terrains; unfinished episodes count max_steps."""
+    config = run.env_configs[0]
+    envs = TrainingEnvs(config, VALIDATION_EPISODES, VALIDATION_SEED, run.config.make_encoder)
+    steps, explored = np.zeros(VALIDATION_EPISODES, np.int64), np.zeros(VALIDATION_EPISODES, np.bool_)
     with torch.no_grad():
         for count in range(1, config.limit + 1):
-            step = boards.step(think(run, boards.look())[0].argmax(1).cpu().numpy())
-            fresh = step.ended & (steps == 0)
-            explored |= fresh & step.explored
-            steps[fresh] = np.where(step.explored[fresh], count, config.limit)
+            result = envs.step(forward(run, envs.observe())[0].argmax(1).cpu().numpy())
+            first_end = result.dones & (steps == 0)
+            explored |= first_end & result.explored
+            steps[first_end] = np.where(result.explored[first_end], count, config.limit)
             if steps.all():
                 break
     return float(np.where(steps == 0, config.limit, steps).mean()), float(explored.mean())
 
 
-def events(folder: Path) -> Any:
+def make_summary_writer(folder: Path) -> Any:
     """Return a writer of TensorBoard events."""
     from tensorboardX import SummaryWriter
 
     return SummaryWriter(str(folder))
 
 
-def draw(lines: list[dict[str, Any]], path: Path) -> None:
-    """Draw the learning curve."""
+def plot_learning_curve(lines: list[dict[str, Any]], path: Path) -> None:
+    """Draw the learning curve from the lines of the log and write it as a PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.add_subplot()
-    played = [(line["moves"] / 1e6, line["steps"]) for line in lines if line["steps"] is not None]
-    tried = [(line["moves"] / 1e6, line["greedy"]) for line in lines if "greedy" in line]
-    if played:
-        axes.plot(*zip(*played, strict=True), color="#c8603c", label="in training, moves sampled")
-    if tried:
-        axes.plot(*zip(*tried, strict=True), color="#1b7f79", marker="o", label=f"greedy, {TRIAL_BOARDS} terrains kept apart")
+    sampled = [(line["moves"] / 1e6, line["steps"]) for line in lines if line["steps"] is not None]
+    greedy = [(line["moves"] / 1e6, line["greedy"]) for line in lines if "greedy" in line]
+    if sampled:
+        axes.plot(*zip(*sampled, strict=True), color="#c8603c", label="in training, moves sampled")
+    if greedy:
+        label = f"greedy, {VALIDATION_EPISODES} terrains kept apart"
+        axes.plot(*zip(*greedy, strict=True), color="#1b7f79", marker="o", label=label)
     axes.set_xlabel("million moves played")
     axes.set_ylabel("moves an episode")
     axes.grid(alpha=0.3)
-    if played or tried:
+    if sampled or greedy:
         axes.legend()
     figure.savefig(path, format="png", dpi=120)

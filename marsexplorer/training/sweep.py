@@ -1,4 +1,4 @@
-"""Trainings over levels, sizes and seeds as trials of Ray Tune, each on one core and measured on held-out terrains."""
+"""Training runs over levels, sizes and seeds as trials of Ray Tune, each on one core and measured on held-out terrains."""
 
 from __future__ import annotations
 
@@ -17,20 +17,24 @@ from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.evaluation.cluster import LOCAL, session
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import EVALUATION_SEEDS
-from marsexplorer.training.ppo import Report, Run, train
-from marsexplorer.training.run_folder import Logbook
+from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, train
+from marsexplorer.training.run_folder import RunFolder
 
-TOLD = 20
-"""Reports of a trial to Ray Tune besides the last."""
+REPORTS_PER_RUN = 20
+"""Reports of a run to Ray Tune besides the last."""
 
 NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One training: what `marsexplorer train` is told, and on how many terrains its policy is measured.
+class SweepRun:
+    """One training run: the options of `marsexplorer train`, and on how many terrains its policy is measured.
 
-    config    as a dictionary of EnvConfig's fields
+    name      of its folder and policy file
+    recipe    a name in RECIPES
+    config    the fields of its EnvConfig as a dictionary
+    steps     moves to train for
+    episodes  held-out terrains to measure on
     card      what the policy's card says besides numbers
     """
 
@@ -44,14 +48,14 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Finished:
-    """What became of a trial; error is empty when all went well, else the figures are NaN.
+class SweepResult:
+    """The outcome of a run; error is empty when all went well, otherwise the figures are NaN.
 
     steps, completion, score  means on held-out terrains; rule_ratio: mean steps over those of the best frontier rule there
     policy                    the policy file
     """
 
-    trial: Trial
+    run: SweepRun
     steps: float
     completion: float
     score: float
@@ -61,67 +65,68 @@ class Finished:
 
 
 def sweep(
-    trials: Sequence[Trial], out: Path, address: str = LOCAL, tell: Callable[[int, int], None] | None = None
-) -> list[Finished]:
-    """Run the trials on a Ray cluster and return what became of each, in the order given.
+    runs: Sequence[SweepRun], out: Path, address: str = LOCAL, on_progress: Callable[[int, int], None] | None = None
+) -> list[SweepResult]:
+    """Train on a Ray cluster and return the outcome of each run, in the order given.
 
-    out   folder, on a file system that all machines of the cluster see: each trial's folder (policy file, log, learning
-          curve) as out/NAME, Ray Tune's own records in out/ray
-    tell  called with (trials ended, trials in all)
+    out          folder, on a file system that all machines of the cluster see: each run's folder (policy file, log, learning
+                 curve) as out/NAME, Ray Tune's own records in out/ray
+    on_progress  called with (runs ended, runs in all)
 
-    ClusterError when Ray is missing or the cluster cannot be reached. A trial that fails leaves the others running.
+    ClusterError when Ray is missing or the cluster cannot be reached. A run that fails leaves the others running.
     """
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")  # the older reporter can be silent
     with session(address):
         tune: Any = import_module("ray.tune")
-        records = tune.RunConfig(
-            name="ray", storage_path=str(out.resolve()), verbose=0, callbacks=_callbacks(tune, trials, tell)
+        run_config = tune.RunConfig(
+            name="ray", storage_path=str(out.resolve()), verbose=0, callbacks=_callbacks(tune, runs, on_progress)
         )
-        space = {"trial": tune.grid_search([asdict(trial) for trial in trials])}
-        names = tune.TuneConfig(trial_name_creator=_name, trial_dirname_creator=_name)
-        work = tune.with_resources(train_one, {"cpu": 1})
-        results = tune.Tuner(work, param_space=space, tune_config=names, run_config=records).fit()
-        by_name = {results[at].config["trial"]["name"]: results[at] for at in range(len(results))}
-        return [_finished(trial, by_name[trial.name], out) for trial in trials]
+        space = {"run": tune.grid_search([asdict(run) for run in runs])}
+        tune_config = tune.TuneConfig(trial_name_creator=_trial_name, trial_dirname_creator=_trial_name)
+        trainable = tune.with_resources(train_one, {"cpu": 1})
+        results = tune.Tuner(trainable, param_space=space, tune_config=tune_config, run_config=run_config).fit()
+        by_name = {results[i].config["run"]["name"]: results[i] for i in range(len(results))}
+        return [_outcome(run, by_name[run.name], out) for run in runs]
 
 
-def _name(trial: Any) -> str:
-    return str(trial.config["trial"]["name"])
+def _trial_name(trial: Any) -> str:
+    return str(trial.config["run"]["name"])
 
 
-_listener: list[Callable[[], None]] = []
-"""Whom `_count` tells in this process: Ray Tune pickles its callbacks, and a progress bar is nothing to pickle."""
+_listeners: list[Callable[[], None]] = []
+"""What `_notify` calls in this process: Ray Tune pickles its callbacks, and a progress bar cannot be pickled."""
 
 
-def _count(callback: object, *args: Any, **kwargs: Any) -> None:
-    for tell in _listener:
-        tell()
+def _notify(callback: object, *args: Any, **kwargs: Any) -> None:
+    for listener in _listeners:
+        listener()
 
 
-def _callbacks(tune: Any, trials: Sequence[Trial], tell: Callable[[int, int], None] | None) -> list[Any]:
-    """Return what counts the trials that end, well or not."""
+def _callbacks(tune: Any, runs: Sequence[SweepRun], on_progress: Callable[[int, int], None] | None) -> list[Any]:
+    """Return the callback that counts the trials that end, well or not."""
     ended = itertools.count(1)
-    _listener[:] = [lambda: tell(next(ended), len(trials))] if tell else []
-    return [type("Count", (tune.Callback,), {"on_trial_complete": _count, "on_trial_error": _count})()]
+    _listeners[:] = [lambda: on_progress(next(ended), len(runs))] if on_progress else []
+    return [type("Count", (tune.Callback,), {"on_trial_complete": _notify, "on_trial_error": _notify})()]
 
 
 def train_one(params: dict[str, Any]) -> None:
-    """Train, measure and report one trial, on a machine of the cluster. params: {"trial": a Trial's fields}."""
+    """Train, measure and report one run, on a machine of the cluster. params: {"run": the fields of a SweepRun}."""
     tune: Any = import_module("ray.tune")
-    trial = Trial(**params["trial"])
-    config = EnvConfig(**trial.config)
-    run = Run.begin(RECIPES[trial.recipe], [config], trial.steps, trial.seed)
-    every = max(1, run.updates // TOLD)
+    sweep_run = SweepRun(**params["run"])
+    config = EnvConfig(**sweep_run.config)
+    run = TrainingRun.begin(RECIPES[sweep_run.recipe], [config], sweep_run.steps, sweep_run.seed)
+    interval = max(1, run.num_updates // REPORTS_PER_RUN)
 
-    def tell(report: Report, seconds: float) -> None:
-        if run.done % every == 0 and run.done < run.updates:
-            tune.report({"moves": report.moves, "seconds": seconds, "episode_moves": report.steps, "explored": report.explored})
+    def on_update(metrics: UpdateMetrics, seconds: float) -> None:
+        if run.updates_done % interval == 0 and run.updates_done < run.num_updates:
+            means = {"episode_moves": metrics.episode_steps, "explored": metrics.explored}
+            tune.report({"moves": metrics.global_step, "seconds": seconds, **means})
 
-    with TemporaryDirectory() as folder:
-        book = Logbook(Path(folder) / trial.name, run, trial.card, tell)
-        train(run, book.heard)
-        book.keep()
-        table = evaluate([str(book.policy), *RULES], config, trial.episodes, EVALUATION_SEEDS.start, workers=1)
+    with TemporaryDirectory() as temporary:
+        folder = RunFolder(Path(temporary) / sweep_run.name, run, sweep_run.card, on_update)
+        train(run, folder.on_update)
+        folder.save()
+        table = evaluate([str(folder.policy), *RULES], config, sweep_run.episodes, EVALUATION_SEEDS.start, workers=1)
         own, ratio = table.rows[0], table.compared(table.rows[0], "rule")
         assert ratio is not None
         figures = {
@@ -131,17 +136,18 @@ def train_one(params: dict[str, Any]) -> None:
             "rule_ratio": ratio.ratio_mean,
         }
         where = f"{config.level} {config.rows}x{config.cols}"
-        numbers = {"terrains": trial.episodes, "first_seed": EVALUATION_SEEDS.start, **figures, "collisions": own.collisions}
-        book.keep_policy({"results": {where: numbers}})
-        tune.report({"moves": run.moves, "seconds": book.seconds, **figures}, checkpoint=tune.Checkpoint.from_directory(folder))
+        terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
+        folder.save_policy({"results": {where: {**terrains, **figures, "collisions": own.collisions}}})
+        last = {"moves": run.global_step, "seconds": folder.seconds, **figures}
+        tune.report(last, checkpoint=tune.Checkpoint.from_directory(temporary))
 
 
-def _finished(trial: Trial, result: Any, out: Path) -> Finished:
-    """Return a trial's figures, its folder copied to where people look."""
+def _outcome(run: SweepRun, result: Any, out: Path) -> SweepResult:
+    """Return a run's figures, after copying its folder to out/NAME."""
     if result.error is not None or result.checkpoint is None or "rule_ratio" not in (result.metrics or {}):
-        said = str(result.error).strip().splitlines()
-        return Finished(trial, NAN, NAN, NAN, NAN, None, said[-1] if said else "it ended without a result")
+        message = str(result.error).strip().splitlines()
+        return SweepResult(run, NAN, NAN, NAN, NAN, None, message[-1] if message else "it ended without a result")
     with result.checkpoint.as_directory() as folder:
-        shutil.copytree(Path(folder) / trial.name, out / trial.name, dirs_exist_ok=True)
-    seen, policy = result.metrics, out / trial.name / f"{trial.name}.safetensors"
-    return Finished(trial, seen["steps"], seen["completion"], seen["score"], seen["rule_ratio"], policy)
+        shutil.copytree(Path(folder) / run.name, out / run.name, dirs_exist_ok=True)
+    figures, policy = result.metrics, out / run.name / f"{run.name}.safetensors"
+    return SweepResult(run, figures["steps"], figures["completion"], figures["score"], figures["rule_ratio"], policy)

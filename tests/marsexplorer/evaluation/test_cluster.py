@@ -1,4 +1,4 @@
-"""On a local Ray of two workers: the same table, the same weights, and a trial that fails fails alone."""
+"""On a local Ray of two workers: the same table, the same weights, and a run that fails fails alone."""
 
 import importlib.util
 from dataclasses import replace
@@ -12,8 +12,8 @@ from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.evaluation.cluster import LOCAL, ClusterError, session
 from marsexplorer.policies.network.model import Net, save_network
 from marsexplorer.training.config import RECIPES
-from marsexplorer.training.ppo import Run, train
-from marsexplorer.training.sweep import Trial, sweep
+from marsexplorer.training.ppo import TrainingRun, train
+from marsexplorer.training.sweep import SweepRun, sweep
 
 pytestmark = [
     pytest.mark.long,
@@ -57,18 +57,18 @@ def test_the_table_is_the_one_made_without_ray_and_policy_files_travel(cluster, 
 
 
 def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(cluster, tmp_path):
-    def trial(name, config, seed):
-        return Trial(name, "best", config, 16384, seed, 4, {"summary": "Little."})
+    def sweep_run(name, config, seed):
+        return SweepRun(name, "best", config, 16384, seed, 4, {"summary": "Little."})
 
     broken = {**CONFIG.to_dict(), "rows": 3}
-    trials = [trial("one", CONFIG.to_dict(), 3), trial("broken", broken, 0), trial("two", CONFIG.to_dict(), 4)]
+    runs = [sweep_run("one", CONFIG.to_dict(), 3), sweep_run("broken", broken, 0), sweep_run("two", CONFIG.to_dict(), 4)]
     calls = []
-    one, failed, two = sweep(trials, tmp_path, LOCAL, lambda *done: calls.append(done))
+    one, failed, two = sweep(runs, tmp_path, LOCAL, lambda *done: calls.append(done))
     assert calls[-1] == (3, 3)
     assert "rows must be at least 5" in failed.error
     assert failed.policy is None
-    run = Run.begin(RECIPES["best"], [CONFIG], 16384, 3)
-    net = train(run, lambda report: None)
+    run = TrainingRun.begin(RECIPES["best"], [CONFIG], 16384, 3)
+    net = train(run, lambda metrics: None)
     weights = load_file(one.policy)
     assert all(torch.equal(weights[name], tensor) for name, tensor in net.state_dict().items())
     assert any(not torch.equal(tensor, load_file(two.policy)[name]) for name, tensor in weights.items())

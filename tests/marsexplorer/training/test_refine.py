@@ -13,20 +13,28 @@ from marsexplorer.episode import Episode
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.policies.network.features import Perception
 from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net
-from marsexplorer.training.branching import LONGEST, MOST, PATIENCE, branch, play, play_on, walk
+from marsexplorer.training.branching import (
+    MAX_COST,
+    MAX_EXTRA_MOVES,
+    MAX_MOVES_PER_CELL,
+    branch_episodes,
+    extra_moves,
+    play_greedily,
+    sample_observations,
+)
 from marsexplorer.training.envs import EVALUATION_SEEDS
-from marsexplorer.training.refine import MIRROR, Plan, Refining
+from marsexplorer.training.refine import TRANSPOSED, RefineConfig, RefineRun
 
-SMALL = Plan(
-    levels=(("random", 2), ("1-2-1", 1)),
-    episodes=6,
-    each=16,
-    held=((26, 2),),
-    opening=2,
-    first=2,
-    steps=40,
-    batch=256,
-    held_batch=32,
+SMALL = RefineConfig(
+    tasks_per_level=(("random", 2), ("1-2-1", 1)),
+    episodes_per_task=6,
+    pairs_per_episode=16,
+    anchor_sizes=((26, 2),),
+    first_round_tasks=2,
+    first_round_steps=2,
+    gradient_steps=40,
+    batch_size=256,
+    anchor_batch_size=32,
 )
 CONFIG = EnvConfig()
 SEED = 77_000
@@ -37,7 +45,7 @@ def net():
     return load_net(shipped()["ppo"])
 
 
-def rookie():
+def untrained_net():
     torch.manual_seed(3)
     return Net().eval()
 
@@ -46,73 +54,75 @@ def literal(net, seed, at=None, other=None):
     """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
     policy, episode = NetworkPolicy("net", net, CONFIG.sensor_radius), Episode.begin(CONFIG, seed=seed)
     policy.reset(0)
-    while not episode.ended and episode.steps < int(LONGEST * CONFIG.n):
+    while not episode.ended and episode.steps < int(MAX_MOVES_PER_CELL * CONFIG.n):
         action = policy.act(episode.codes)
         episode.step(other if episode.steps == at else action)
     return episode.steps
 
 
-@pytest.mark.parametrize("make", [rookie, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"])
+@pytest.mark.parametrize("make", [untrained_net, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"])
 def test_episodes_are_those_of_the_policy_with_its_guard(make):
     net, steps = make(), np.zeros(12, np.int64)
-    guarded = sum(int(moment.decided.guarded.sum()) for moment in play(CONFIG, net, SEED, steps))
+    guarded = sum(int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps))
     assert steps.tolist() == [literal(net, SEED + k) for k in range(12)]
-    if make is rookie:
+    if make is untrained_net:
         assert guarded > 0
 
 
 def test_the_cost_of_another_move_is_what_a_literal_replay_finds(net):
-    steps, moments = np.zeros(6, np.int64), []
-    for count, moment in enumerate(play(CONFIG, net, SEED, steps)):
+    steps, branches = np.zeros(6, np.int64), []
+    for count, joint in enumerate(play_greedily(CONFIG, net, SEED, steps)):
         if count in (0, 9, 20, 33):
-            valid = moment.decided.moves[:, :, 0] > 0
-            valid[np.arange(len(valid)), moment.decided.actions] = False
-            others = np.where(valid.any(1), valid.argmax(1), moment.decided.actions)
-            moments.append((count, moment.which.copy(), others, moment.players.take(np.arange(moment.players.num))))
+            valid = joint.decisions.moves[:, :, 0] > 0
+            valid[np.arange(len(valid)), joint.decisions.actions] = False
+            others = np.where(valid.any(1), valid.argmax(1), joint.decisions.actions)
+            worlds = joint.rollouts.snapshot(np.arange(joint.rollouts.num_worlds))
+            branches.append((count, joint.episodes.copy(), others, worlds))
     signs = set()
-    for count, which, others, worlds in moments:
-        for episode, other, cost in zip(which, others, play_on(CONFIG, net, worlds, others, steps[which]), strict=True):
-            assert cost == min(literal(net, SEED + int(episode), count, int(other)) - steps[episode], PATIENCE)
+    for count, episodes, others, worlds in branches:
+        costs = extra_moves(CONFIG, net, worlds, others, steps[episodes])
+        for episode, other, cost in zip(episodes, others, costs, strict=True):
+            assert cost == min(literal(net, SEED + int(episode), count, int(other)) - steps[episode], MAX_EXTRA_MOVES)
             signs.add(int(np.sign(cost)))
     assert signs == {-1, 0, 1}
 
 
 def test_pairs_are_two_valid_moves_and_what_the_network_prefers(net):
-    pairs = branch(CONFIG, net, SEED, 16, 16)
+    pairs = branch_episodes(CONFIG, net, SEED, 16, 16)
     rows = np.arange(len(pairs.own))
     assert 0.5 * 16 * 16 < len(rows) < 2 * 16 * 16
     assert (pairs.moves[rows, pairs.own, 0] > 0).all()
     assert (pairs.moves[rows, pairs.other, 0] > 0).all()
     logits, _ = net.decide(pairs.planes, pairs.moves)
     assert (logits[rows, pairs.own] >= logits[rows, pairs.other] - 1e-3).all()
-    assert abs(pairs.cost).max() <= MOST
+    assert abs(pairs.cost).max() <= MAX_COST
     assert pairs.cost.min() < 0 < pairs.cost.mean()
-    again = branch(CONFIG, net, SEED, 16, 16)
+    again = branch_episodes(CONFIG, net, SEED, 16, 16)
     assert all(
         np.array_equal(getattr(pairs, name), getattr(again, name)) for name in ("planes", "own", "other", "cost", "steps")
     )
 
 
-def test_looks_are_a_quarter_of_the_moments(net):
-    looks = walk(CONFIG, net, SEED, 8)
-    assert 0.2 < len(looks.planes) / looks.steps.sum() < 0.3
+def test_observations_are_kept_at_a_quarter_of_the_steps(net):
+    sampled = sample_observations(CONFIG, net, SEED, 8)
+    assert 0.2 < len(sampled.planes) / sampled.steps.sum() < 0.3
 
 
 def test_terrains_kept_for_evaluation_are_refused(net):
     with pytest.raises(ValueError, match="kept for evaluation"):
-        branch(CONFIG, net, EVALUATION_SEEDS.start - 2, 8, 4)
+        branch_episodes(CONFIG, net, EVALUATION_SEEDS.start - 2, 8, 4)
 
 
-def test_the_mirror_exchanges_rows_and_columns():
-    """A board and its transpose look the same to the mirror, moves exchanged north-west and east-south."""
+def test_transposing_exchanges_rows_and_columns():
+    """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
     codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
     codes[0, 8, 5] = 2
-    eyes = Perception(1, 21, 21, 6)
+    features = Perception(1, 21, 21, 6)
     nothing = np.zeros((1, 441), np.uint8)
-    planes, moves = (each.copy() for each in eyes(codes, np.array([8 * 21 + 5]), nothing, np.array([1])))
+    planes, moves = (each.copy() for each in features(codes, np.array([8 * 21 + 5]), nothing, np.array([1])))
     turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
-    mirrored, flipped = eyes(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
-    assert np.array_equal(planes[:, :, MIRROR], mirrored)
+    mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
+    assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)
     alike = [k for k in range(16) if k not in (7, 8, 9)]  # rules break ties by compass
     assert np.allclose(moves[:, ::-1, alike], flipped[:, :, alike])
 
@@ -120,16 +130,16 @@ def test_the_mirror_exchanges_rows_and_columns():
 def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_number_of_workers():
     runs = []
     for workers in (1, 2):
-        run = Refining(rookie(), 4, SMALL)
+        run = RefineRun(untrained_net(), 4, SMALL)
         with ThreadPoolExecutor(workers) as pool:
-            reports = [run.round(pool) for _ in range(2)]
-        runs.append((run, reports))
-    (run, reports), (other, same) = runs
-    assert reports == same
+            metrics = [run.train_round(pool) for _ in range(2)]
+        runs.append((run, metrics))
+    (run, metrics), (other, same) = runs
+    assert metrics == same
     assert all(torch.equal(*both) for both in zip(run.net.parameters(), other.net.parameters(), strict=True))
     seeds = range(SEED, SEED + 50)
-    gained = np.array([literal(rookie(), seed) - literal(run.net, seed) for seed in seeds])
-    assert gained.mean() - 1.96 * gained.std() / 50**0.5 > 0
+    saved_moves = np.array([literal(untrained_net(), seed) - literal(run.net, seed) for seed in seeds])
+    assert saved_moves.mean() - 1.96 * saved_moves.std() / 50**0.5 > 0
 
 
 def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(tmp_path):
