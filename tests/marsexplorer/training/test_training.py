@@ -174,6 +174,12 @@ def test_all_levels_and_sizes_have_environments_and_the_first_level_half_of_them
         RECIPES["paper"].make_network(configs)
 
 
+def test_training_environments_are_of_the_whole_configuration():
+    config = EnvConfig("2-1-1", 9, 12, sensor_radius=3, beta=0.5, max_steps=70)
+    envs = TrainingEnvs(config, 2, 0)
+    assert envs.env.config == config
+
+
 def test_evaluation_seeds_are_refused():
     with pytest.raises(ValueError, match="kept for evaluation"):
         TrainingEnvs(SMALL, 2, EVALUATION_SEEDS.start)
