@@ -1,4 +1,4 @@
-"""What a server is told at its start: from the command's flags, else from MARS_* variables, else the defaults here."""
+"""The settings of a server: from the command's flags, else from MARS_* variables, else the defaults here."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ from pathlib import Path
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-ROOT = Path(__file__).resolve().parent.parent
-DEFAULT_DATABASE = ROOT / "data" / "playground.db" if (ROOT / "pyproject.toml").is_file() else Path("playground.db")
+PACKAGE = Path(__file__).resolve().parent
+ROOT = PACKAGE.parent
+IS_CHECKOUT = (ROOT / "pyproject.toml").is_file()
+"""Whether this package runs from a checkout of the repository; otherwise it is installed from a wheel."""
+
+STATIC = ROOT / "static" if IS_CHECKOUT else PACKAGE / "static"
+"""The files of the pages: at the root of a checkout, inside this package in a wheel."""
+
+DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
 """In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
 
 DEFAULT_STUDIES = DEFAULT_DATABASE.parent / "studies"
@@ -20,11 +27,11 @@ class Settings(BaseSettings):
     host, port   where to listen; port 0 takes a free one
     database     the SQLite file; made on first start
     studies      the folder of studies; need not exist
-    policies     paths of further policies to offer beside the shipped ones (`serve --policy PATH`)
+    policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
     admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
-    idle_s       seconds after which a session that nobody follows or asks for leaves memory (it is resumed on access)
+    idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
     """
 
     model_config = SettingsConfigDict(env_prefix="MARS_", frozen=True, extra="forbid")

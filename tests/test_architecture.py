@@ -16,7 +16,7 @@ PACKAGES = ("marsexplorer", "app")
 
 ALLOWED: dict[str, set[str]] = {
     "app": set(),
-    "app.admin": {"app.play", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
+    "app.admin": {"app.play", "app.settings", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
     "app.cli": {
         "app.release",
         "app.report",
@@ -37,6 +37,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.training",
     },
     "app.leaderboard": {
+        "app.play",
         "app.statistics",
         "app.storage",
         "app.study",
@@ -73,16 +74,19 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies",
     },
     "app.server": {
+        "app.admin",
+        "app.leaderboard",
         "app.play",
+        "app.services",
         "app.settings",
         "app.storage",
         "app.study",
         "app.viewer3d",
         "app.web",
         "marsexplorer.config",
-        "marsexplorer.episode",
         "marsexplorer.policies",
     },
+    "app.services": {"app.admin", "app.leaderboard", "app.play", "app.storage", "app.study", "app.viewer3d"},
     "app.settings": set(),
     "app.simulate": {
         "marsexplorer.compiled",
@@ -127,6 +131,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.admin",
         "app.leaderboard",
         "app.play",
+        "app.services",
         "app.settings",
         "app.statistics",
         "app.storage",
@@ -224,19 +229,20 @@ ALLOWED: dict[str, set[str]] = {
 """Unit -> the units that it may import."""
 
 LIBRARIES: dict[str, set[str]] = {
+    "app.admin": {"itsdangerous"},
     "app.cli": {"click", "pydantic", "rich", "torch"},
     "app.leaderboard": {"numpy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.release": {"cryptography", "gymnasium", "numpy"},
     "app.report": {"jinja2", "matplotlib", "numpy"},
-    "app.server": {"fastapi", "starlette", "uvicorn"},
+    "app.server": {"fastapi"},
     "app.settings": {"pydantic", "pydantic_settings"},
     "app.simulate": {"httpx", "numpy", "websockets"},
     "app.statistics": {"click", "numpy", "rich", "scipy"},
     "app.storage": {"numpy", "sqlite_utils"},
     "app.study": {"pydantic"},
     "app.viewer3d": {"PIL", "msgspec", "numpy", "starlette", "viser", "websockets", "zstandard"},
-    "app.web": {"fastapi", "itsdangerous", "pydantic", "starlette"},
+    "app.web": {"fastapi", "jinja2", "markupsafe", "pydantic", "starlette", "uvicorn"},
     "marsexplorer": {"gymnasium"},
     "marsexplorer.bench": {"crafter", "envpool", "gymnasium", "minigrid", "numpy"},
     "marsexplorer.compiled": {"llvmlite", "numba"},

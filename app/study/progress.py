@@ -178,7 +178,7 @@ class ParticipantProgress:
 
             await self.lobby.begin(board, study.protocol.env_config, seed, within)
 
-    async def give_up(self, name: str, player_id: str | None, episode: str, step: int) -> None:
+    async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
         """Abandon the running episode; RefusedError when it is not the one on screen."""
         _, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
         session = await self.session(participant)

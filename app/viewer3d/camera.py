@@ -1,4 +1,4 @@
-"""Where a viewer of the 3-D scene looks from: north at the top, all of the board in sight."""
+"""The camera of the 3-D view: north at the top, all of the board in sight."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def camera_for(rows: int, cols: int, aspect: float) -> tuple[float, float]:
     return float(targets[best, 0]), float(distance[best])
 
 
-class View:
-    """Where one viewer looks from: north at the top, all of the board in sight, again whenever the view changes shape."""
+class BoardCamera:
+    """Points one browser's camera at the board, and again whenever the board or the view changes its shape."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._board, self._aspect = (0, 0), 0.0
-        client.camera.on_update(self._reshape)
+        client.camera.on_update(self._on_update)
 
     def show(self, rows: int, cols: int) -> None:
-        """Look at a board of this size; what the viewer has turned to stays when the size is the same."""
+        """Look at a board of this size; the direction that the user has chosen stays when the size is the same."""
         if self._board != (rows, cols):
             self._board = rows, cols
             self._look()
 
-    async def _reshape(self, camera: viser.CameraHandle) -> None:
+    async def _on_update(self, camera: viser.CameraHandle) -> None:
         if self._board != (0, 0) and abs(aspect_of(camera) / self._aspect - 1) > 0.02:
             self._look()
             self._client.flush()
@@ -59,5 +59,5 @@ class View:
 
 
 def aspect_of(camera: viser.CameraHandle) -> float:
-    """Return width over height of a view, within what a screen can be."""
+    """Return width over height of a view, within what a screen can have."""
     return min(max(camera.image_width / max(camera.image_height, 1), 0.1), 10.0)

@@ -1,8 +1,8 @@
-"""The 3-D mirror of one board, for one viewer: soil, fog, rocks, rover, trail and the reach of the lidar.
+"""The 3-D scene of one board in one browser: soil, fog, rocks, rover, trail and the range of the lidar.
 
-Built from what the rover knows (`Episode.codes`, `Episode.path`) and nothing else, so it cannot show what is hidden. This is
-where metres begin: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left.
-The soil is a fixed picture for each size; the fog over it is a small picture with alpha, sent anew after each move.
+It is built from what the rover knows (`Episode.codes`, `Episode.path`) and nothing else, so it cannot show what is hidden.
+Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
+a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ CHUNK = 32
 """Rocks, and steps of a path, in one node of the scene: a move sends only the last one again."""
 
 DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
-"""Corners of a ghost's dash around the middle of its step: along and across it, in steps."""
+"""Corners of a dash of the paired path around the middle of its step: along and across it, in steps."""
 
 
 def boulder() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Return corners[12, 3] and faces[22, 3] of a rock: a block on one square metre, one high, its shoulders worn."""
+    """Return corners[12, 3] and faces[22, 3] of a rock: a block on one square metre, one metre high, narrower at the top."""
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     worn = square * np.array([[0.30, 0.34], [0.36, 0.28], [0.31, 0.35], [0.37, 0.30]])
     heights = np.array([[0.0] * 4, [0.66, 0.58, 0.70, 0.62], [0.96, 1.0, 0.93, 0.99]]).reshape(12, 1)
@@ -57,9 +57,9 @@ def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 class Scene:
-    """One viewer's picture of a board: `show` an episode after each of its moves, and then the next one.
+    """One browser's scene: call `show` with an episode after each of its moves, and then with the next episode.
 
-    Nodes stay and change where they can, so that only what changed is sent. (A node taken away and added again under its
+    Nodes stay and change where they can, so that only what changed is sent. (A node removed and added again under its
     name in one batch would keep its old place: viser sends the later of two messages about a name.)
     """
 
@@ -67,16 +67,16 @@ class Scene:
         self._scene = scene
         self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
         self._board, self._drawn = (0, 0), -1
-        self._ghost: Episode | None = None
-        self._passing: list[viser.SceneNodeHandle] = []
+        self._paired: Episode | None = None
+        self._episode_nodes: list[viser.SceneNodeHandle] = []
         self._add_ground()
         self._add_rover()
-        self._add_reach(episode.config.sensor_radius)
+        self._add_lidar_range(episode.config.sensor_radius)
         self._begin(episode)
         self.show(episode)
 
     def show(self, episode: Episode) -> None:
-        """Bring the picture to where the episode stands."""
+        """Bring the scene up to date with the episode."""
         if episode is not self.episode:
             self._begin(episode)
         if episode.steps == self._drawn:
@@ -90,34 +90,34 @@ class Scene:
         self._show_trail(max(self._drawn, 0))
         self._drawn = episode.steps
 
-    def show_ghost(self, ghost: Episode | None) -> None:
-        """Draw another's path so far, dashed and translucent, under this board's own; None takes it away."""
-        if ghost is not self._ghost:
-            for node in [node for node in self._passing if node.name.startswith("/ghost/")]:
+    def show_paired_path(self, paired: Episode | None) -> None:
+        """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
+        if paired is not self._paired:
+            for node in [node for node in self._episode_nodes if node.name.startswith("/paired_path/")]:
                 node.remove()
-                self._passing.remove(node)
-            self._ghost, self._haunted = ghost, 0
-        if ghost is None or ghost.steps == self._haunted:
+                self._episode_nodes.remove(node)
+            self._paired, self._paired_steps = paired, 0
+        if paired is None or paired.steps == self._paired_steps:
             return
-        for start in range(self._haunted // CHUNK * CHUNK, ghost.steps, CHUNK):
-            corners, faces = dashes(ghost.path[start : start + CHUNK + 1])
+        for start in range(self._paired_steps // CHUNK * CHUNK, paired.steps, CHUNK):
+            corners, faces = dashes(paired.path[start : start + CHUNK + 1])
             if len(faces):
-                self._keep(add_dashes(self._scene, f"/ghost/{start}", corners, faces, self._other))
-        self._haunted = ghost.steps
+                self._add_episode_node(add_dashes(self._scene, f"/paired_path/{start}", corners, faces, self._other))
+        self._paired_steps = paired.steps
 
     def _begin(self, episode: Episode) -> None:
-        """Take away what the last episode left: its rocks, its trail, its size."""
-        for node in self._passing:
+        """Remove what the last episode left, its rocks and its trail, and fit the ground to the new one."""
+        for node in self._episode_nodes:
             node.remove()
-        self._passing = []
-        self._ghost, self._haunted = None, 0
+        self._episode_nodes = []
+        self._paired, self._paired_steps = None, 0
         self.episode = episode
         self._drawn = -1
         self._shown = np.zeros(episode.codes.shape, np.bool_)
-        self._pile: list[tuple[int, int]] = []
-        self._piles = 0
+        self._open_rocks: list[tuple[int, int]] = []
+        self._rock_nodes = 0
         if self._board != episode.codes.shape:
-            self._lay(episode.config.rows, episode.config.cols)
+            self._resize_ground(episode.config.rows, episode.config.cols)
 
     def _add_ground(self) -> None:
         flat: dict[str, Any] = {"wxyz": FACING_UP, "cast_shadow": False, "receive_shadow": False}
@@ -128,7 +128,7 @@ class Scene:
             "/border", np.zeros((4, 2, 3), np.float32), colors=(126, 92, 76), thickness=1.5, thickness_units="screen"
         )
 
-    def _lay(self, rows: int, cols: int) -> None:
+    def _resize_ground(self, rows: int, cols: int) -> None:
         """Give soil, fog and border a size."""
         self._board = rows, cols
         self._soil._data = soil(rows, cols)
@@ -151,8 +151,8 @@ class Scene:
         for number, (x, y) in enumerate((x, y) for x in (-0.32, 0.0, 0.32) for y in (-0.37, 0.37)):
             scene.add_cylinder(f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel)
 
-    def _add_reach(self, radius: int) -> None:
-        """Draw how far the lidar sees, dashed, and a small ring that marks the rover on small boards."""
+    def _add_lidar_range(self, radius: int) -> None:
+        """Draw the range of the lidar, dashed, and a small ring that marks the rover on small boards."""
         dashes, ring = circle(radius, 72, 0.06)[::2], circle(0.66, 24, 0.1)
         for name, segments, thickness in (("reach", dashes, 1.5), ("ring", ring, 2.0)):
             self._scene.add_line_segments(
@@ -160,19 +160,19 @@ class Scene:
             )
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
-        """Add what has come to light to the open pile, and close it when it is full."""
+        """Add newly discovered rocks to the last node of rocks, and begin another node when it is full."""
         fresh = (codes == OBSTACLE) & ~self._shown
         if not fresh.any():
             return
         self._shown |= fresh
-        self._pile += [(int(row), int(col)) for row, col in np.argwhere(fresh)]
-        self._keep(add_rocks(self._scene, f"/rocks/{self._piles}", np.array(self._pile)))
-        if len(self._pile) >= CHUNK:
-            self._pile, self._piles = [], self._piles + 1
+        self._open_rocks += [(int(row), int(col)) for row, col in np.argwhere(fresh)]
+        self._add_episode_node(add_rocks(self._scene, f"/rocks/{self._rock_nodes}", np.array(self._open_rocks)))
+        if len(self._open_rocks) >= CHUNK:
+            self._open_rocks, self._rock_nodes = [], self._rock_nodes + 1
 
-    def _keep(self, node: viser.SceneNodeHandle) -> None:
-        """Remember a node that goes when the episode does, in the place of one of the same name."""
-        self._passing = [other for other in self._passing if other.name != node.name] + [node]
+    def _add_episode_node(self, node: viser.SceneNodeHandle) -> None:
+        """Keep a node that is removed with the episode, in the place of one of the same name."""
+        self._episode_nodes = [other for other in self._episode_nodes if other.name != node.name] + [node]
 
     def _show_trail(self, since: int) -> None:
         """Draw the path from step `since` on, in chunks, so that a move sends only the last one."""
@@ -181,7 +181,7 @@ class Scene:
             cells = np.array(path[start : start + CHUNK + 1], np.float32)
             points = np.stack([cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)], axis=1).astype(np.float32)
             segments = np.stack([points[:-1], points[1:]], axis=1)
-            self._keep(
+            self._add_episode_node(
                 self._scene.add_line_segments(
                     f"/trail/{start}", segments, colors=self._accent, thickness=0.26, thickness_units="world"
                 )
@@ -211,13 +211,13 @@ def dashes(path: Sequence[tuple[int, int]]) -> tuple[NDArray[np.float32], NDArra
 def add_dashes(
     scene: viser.SceneApi, name: str, corners: NDArray[np.float32], faces: NDArray[np.uint32], colour: tuple[int, int, int]
 ) -> viser.MeshHandle:
-    """Return the node of a ghost's dashes."""
+    """Add the dashes of a paired path and return their node."""
     plain: dict[str, Any] = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_shadow": False}
     return scene.add_mesh_simple(name, corners, faces, color=colour, opacity=0.85, **plain)
 
 
 def add_rocks(scene: viser.SceneApi, name: str, cells: NDArray[np.int64]) -> viser.BatchedMeshHandle:
-    """Return the node with a rock on each of cells[n, 2], (row, col); height, turn and colour follow from the place."""
+    """Add a rock on each of cells[n, 2], (row, col), and return their node; height, turn and colour follow from the cell."""
     row, col = cells[:, 0], cells[:, 1]
     grain = (row * 7919 + col * 104729) % 97 / 96
     turn = (row * 31 + col * 17) % 4 * (np.pi / 4)

@@ -1,4 +1,4 @@
-"""The two pictures a 3-D board lies on: the soil, fixed for each size, and the fog over it, made of what the rover knows."""
+"""The two pictures of the ground: the soil, fixed for each size, and the fog over it, made from what the rover knows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOIL = (181, 101, 58)
 CLEAR, FOG, LINE, EDGE, SHADE = range(5)
 FOG_COLOURS = bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20])
 FOG_ALPHA = bytes([0, 255, 255, 46, 150])
-"""Of clear ground, the unknown and the lines between its cells, known cells that border on it, the ground under rocks."""
+"""Colours (RGB) and opacities of clear ground, unknown cells, lines between them, known cells beside them, and under rocks."""
 
 
 def pixels_a_cell(side: int, pixels: int, most: int) -> int:
@@ -45,7 +45,7 @@ def soil(rows: int, cols: int) -> bytes:
 
 
 def encoded(image: Image.Image, **options: Any) -> bytes:
-    """Return a picture's file."""
+    """Return an image as the bytes of a file."""
     file = io.BytesIO()
     image.save(file, **options)
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""viser's transport without a port, thread or event loop of its own: connections that the app hands over.
+"""viser's transport without a port, thread or event loop of its own: the app hands its websockets over.
 
 Relied on besides viser's public API (a test fails when an upgrade breaks it): the wire format of `_message_producer`,
 `_append_aligned_buffers`, `_ClientHandleState` and `AsyncMessageBuffer`.
@@ -25,15 +25,16 @@ from app.play.session import Session
 
 PROTOCOL = f"viser-v{viser.__version__}"
 MAX_VIEWER_MESSAGE_BYTES = 64 * 1024
-WELCOME = frozenset({"ViewerCameraMessage"})
-"""What a browser may send: where it looks from, and nothing that opens a tunnel, uploads a file or changes a thing."""
+"""Longest message of a browser's 3-D view that is accepted."""
+ACCEPTED_MESSAGES = frozenset({"ViewerCameraMessage"})
+"""Types of viser's messages that a browser may send: where it looks from, and nothing that changes anything here."""
 
-UNSUPPORTED, RUBBISH, TOO_BIG = 1003, 1007, 1009
-"""Close codes of RFC 6455: text came, a message that is none of viser's, one too large."""
+UNSUPPORTED, INVALID, TOO_BIG = 1003, 1007, 1009
+"""Close codes of RFC 6455: a text message, one that viser cannot read, one that is too large."""
 
 
 class ViewerMessageError(Exception):
-    """A browser sent what cannot be taken; it is told the close code and the reason, and nothing else has changed."""
+    """A browser sent what is not accepted: its socket is closed with the code and the reason, and nothing else changes."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -41,9 +42,9 @@ class ViewerMessageError(Exception):
 
 
 class Connection:
-    """One browser's socket in viser's words.
+    """One browser's socket with the methods that viser calls.
 
-    stamps   the times batches are stamped with, seconds
+    stamps   the times that batches are stamped with, seconds
     """
 
     def __init__(self, websocket: WebSocket) -> None:
@@ -51,7 +52,7 @@ class Connection:
         self.stamps = itertools.count(1.0)
 
     async def send(self, data: bytes) -> None:
-        """Send, or tell viser in its own words that the browser is gone."""
+        """Send a batch; ConnectionClosedOK, which viser understands, when the browser has left."""
         if self._websocket.application_state is not WebSocketState.CONNECTED:
             raise ConnectionClosedOK(None, None)
         try:
@@ -60,7 +61,7 @@ class Connection:
             raise ConnectionClosedOK(None, None) from error
 
     async def recv(self) -> bytes:
-        """Return the next binary message; ConnectionClosedOK when the browser has gone, ViewerMessageError otherwise."""
+        """Return the next binary message; ConnectionClosedOK when the browser has left, ViewerMessageError for others."""
         message = await self._websocket.receive()
         if message["type"] == "websocket.disconnect":
             raise ConnectionClosedOK(None, None)
@@ -72,7 +73,7 @@ class Connection:
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close, whatever state the socket is in."""
+        """Close the socket, whatever state it is in."""
         with suppress(Exception):
             await self._websocket.close(code, reason)
 
@@ -108,6 +109,7 @@ class Transport(_infra.WebsockServer):
     """viser's transport, fed by the host app instead of a port; lives on the loop it is started on."""
 
     def start(self) -> None:
+        """Prepare the buffers on the running loop; nothing listens and no thread runs."""
         loop = asyncio.get_running_loop()
         self._background_event_loop = loop
         self._broadcast_buffer = AsyncMessageBuffer(loop, persistent_messages=True)
@@ -118,12 +120,13 @@ class Transport(_infra.WebsockServer):
         self.sessions: dict[int, Session] = {}
 
     def stop(self) -> None:
+        """End every connection."""
         self._broadcast_buffer.set_done()
         for state in list(self._client_state_from_id.values()):
             state.message_buffer.set_done()
 
     async def serve(self, connection: Connection, session: Session) -> None:
-        """Return when the browser has gone, or has been sent away for what it sent."""
+        """Serve one browser until it leaves, or until it sends what is not accepted."""
         loop = asyncio.get_running_loop()
         client_id, self._next_id = _infra.ClientId(self._next_id), self._next_id + 1
         state = _infra._ClientHandleState(AsyncMessageBuffer(loop, persistent_messages=False), loop)
@@ -151,18 +154,18 @@ class Transport(_infra.WebsockServer):
     async def _consume(
         self, connection: Connection, client: _infra.WebsockClientConnection, client_id: _infra.ClientId
     ) -> None:
-        """Hand each welcome message to viser; ViewerMessageError for one that is none, or holds what viser cannot use."""
+        """Hand each accepted message to viser; ViewerMessageError for one that viser cannot read or use."""
         while True:
             data = await connection.recv()
             try:
                 message = self._message_class.deserialize(data)
-                if type(message).__name__ in WELCOME:
+                if type(message).__name__ in ACCEPTED_MESSAGES:
                     await self._handle_incoming_message(client_id, message)
                     await client._handle_incoming_message(client_id, message)
             except ConnectionClosedOK:
                 raise
-            except Exception as error:  # whatever a stranger's bytes may cause, it ends his connection alone
-                raise ViewerMessageError(RUBBISH, "expected a message of viser's client; reload the page") from error
+            except Exception as error:  # whatever the bytes cause, it ends this connection alone
+                raise ViewerMessageError(INVALID, "expected a message of viser's client; reload the page") from error
 
     async def _forget(
         self, client: _infra.WebsockClientConnection, state: _infra._ClientHandleState, tasks: list[asyncio.Task[None]]

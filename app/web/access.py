@@ -1,23 +1,66 @@
-"""Who may see a session: anybody who knows its id, but a study's board only its participant, and the operator."""
+"""Who asks, and what they may see: a session's frames are for whoever knows its id, a study's board for its participant.
+
+The operator may see every session.
+"""
 
 from __future__ import annotations
 
+from urllib.parse import urlsplit
+
 from starlette.requests import HTTPConnection
+from starlette.responses import Response
 
-from app.play.lobby import Lobby, UnknownSessionError
+from app.play.lobby import UnknownSessionError
 from app.play.session import Session
+from app.services import Services
+from app.web import cookies
 
 
-async def enter(connection: HTTPConnection, session_id: str) -> Session:
-    """Return the session that is asked for; UnknownSessionError when there is none that is the asker's to see."""
-    lobby: Lobby = connection.app.state.lobby
-    session = await lobby.get(session_id)
-    if session.participation is None or owns(connection, session) or connection.app.state.is_admin(connection):
+def services_of(connection: HTTPConnection) -> Services:
+    """Return the services of the server that a request or a websocket has reached."""
+    services: Services = connection.app.state.services
+    return services
+
+
+def player_of(connection: HTTPConnection) -> str | None:
+    """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
+    return services_of(connection).player_tokens.read(cookies.player_token(connection))
+
+
+def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:
+    """Set the player's cookie."""
+    cookies.set_player_token(response, connection, services_of(connection).player_tokens.sign(player_id))
+
+
+def is_operator(connection: HTTPConnection) -> bool:
+    """Return whether the operator asks; False on a server without an operator's page."""
+    admin = services_of(connection).admin
+    return admin is not None and admin.login.is_valid(cookies.admin_token(connection))
+
+
+def is_owner(connection: HTTPConnection, session: Session) -> bool:
+    """Return whether the asker's cookie is that of the session's player."""
+    player_id = player_of(connection)
+    return player_id is not None and player_id == session.row.player_id
+
+
+async def authorized_session(connection: HTTPConnection, session_id: str) -> Session:
+    """Return the session that is asked for; UnknownSessionError when there is none that the asker may see."""
+    session = await services_of(connection).lobby.get(session_id)
+    if session.participation is None or is_owner(connection, session) or is_operator(connection):
         return session
     raise UnknownSessionError(session_id)
 
 
-def owns(connection: HTTPConnection, session: Session) -> bool:
-    """Return whether the asker's cookie is that of the session's player."""
-    player_id: str | None = connection.app.state.players.of(connection)
-    return player_id is not None and player_id == session.row.player_id
+def has_own_origin(connection: HTTPConnection) -> bool | None:
+    """Return whether the Origin header names the host asked for; None without one (a browser always sends it).
+
+    A proxy may hand its own name on in X-Forwarded-Host, and a Host without a port (nginx's `$host`) speaks for any.
+    """
+    origin = connection.headers.get("origin")
+    if origin is None:
+        return None
+    came = urlsplit(origin)
+    forwarded = connection.headers.get("x-forwarded-host", "").split(",")[0].strip()
+    hosts = [host.lower() for host in (connection.headers.get("host", ""), forwarded) if host]
+    return came.netloc.lower() in hosts or (came.hostname or "") in hosts

@@ -1,7 +1,7 @@
-"""The page /admin and its calls; none of this exists on a server that was started without a password.
+"""The operator's requests; a server that was started without an operator's page has none of these routes.
 
-Every call asks the door first. What changes anything must come from our own page: its Origin says so, and the cookie is
-sent from nowhere else.
+Every request needs the operator's cookie. One that changes anything must come from our own page as well: its Origin says
+so, and browsers send the cookie from nowhere else.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import contextlib
 import time
 from collections.abc import AsyncGenerator
 from contextlib import closing
-from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
@@ -19,24 +18,20 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.admin import live_boards, participants
-from app.admin.exports import ExportKind, ExportRunningError, Exports
-from app.admin.health import Health
+from app.admin.exports import ExportKind, ExportRunningError
+from app.admin.login import TooManyAttemptsError, WrongPasswordError
+from app.admin.services import AdminServices
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
 from app.storage.reader import Reader
 from app.study.folder import Study
-from app.study.progress import ParticipantProgress
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.web.admin_login import AdminLogin, TooManyAttemptsError, WrongPasswordError, forget, remember
-from app.web.cookies import has_own_origin
-from app.web.middleware import PAGE_CSP
+from app.web import cookies
+from app.web.access import has_own_origin, is_operator, services_of
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 from marsexplorer.config import CORE_VERSION
 
-ALONE = PAGE_CSP.replace("frame-ancestors 'self'", "frame-ancestors 'none'")
-"""In no page's frame: nobody can be made to press a button that they do not see."""
-
-STRANGER = 4401
+NOT_LOGGED_IN = 4401
 """Close code of a socket without the operator's cookie."""
 
 
@@ -46,132 +41,96 @@ class Login(Message):
     password: str
 
 
-class Close(Message):
-    """The study's name once more: closing has no way back."""
+class CloseStudy(Message):
+    """The study's name once more, since a closed study cannot be opened again."""
 
     name: str
 
 
-class Release(Message):
+class ReleaseOptions(Message):
     """Who is to be cited."""
 
     authors: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(default_factory=list, max_length=50)
 
 
-class AdminServices:
-    """What the operator's calls work on."""
-
-    def __init__(self, door: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
-        database = progress.lobby.store.path
-        self.door, self.progress = door, progress
-        self.health, self.figures = Health(database), participants.LiveFigures(database)
-        self.exports = Exports(database, studies)
-        self.began = time.monotonic()
-
-    def study(self, name: str) -> Study:
-        """Return a frozen study; HTTPException 404 or 409 with what is wrong with it."""
-        try:
-            return self.progress.folder.study(name)
-        except (UnknownStudyError, DraftStudyError) as error:
-            raise HTTPException(404, str(error)) from error
-        except StudyError as error:
-            raise HTTPException(409, str(error)) from error
-
-    def studies(self) -> list[dict[str, Any]]:
-        """Return every study in the folder: drafts and broken ones too, with what is wrong."""
-        return [self._listed(name) for name in self.progress.folder.names()]
-
-    def _listed(self, name: str) -> dict[str, Any]:
-        folder = self.progress.folder
-        try:
-            status, title = folder.status(name), folder.draft(name).title
-            if status != "draft":
-                folder.study(name)
-        except StudyError as error:
-            return {"name": name, "title": name, "status": "broken", "error": str(error)}
-        return {"name": name, "title": title, "status": status, "error": None}
-
-
 def check_page(request: Request) -> None:
-    """Return when the call comes from a page of ours, or is a reading one without an Origin; HTTPException 403 otherwise."""
+    """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
     own = has_own_origin(request)
     if own is False or (own is None and request.method not in ("GET", "HEAD")):
         raise HTTPException(403, "this call must come from the operator's own page, at /admin of this server")
 
 
 def check_operator(request: Request, response: Response) -> AdminServices:
-    """Return the console for the operator on our page; HTTPException 401 or 403 for anybody else."""
+    """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
     response.headers["Cache-Control"] = "no-store"
     check_page(request)
-    console = _console(request)
-    if not console.door.admits(request):
+    if not is_operator(request):
         raise HTTPException(401, "log in at /admin first: this is the operator's alone")
-    return console
+    return _admin_of(request)
 
 
-def _console(connection: Request | WebSocket) -> AdminServices:
-    found: AdminServices = connection.app.state.console
-    return found
+def _admin_of(connection: Request | WebSocket) -> AdminServices:
+    admin = services_of(connection).admin
+    assert admin is not None, "these routes belong to a server with an operator's page"
+    return admin
+
+
+def _study(admin: AdminServices, name: str) -> Study:
+    """Return a frozen study; HTTPException 404 or 409 with what is wrong with it."""
+    try:
+        return admin.progress.folder.study(name)
+    except (UnknownStudyError, DraftStudyError) as error:
+        raise HTTPException(404, str(error)) from error
+    except StudyError as error:
+        raise HTTPException(409, str(error)) from error
 
 
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
-def router(page: Path) -> APIRouter:
-    """Return the routes; `page` is the HTML file."""
-    routes = APIRouter(include_in_schema=False)
-
-    @routes.get("/admin")
-    async def admin() -> FileResponse:
-        return FileResponse(page, headers={"Content-Security-Policy": ALONE})
-
-    routes.include_router(_calls)
-    return routes
+router = APIRouter(include_in_schema=False)
 
 
-_calls = APIRouter(include_in_schema=False)
-
-
-@_calls.post("/api/admin/login", dependencies=[Depends(check_page)])
+@router.post("/api/admin/login", dependencies=[Depends(check_page)])
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
-    """Open the door."""
+    """Log in: set the operator's cookie for the right password."""
     try:
-        value = _console(request).door.open(given.password, request.client.host if request.client else "")
+        token = _admin_of(request).login.issue(given.password, request.client.host if request.client else "")
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
-    remember(response, request, value)
+    cookies.set_admin_token(response, request, token)
     return {"in": True}
 
 
-@_calls.post("/api/admin/logout", dependencies=[Depends(check_page)])
+@router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
-    """Close it behind oneself."""
-    _console(request).door.leave(request)
-    forget(response, request)
+    """Log out: revoke the token and delete the cookie."""
+    _admin_of(request).login.revoke(cookies.admin_token(request))
+    cookies.delete_admin_token(response, request)
     return {"in": False}
 
 
-@_calls.get("/api/admin/overview")
-async def overview(console: Operator) -> dict[str, Any]:
+@router.get("/api/admin/overview")
+async def overview(admin: Operator) -> dict[str, Any]:
     """Studies, boards and the server's health."""
-    health = await asyncio.to_thread(console.health.state)
-    lobby = console.progress.lobby
+    health = await asyncio.to_thread(admin.health.state)
+    lobby = admin.progress.lobby
     return {
-        "studies": await asyncio.to_thread(console.studies),
-        "boards": live_boards.list_boards(lobby, console.progress.records),
-        "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - console.began)},
+        "studies": await asyncio.to_thread(admin.studies),
+        "boards": live_boards.list_boards(lobby, admin.progress.records),
+        "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
     }
 
 
-@_calls.get("/api/admin/studies/{name}")
-async def study(console: Operator, name: str) -> dict[str, Any]:
+@router.get("/api/admin/studies/{name}")
+async def study(admin: Operator, name: str) -> dict[str, Any]:
     """A study as it stands: participants, figure, labels, exports."""
-    found = console.study(name)
-    store, now = console.progress.lobby.store, console.progress.lobby.sources.clock_ms()
+    found = _study(admin, name)
+    store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
     def read() -> list[dict[str, Any]]:
         with closing(Reader.open(store.path)) as reader:
@@ -196,74 +155,73 @@ async def study(console: Operator, name: str) -> dict[str, Any]:
         "ranked": protocol.ranked,
         "stages": participants.count_stages(present),
         "participants": present,
-        **await asyncio.to_thread(console.figures.of, name),
-        "exports": console.exports.state(name),
+        **await asyncio.to_thread(admin.figures.of, name),
+        "exports": admin.exports.state(name),
         "now_ms": now,
     }
 
 
-@_calls.post("/api/admin/studies/{name}/close")
-async def close(console: Operator, name: str, given: Close) -> dict[str, Any]:
+@router.post("/api/admin/studies/{name}/close")
+async def close(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
     """End the study for good; 422 unless its name was typed."""
     if given.name != name:
         raise HTTPException(422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}")
-    console.study(name)
+    _study(admin, name)
     try:
-        closed = await asyncio.to_thread(console.progress.folder.close, name)
+        closed = await asyncio.to_thread(admin.progress.folder.close, name)
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
-    console.progress.records.note_closed(closed)
+    admin.progress.records.note_closed(closed)
     return {"closed_ms": closed.closed_ms}
 
 
-@_calls.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
-async def begin_export(console: Operator, name: str, what: ExportKind, wanted: Release | None = None) -> dict[str, Any]:
+@router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
+async def begin_export(admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None) -> dict[str, Any]:
     """Have the report or the release made; a release needs a closed study."""
-    if what == "release" and console.study(name).is_open:
+    found = _study(admin, name)
+    if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
-    console.study(name)
     try:
-        console.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
+        admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
     except ExportRunningError as error:
         raise HTTPException(409, str(error)) from error
-    return console.exports.state(name)
+    return admin.exports.state(name)
 
 
-@_calls.get("/api/admin/studies/{name}/files/{file}")
-async def download(console: Operator, name: str, file: str) -> FileResponse:
+@router.get("/api/admin/studies/{name}/files/{file}")
+async def download(admin: Operator, name: str, file: str) -> FileResponse:
     """A file that was made."""
-    path = console.exports.file(name, file)
+    path = admin.exports.file(name, file)
     if path is None:
         raise HTTPException(404, f"no file {file!r} has been made; make the report or the release first")
     return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
 
 
-@_calls.post("/api/admin/check")
-async def check(console: Operator) -> dict[str, Any]:
+@router.post("/api/admin/check")
+async def check(admin: Operator) -> dict[str, Any]:
     """Have the database checked now."""
-    await asyncio.to_thread(console.health.check)
-    return await asyncio.to_thread(console.health.state)
+    await asyncio.to_thread(admin.health.check)
+    return await asyncio.to_thread(admin.health.state)
 
 
-@_calls.websocket("/ws/admin/sessions/{session_id}")
+@router.websocket("/ws/admin/sessions/{session_id}")
 async def watch_board(websocket: WebSocket, session_id: str) -> None:
-    """Follow a board; what the operator sends is not listened to."""
+    """Send a board's frames as they come; what the operator sends is ignored."""
     if has_own_origin(websocket) is not True:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
         return
-    console = _console(websocket)
-    if not console.door.admits(websocket):
-        await websocket.close(STRANGER, "log in at /admin first")
+    if not is_operator(websocket):
+        await websocket.close(NOT_LOGGED_IN, "log in at /admin first")
         return
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await console.progress.lobby.get(session_id)
+            session = await services_of(websocket).lobby.get(session_id)
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
-        sender = asyncio.create_task(_send(websocket, console, live_boards.board_messages(session)))
+        sender = asyncio.create_task(_send(websocket, live_boards.board_messages(session)))
         try:
             while (await websocket.receive())["type"] != "websocket.disconnect":
                 pass
@@ -273,11 +231,11 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
                 await sender
 
 
-async def _send(websocket: WebSocket, console: AdminServices, messages: AsyncGenerator[str, None]) -> None:
-    """Send what comes, as long as the door stays open."""
+async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:
+    """Send each message for as long as the operator is logged in."""
     async with contextlib.aclosing(messages):
         async for message in messages:
-            if not console.door.admits(websocket):
-                await websocket.close(STRANGER, "logged out")
+            if not is_operator(websocket):
+                await websocket.close(NOT_LOGGED_IN, "logged out")
                 return
             await websocket.send_text(message)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from html import escape
+from pathlib import Path
 from typing import Any
 
-STYLE = """body{max-width:56rem;margin:2rem auto;padding:0 1rem;font:16px/1.55 system-ui,sans-serif;
-color:#e9ddd2;background:#191310}
-h1,h2,h3{color:#f0a26b;line-height:1.25}h3{margin-bottom:.2rem}code,pre{font:14px/1.5 ui-monospace,monospace;color:#ffe3c8}
-pre{background:#271d17;padding:.8rem 1rem;border-radius:8px;overflow-x:auto}a{color:#f0a26b}
-table{border-collapse:collapse;width:100%}
-td,th{text-align:left;vertical-align:top;padding:.25rem .8rem .25rem 0;border-top:1px solid #46352a}
-.verb{display:inline-block;min-width:3.2rem;color:#8fd0c0}"""
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup, escape
+
+DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
+board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
+Errors are `{"detail": "..."}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
 
 EXAMPLE = """import httpx
 
@@ -34,73 +33,80 @@ SOCKET = """ws(s)://.../ws/sessions/{session}
 <- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
 <- {"kind":"error","detail":"..."}                             a bad message: the socket stays open"""
 
+SHOWN_MODELS = ("Frame", "History", "Pace")
+"""The answers whose fields are listed."""
+
 
 def render(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
-    parts = [
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{escape(schema['info']['title'])}</title><style>{STYLE}</style><main>",
-        f"<h1>{escape(schema['info']['title'])}</h1><p>{_text(schema['info'].get('description', ''))}</p>",
-        '<p>The schema for machines: <a href="openapi.json">openapi.json</a></p>',
-        f"<h2>An episode in ten lines</h2>{_code(EXAMPLE)}<h2>The socket</h2>{_code(SOCKET)}",
-    ]
-    tag = ""
-    for path, verbs in schema["paths"].items():
+    models = schema["components"]["schemas"]
+    page: str = _TEMPLATE.render(
+        info=schema["info"],
+        example=EXAMPLE,
+        socket=SOCKET,
+        groups=_groups(schema["paths"], models),
+        models=[(name, models[name].get("description", ""), _fields(models[name])) for name in SHOWN_MODELS],
+    )
+    return page
+
+
+def _groups(paths: dict[str, Any], models: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Return the calls in the schema's order, grouped under one heading for each run of a tag."""
+    groups: list[tuple[str, list[dict[str, Any]]]] = []
+    for path, verbs in paths.items():
         for verb, call in verbs.items():
-            if call.get("tags", [""])[0] != tag:
-                tag = call["tags"][0]
-                parts.append(f"<h2>{escape(tag.capitalize())}</h2>")
-            parts.append(_call(path, verb, call, schema))
-    parts.append("<h2>What the answers hold</h2>")
-    shown = ("Frame", "History", "Pace")
-    parts += [_model(name, schema["components"]["schemas"][name]) for name in shown]
-    return "\n".join([*parts, "</main></html>"])
+            heading = call["tags"][0].capitalize()
+            if not groups or groups[-1][0] != heading:
+                groups.append((heading, []))
+            groups[-1][1].append(
+                {
+                    "verb": verb.upper(),
+                    "path": path,
+                    "summary": call.get("summary", ""),
+                    "description": call.get("description", ""),
+                    "tables": _tables(call, models),
+                }
+            )
+    return groups
 
 
-def _code(text: str) -> str:
-    """Return text as it stands; it can be scrolled with the keyboard where it is wider than the screen."""
-    return f'<pre tabindex="0">{escape(text)}</pre>'
-
-
-def _text(text: str) -> str:
-    """Return text as HTML, with `code` between backquotes."""
-    pieces = escape(text, quote=False).split("`")
-    return "".join(f"<code>{piece}</code>" if number % 2 else piece for number, piece in enumerate(pieces))
-
-
-def _call(path: str, verb: str, call: dict[str, Any], schema: dict[str, Any]) -> str:
-    html = f'<h3><code><span class="verb">{verb.upper()}</span>{escape(path)}</code></h3>'
-    html += f"<p><b>{_text(call.get('summary', ''))}</b><br>{_text(call.get('description', ''))}</p>"
-    queries = [each for each in call.get("parameters", []) if each["in"] == "query"]
-    if queries:
-        html += _table([(each["name"], each["schema"]) for each in queries])
+def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
+    """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
+    query = [(each["name"], each["schema"]) for each in call.get("parameters", []) if each["in"] == "query"]
     body = call.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
     reference = next((each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each), None)
-    if reference:
-        html += _table(list(schema["components"]["schemas"][reference.rsplit("/", 1)[1]]["properties"].items()))
-    return html
+    fields = [] if reference is None else _fields(models[reference.rsplit("/", 1)[1]])
+    return [table for table in (query, fields) if table]
 
 
-def _model(name: str, model: dict[str, Any]) -> str:
-    return f"<h3>{name}</h3><p>{_text(model.get('description', ''))}</p>" + _table(list(model["properties"].items()))
+def _fields(model: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    return list(model["properties"].items())
 
 
-def _table(fields: list[tuple[str, dict[str, Any]]]) -> str:
-    rows = (
-        f"<tr><td><code>{escape(name)}</code></td><td>{_text(_kind(field))}</td>"
-        f"<td>{_text(field.get('description', ''))}</td></tr>"
-        for name, field in fields
+def _with_code(text: str) -> Markup:
+    """Return text as HTML, with what stands between backquotes as code."""
+    pieces = text.split("`")
+    return Markup("").join(
+        Markup("<code>{}</code>").format(piece) if number % 2 else escape(piece) for number, piece in enumerate(pieces)
     )
-    return f"<table>{''.join(rows)}</table>"
 
 
-def _kind(field: dict[str, Any]) -> str:
-    """Return the type of a field in words."""
+def _type_of(field: dict[str, Any]) -> str:
+    """Return the type of a field in words, values between backquotes."""
     if "anyOf" in field:
-        return " or ".join(dict.fromkeys(_kind(each) for each in field["anyOf"]))
+        return " or ".join(dict.fromkeys(_type_of(each) for each in field["anyOf"]))
     if "enum" in field:
         return " | ".join(f"`{each}`" for each in field["enum"])
     if "const" in field:
         return f"`{str(field['const']).lower() if isinstance(field['const'], bool) else field['const']}`"
     bounds = [f"from {field['minimum']}" if "minimum" in field else "", f"to {field['maximum']}" if "maximum" in field else ""]
     return " ".join([str(field.get("type", "")), *filter(None, bounds)])
+
+
+def _template() -> Template:
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
+    environment.filters.update(with_code=_with_code, type_of=_type_of)
+    return environment.get_template("api_docs.html")
+
+
+_TEMPLATE = _template()

@@ -1,4 +1,4 @@
-"""What surrounds every answer: headers that keep a browser to our own files, and a cap on what is sent to us."""
+"""What surrounds every answer: headers that keep a browser to our own files, and a limit on the size of a body."""
 
 from __future__ import annotations
 

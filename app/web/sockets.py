@@ -1,7 +1,7 @@
-"""WS /ws/sessions/{id}: acts come in, frames go out, the newest always first.
+"""The play socket, /ws/sessions/{id}: acts arrive, frames are sent, and only the newest frame ever waits.
 
-The receiver answers each message; the sender follows the session's channel and compares what it has sent last with how
-things stand, so a slow socket skips frames and never lags behind.
+The receiver answers each message. The sender subscribes to the session's channel and compares what it has sent last with
+the session as it stands, so a slow socket skips frames and never lags behind.
 """
 
 from __future__ import annotations
@@ -25,40 +25,41 @@ from app.play.messages import (
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.storage.store import StoreError
-from app.web.access import enter, owns
-from app.web.cookies import has_own_origin
+from app.web.access import authorized_session, has_own_origin, is_owner
 
 UNKNOWN_SESSION = 4404
 FOREIGN_ORIGIN = 4403
+"""Close codes of our own sockets."""
 
 router = APIRouter()
 
 
 @router.websocket("/ws/sessions/{session_id}")
 async def play(websocket: WebSocket, session_id: str) -> None:
-    """Serve one socket until it leaves."""
+    """Serve one play socket until it leaves."""
     if has_own_origin(websocket) is False:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
         return
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await enter(websocket, session_id)
+            session = await authorized_session(websocket, session_id)
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
-        await Socket(websocket, session, owns(websocket, session), has_own_origin(websocket) is True).serve()
+        await PlaySocket(websocket, session).serve()
 
 
-class Socket:
-    """One connection to a session; `is_owner`: it came with the session's own cookie, `is_page`: from a page of ours."""
+class PlaySocket:
+    """One connection to a session; it knows whether the session's own cookie came with it, and whether our page opened it."""
 
-    def __init__(self, websocket: WebSocket, session: Session, is_owner: bool, is_page: bool) -> None:
-        self._websocket, self._session, self._is_owner, self._is_page = websocket, session, is_owner, is_page
+    def __init__(self, websocket: WebSocket, session: Session) -> None:
+        self._websocket, self._session = websocket, session
+        self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
 
     async def serve(self) -> None:
-        """Return when the socket has left."""
+        """Send and receive until the socket leaves."""
         sender = asyncio.create_task(self._send_newest())
         try:
             await self._receive()
@@ -107,12 +108,12 @@ class Socket:
                 await self._websocket.send_text(answer)
 
     def _answer(self, text: str) -> str | None:
-        """Return the answer to a message, None for an act that went through: its frame answers."""
+        """Return the answer to a message; None for an act that was made, since its frame is the answer."""
         session = self._session
         try:
             message = parse_message(text)
             if isinstance(message, Events):
-                return self._take(message).model_dump_json()
+                return self._keep(message).model_dump_json()
             if isinstance(message, Act):
                 self._check_owner()
                 session.act(as_move(message, self._driver(message)))
@@ -124,6 +125,7 @@ class Socket:
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:
+        """Return "human" for a trusted key or touch on the owner's own page, else "script"."""
         participation = self._session.participation
         is_human = (
             self._is_owner
@@ -133,8 +135,8 @@ class Socket:
         )
         return HUMAN if is_human else SCRIPT
 
-    def _take(self, events: Events) -> Kept:
-        """Return how many of the events are kept: all, or none for a reason, or none for now."""
+    def _keep(self, events: Events) -> Kept:
+        """Store input events and return how many are kept: all, none for a reason, or none for now."""
         try:
             if self._session.participation is None:
                 raise RefusedError("input events are kept for a study's episodes alone; this session belongs to none")
@@ -152,7 +154,7 @@ class Socket:
 
 
 def as_move(act: Act, driver: str) -> Move:
-    """Return the move a message asks for, whoever drives."""
+    """Return the move that a message asks for, made by `driver`."""
     return Move(
         episode=act.episode,
         step=act.step,

@@ -1,4 +1,4 @@
-"""The participant's way over HTTP: the study's page uses it, and a script that takes part as one."""
+"""Taking part in a study over HTTP: the study's page uses it, and so does a script that takes part."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pydantic import Field, field_validator
 from app.play.messages import Message
 from app.play.session import RefusedError
 from app.storage.study_rows import Participant, participant_label
-from app.study.debrief import Debriefs
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.web.api import about
+from app.web.access import player_of, remember_player, services_of
+from app.web.api import session_summary
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
@@ -30,7 +30,7 @@ WITHDRAWN = (
 
 
 class Join(Message):
-    """Who joins: ids of the link that brought them, and the script that plays if it is none of a person's hands."""
+    """Who joins: the ids in the link that brought them, and the name of the script if it is no person."""
 
     outside_ids: dict[str, Annotated[str, Field(max_length=200)]] = Field(default_factory=dict, max_length=50)
     script: Annotated[str, Field(min_length=1, max_length=80)] | None = Field(
@@ -57,14 +57,14 @@ class Answers(Message):
     answers: list[Annotated[int, Field(ge=0)]] = Field(max_length=20, examples=[[0, 1, 1]])
 
 
-class GiveUp(Message):
-    """The frame on which it is given up."""
+class AbandonEpisode(Message):
+    """The frame on which the episode is abandoned."""
 
     episode: str = Field(max_length=64)
     step: int = Field(ge=0)
 
 
-class Settings(Message):
+class ParticipantSettings(Message):
     """What a participant chose; what is left out stays as it was."""
 
     modality: Literal["keyboard", "touch"] | None = None
@@ -83,8 +83,8 @@ class Settings(Message):
 
 
 @contextmanager
-def answering() -> Iterator[None]:
-    """Answer 404, 409 or 422 with a sentence where a study refuses."""
+def answering_study_errors() -> Iterator[None]:
+    """Answer a study's errors with 404, 409 or 422 and their sentence."""
     try:
         yield
     except UnknownStudyError as error:
@@ -100,26 +100,19 @@ def answering() -> Iterator[None]:
 
 
 def _progress(request: Request) -> ParticipantProgress:
-    progress: ParticipantProgress = request.app.state.progress
-    return progress
-
-
-def _player(request: Request) -> str | None:
-    player_id: str | None = request.app.state.players.of(request)
-    return player_id
+    return services_of(request).progress
 
 
 ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
-Player = Annotated[str | None, Depends(_player)]
+Player = Annotated[str | None, Depends(player_of)]
 
 
-async def where(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
-    """Return where a participant stands: all the page needs."""
+async def participant_state(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
+    """Return where a participant stands: all that the page needs."""
     progress, protocol = _progress(request), study.protocol
     trials = progress.records.trials(participant.id)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session = await progress.session(participant)
-    debriefs: Debriefs = request.app.state.debriefs
     is_over = participant.stage in ("debrief", "complete")
     return {
         "study": study.name,
@@ -136,10 +129,10 @@ async def where(request: Request, study: Study, participant: Participant) -> dic
         "break_due": break_due(study, participant, trials),
         "pause_after_s": protocol.pause_after_s,
         "session": participant.session_id,
-        "about": None if session is None else about(progress.lobby, session),
+        "about": None if session is None else session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
         "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
-        "debrief": await debriefs.summary(study, participant, trials) if is_over else None,
+        "debrief": await services_of(request).debriefs.summary(study, participant, trials) if is_over else None,
         "note": _note(study, participant),
     }
 
@@ -154,10 +147,10 @@ def _note(study: Study, participant: Participant) -> str | None:
     return None
 
 
-async def _now(request: Request, name: str) -> dict[str, Any]:
+async def _present_state(request: Request, name: str) -> dict[str, Any]:
     progress = _progress(request)
-    with answering():
-        return await where(request, progress.study(name), progress.participant(name, _player(request)))
+    with answering_study_errors():
+        return await participant_state(request, progress.study(name), progress.participant(name, player_of(request)))
 
 
 @router.get("", summary="The studies of this server")
@@ -176,7 +169,7 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str]]:
 @router.get("/{name}", summary="What a study has published")
 async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     """Hash and commitment bind protocol and terrains before anybody has played; `secret` is null until it is closed."""
-    with answering():
+    with answering_study_errors():
         study = progress.study(name)
     protocol, config = study.protocol, study.protocol.env_config
     return {
@@ -203,35 +196,35 @@ async def join(
 ) -> dict[str, Any]:
     """201 for a new participant, 200 for one who comes back. A player cookie is set: it is the participant from then on."""
     wanted = wanted or Join()
-    player_id = _player(request) or progress.lobby.sources.player_id()
-    with answering():
+    player_id = player_of(request) or progress.lobby.sources.player_id()
+    with answering_study_errors():
         participant, is_new = progress.join(name, player_id, wanted.outside_ids, wanted.script)
-        answer = await where(request, progress.study(name), participant)
+        answer = await participant_state(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
-    request.app.state.players.remember(response, request, player_id)
+    remember_player(response, request, player_id)
     return answer
 
 
 @router.get("/{name}/me", summary="Where I stand")
 async def me(request: Request, name: Name) -> dict[str, Any]:
     """404 before joining. A page that was reloaded begins here."""
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/consent", summary="Agree to take part, or not")
 async def consent(request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
     """`agree` false leaves the study."""
-    with answering():
+    with answering_study_errors():
         progress.consent(name, player, given.version, given.agree)
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/advance", summary="Go on to the next stage")
 async def advance(request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
     """From the instructions, from the tutorial once it was played, from the debrief to the end."""
-    with answering():
+    with answering_study_errors():
         progress.advance(name, player, left.from_)
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/answers", summary="Answer the questions")
@@ -240,55 +233,57 @@ async def answers(request: Request, progress: ProgressOf, player: Player, name: 
 
     Every attempt is recorded.
     """
-    with answering():
+    with answering_study_errors():
         right = progress.answer(name, player, given.answers)
     asked = progress.study(name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, asked, strict=True)]
-    return {**await _now(request, name), "right": right, "why": why}
+    return {**await _present_state(request, name), "right": right, "why": why}
 
 
 @router.post("/{name}/next", summary="Begin the next episode")
 async def begin_next(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
     """Of the tutorial, the warm-up or the ranked rounds. While one runs nothing changes: no terrain can be drawn again."""
-    with answering():
+    with answering_study_errors():
         await progress.begin_next(name, player)
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/give-up", summary="Give the running episode up")
-async def give_up(request: Request, progress: ProgressOf, player: Player, name: Name, given: GiveUp) -> dict[str, Any]:
+async def abandon(request: Request, progress: ProgressOf, player: Player, name: Name, given: AbandonEpisode) -> dict[str, Any]:
     """It counts at its return so far minus `r_invalid`, and its terrain does not come again."""
-    with answering():
-        await progress.give_up(name, player, given.episode, given.step)
-    return await _now(request, name)
+    with answering_study_errors():
+        await progress.abandon(name, player, given.episode, given.step)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/settings", summary="Choose keys, palette, touch")
-async def settings(request: Request, progress: ProgressOf, player: Player, name: Name, chosen: Settings) -> dict[str, Any]:
+async def settings(
+    request: Request, progress: ProgressOf, player: Player, name: Name, chosen: ParticipantSettings
+) -> dict[str, Any]:
     """Kept with the participant: how somebody played is part of the data."""
-    with answering():
+    with answering_study_errors():
         progress.set_settings(name, player, chosen.model_dump(exclude_none=True))
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.post("/{name}/withdraw", summary="Leave the study")
 async def withdraw(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
     """The running episode is abandoned; `note` says what is kept and how to have it erased."""
-    with answering():
+    with answering_study_errors():
         await progress.withdraw(name, player)
-    return await _now(request, name)
+    return await _present_state(request, name)
 
 
 @router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, beside a policy")
 async def debrief(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
     """Your own episode and the policy's on the same terrain, frame by frame; after the last ranked round, never of one."""
-    with answering():
+    with answering_study_errors():
         study, participant = progress.study(name), progress.participant(name, player)
         if participant.stage not in ("debrief", "complete"):
             raise StageError("the debrief comes after the last ranked round")
         trials = progress.records.trials(participant.id)
         try:
-            replays: dict[str, Any] = await request.app.state.debriefs.replays(study, trials, index)
+            replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, index)
         except LookupError as error:
             raise HTTPException(404, str(error.args[0])) from error
     return replays

@@ -87,6 +87,11 @@ class Running:
         ) as connection:
             yield Socket(connection)
 
+    @property
+    def services(self):
+        """The services of a server in this process: its store, lobby, viewer and so on."""
+        return self.app.state.services
+
     def close(self):
         for client in self._clients:
             client.close()
@@ -95,8 +100,9 @@ class Running:
 @pytest.fixture
 def serve(tmp_path):
     """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
-    from app.server import create_app, listen, uvicorn_config
+    from app.server import Prepared, create_app
     from app.settings import Settings
+    from app.web.listening import listen, uvicorn_config
 
     running = []
 
@@ -104,7 +110,7 @@ def serve(tmp_path):
         settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", **settings}
         sock = listen("127.0.0.1", 0)
         server = Running(sock.getsockname()[1])
-        server.app = create_app(Settings(**settings), sources, policies)
+        server.app = create_app(Settings(**settings), Prepared(sources, policies))
         engine = uvicorn.Server(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()

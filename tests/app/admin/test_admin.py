@@ -1,4 +1,4 @@
-"""The operator's door and console: nobody else gets in, and what is shown is what is."""
+"""The operator's login and requests: nobody else gets in, and what is shown is what is."""
 
 import re
 import subprocess
@@ -10,17 +10,17 @@ from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.admin.health import Health
-from app.settings import Settings
-from app.web.admin_login import (
-    COOKIE,
-    FROM_ALL,
-    FROM_ONE,
-    OPEN_S,
+from app.admin.login import (
+    MAX_WRONG_FROM_ALL,
+    MAX_WRONG_FROM_ONE,
+    TOKEN_S,
     WINDOW_S,
     AdminLogin,
     TooManyAttemptsError,
     WrongPasswordError,
 )
+from app.settings import Settings
+from app.web.cookies import ADMIN_COOKIE
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -81,9 +81,9 @@ def test_every_call_refuses_strangers(admin):
 
 
 def test_the_calls_are_those_that_exist():
-    from app.web.admin import _calls
+    from app.web.admin import router
 
-    known = {route.path for route in _calls.routes}
+    known = {route.path for route in router.routes}
     tried = {*(f"/api/admin/{path}" for path in (*READING, *CHANGING, "login")), "/ws/admin/sessions/any"}
     shapes = {re.sub(r"\{[^}]+\}", "[^/]+", path) for path in known}
     assert [path for path in tried if not any(re.fullmatch(shape, path) for shape in shapes)] == []
@@ -92,10 +92,10 @@ def test_the_calls_are_those_that_exist():
 
 def test_a_wrong_password_and_too_many_of_them(admin):
     client = admin.client(headers={"Origin": admin.url})
-    for _ in range(FROM_ONE):
+    for _ in range(MAX_WRONG_FROM_ONE):
         answer = client.post("/api/admin/login", json={"password": "blue-planet-4"})
         assert (answer.status_code, answer.json()["detail"]) == (401, "this is not the operator's password")
-    assert COOKIE not in client.cookies
+    assert ADMIN_COOKIE not in client.cookies
     answer = client.post("/api/admin/login", json={"password": PASSWORD})
     assert answer.status_code == 429, "not even the right one is looked at"
     wait = int(answer.headers["retry-after"])
@@ -105,26 +105,26 @@ def test_a_wrong_password_and_too_many_of_them(admin):
 
 def test_attempts_are_forgiven_after_a_while_and_counted_together():
     now = [0.0]
-    door = AdminLogin(PASSWORD, lambda: now[0])
-    for _ in range(FROM_ONE):
+    login = AdminLogin(PASSWORD, lambda: now[0])
+    for _ in range(MAX_WRONG_FROM_ONE):
         with pytest.raises(WrongPasswordError):
-            door.open("wrong-wrong", "1.2.3.4")
+            login.issue("wrong-wrong", "1.2.3.4")
     with pytest.raises(TooManyAttemptsError):
-        door.open(PASSWORD, "1.2.3.4")
-    assert door.open(PASSWORD, "4.3.2.1"), "another address is not locked out"
+        login.issue(PASSWORD, "1.2.3.4")
+    assert login.issue(PASSWORD, "4.3.2.1"), "another address is not locked out"
     now[0] = WINDOW_S + 1
-    assert door.open(PASSWORD, "1.2.3.4")
-    for number in range(FROM_ALL):
+    assert login.issue(PASSWORD, "1.2.3.4")
+    for number in range(MAX_WRONG_FROM_ALL):
         with pytest.raises(WrongPasswordError):
-            door.open("wrong-wrong", f"1.2.3.{number}")
+            login.issue("wrong-wrong", f"1.2.3.{number}")
     with pytest.raises(TooManyAttemptsError):
-        door.open(PASSWORD, "9.9.9.9")
+        login.issue(PASSWORD, "9.9.9.9")
 
 
 def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout(admin, monkeypatch):
     client = admin.client(headers={"Origin": admin.url})
     said = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
-    for attribute in ("HttpOnly", "SameSite=strict", f"Max-Age={OPEN_S}", "Path=/"):
+    for attribute in ("HttpOnly", "SameSite=strict", f"Max-Age={TOKEN_S}", "Path=/"):
         assert attribute in said
     assert "Secure" not in said
     secure = client.post("/api/admin/login", json={"password": PASSWORD}, headers={"X-Forwarded-Proto": "https"})
@@ -132,7 +132,7 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
     value = said.split(";")[0].split("=", 1)[1]
 
     def status(cookie):
-        return admin.client(headers={"Cookie": f"{COOKIE}={cookie}"}).get("/api/admin/overview").status_code
+        return admin.client(headers={"Cookie": f"{ADMIN_COOKIE}={cookie}"}).get("/api/admin/overview").status_code
 
     assert status(value) == 200
     foreign = TimestampSigner("another key", salt="mars-admin").sign("a" * 32).decode()
@@ -140,11 +140,11 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
         assert status(wrong) == 401, wrong
 
     with monkeypatch.context() as patch:
-        patch.setattr(TimestampSigner, "get_timestamp", lambda self: int(time.time()) - OPEN_S - 60)
+        patch.setattr(TimestampSigner, "get_timestamp", lambda self: int(time.time()) - TOKEN_S - 60)
         old = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
     assert status(old.split(";")[0].split("=", 1)[1]) == 401
 
-    own = admin.client(headers={"Origin": admin.url, "Cookie": f"{COOKIE}={value}"})
+    own = admin.client(headers={"Origin": admin.url, "Cookie": f"{ADMIN_COOKIE}={value}"})
     assert own.post("/api/admin/logout", json={}).status_code == 200
     assert status(value) == 401, "what was handed back is worth nothing"
 

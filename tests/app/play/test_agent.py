@@ -98,7 +98,7 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
     refused = client.post(f"/api/sessions/{rival}/episodes")
     assert refused.status_code == 422
     assert "rival" in refused.json()["detail"]
-    found = server.app.state.store
+    found = server.services.store
     player, other = (found.resume_session(each).episode for each in (begun["session"], rival))
     assert (player.terrain, player.seed, player.number) == (other.terrain, other.seed, 2)
 
@@ -120,7 +120,7 @@ def test_a_policys_moves_are_its_own_offline(serve):
     begun = client.post("/api/sessions", json={"player": "random", "size": 6, "seed": 2}).json()
     client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
     last = eventually(lambda: (now := client.get(f"/api/sessions/{begun['session']}").json())["outcome"] and now)
-    row = server.app.state.store.resume_session(begun["session"])
+    row = server.services.store.resume_session(begun["session"])
     policy, episode = load("random"), Episode.begin(EnvConfig.of("random", 6), seed=2)
     policy.reset(row.episode.policy_seed)
     while not episode.ended:
@@ -139,7 +139,7 @@ def test_a_policy_that_remembers_goes_on_where_it_stood_after_sleeping(serve):
         server.stop()
         server = serve()
         client = server.client()
-    row = server.app.state.store.resume_session(begun["session"])
+    row = server.services.store.resume_session(begun["session"])
     policy, episode = load("random"), Episode.begin(EnvConfig.of("random", 8), seed=3)
     policy.reset(row.episode.policy_seed)
     for action in row.actions:

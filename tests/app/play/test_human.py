@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.web.cookies import COOKIE
+from app.web.cookies import PLAYER_COOKIE
 from tests.support.servers import forged
 
 
@@ -69,8 +69,8 @@ def test_another_cookie_no_cookie_a_forged_cookie_or_no_origin_is_a_script(serve
     for whose in ("stranger", "nobody", "forger", "headless"):
         client = server.client()
         begun = client.post("/api/sessions").json()
-        value = client.cookies[COOKIE]
-        forger.cookies.set(COOKIE, forged(value))
+        value = client.cookies[PLAYER_COOKIE]
+        forger.cookies.set(PLAYER_COOKIE, forged(value))
         who = {"stranger": stranger, "nobody": None, "forger": forger, "headless": client}[whose]
         kept = finish(server, begun, who, *KEYS, origin=whose != "headless" and True)
         assert kept["driver"] == "script", whose
@@ -101,7 +101,7 @@ def test_the_cookie_is_one_players_for_good_and_out_of_reach_of_scripts(server):
     assert "Secure" not in first.headers["set-cookie"]
     second = client.post("/api/sessions", headers={"X-Forwarded-Proto": "https"})
     assert "Secure" in second.headers["set-cookie"]
-    value = client.cookies[COOKIE]
-    assert second.headers["set-cookie"].split(";")[0] == f"{COOKIE}={value}"
-    forged = server.client(cookies={COOKIE: "me." + "A" * 27}).post("/api/sessions")
-    assert COOKIE + "=me." not in forged.headers["set-cookie"]
+    value = client.cookies[PLAYER_COOKIE]
+    assert second.headers["set-cookie"].split(";")[0] == f"{PLAYER_COOKIE}={value}"
+    forged = server.client(cookies={PLAYER_COOKIE: "me." + "A" * 27}).post("/api/sessions")
+    assert PLAYER_COOKIE + "=me." not in forged.headers["set-cookie"]

@@ -109,7 +109,7 @@ def test_nothing_is_thought_about_a_persons_board(client_and_server, rival):
                 seen.append(message["kind"])
                 frame = message if message["kind"] == "frame" else frame
     assert "thought" not in seen
-    session = server.app.state.lobby.sessions()[0]
+    session = server.services.lobby.sessions()[0]
     with pytest.raises(RuntimeError, match="person's board"):
         session.publish_thought("{}")
     assert "probabilities" not in json.dumps(

@@ -26,7 +26,7 @@ def rows(server, sql, *values):
     import sqlite3
     from contextlib import closing
 
-    with closing(sqlite3.connect(server.app.state.store.path)) as db:
+    with closing(sqlite3.connect(server.services.store.path)) as db:
         db.row_factory = sqlite3.Row
         return [dict(row) for row in db.execute(sql, values).fetchall()]
 
@@ -104,7 +104,7 @@ def check_rows(server, study):
     assert {(each["seed_chosen"], each["assisted"], each["driver"]) for each in trials} == {(0, 0, "human")}
     assert {each["session_id"] for each in trials} == {participant["session_id"]}
     for each in trials:
-        record = server.app.state.store.load_record(each["id"])
+        record = server.services.store.load_record(each["id"])
         assert replay(record).record() == record
     kinds = [each["kind"] for each in rows(server, "SELECT kind FROM stage_events ORDER BY number")]
     assert kinds[:4] == ["joined", "stage", "stage", "stage"]
@@ -302,7 +302,7 @@ def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
         each.to_tutorial()
         each.call("next")
     server.stop()
-    path = server.app.state.store.path
+    path = server.services.store.path
     assert forget(path, person.where["participant"]).episodes == 1
     kept = rows(server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes")
     assert [each["n"] for each in kept] == [1, 1]

@@ -60,7 +60,7 @@ def public_urls(server, episodes):
 
 def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, study, played):
     done, person = played
-    episodes = [row[0] for row in server.app.state.store.connection.execute("SELECT id FROM episodes").fetchall()]
+    episodes = [row[0] for row in server.services.store.connection.execute("SELECT id FROM episodes").fetchall()]
     assert len(episodes) == 6 + 4
     hidden = [*secrets_of(study), *episodes, done.where["session"], person.where["session"], "secret-pid-1"]
     stranger = server.client()
@@ -144,9 +144,9 @@ def test_its_participant_gets_frames_history_and_the_3d_view(server, study, play
         assert View(server, session, stack, person.client).read("/border")
 
 
-def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played):
+def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, monkeypatch):
     _, person = played
-    server.app.state.is_admin = lambda connection: connection.headers.get("x-admin") == "yes"
+    monkeypatch.setattr("app.web.access.is_operator", lambda connection: connection.headers.get("x-admin") == "yes")
     admin = server.client(headers={"X-Admin": "yes"})
     session, frame = person.where["session"], person.frame
     assert admin.get(f"/api/sessions/{session}").json() == frame

@@ -83,13 +83,13 @@ def test_two_tabs_that_ask_for_the_next_episode_at_once_get_the_same_one(server)
         thread.join()
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.json()["about"]["frame"]["episode"] for answer in answers}) == 1
-    assert rows(server.app.state.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'") == [(1,)]
+    assert rows(server.services.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'") == [(1,)]
 
 
 def test_a_board_that_slept_wakes_with_its_scores_hidden_and_its_door_shut(serve):
     server = serve(idle_s=0.2)
     person = in_ranked(server)
-    session, lobby = person.where["session"], server.app.state.lobby
+    session, lobby = person.where["session"], server.services.lobby
     eventually(lambda: len(lobby) == 0)
     assert server.client().get(f"/api/sessions/{session}").status_code == 404
     frame = person.client.get(f"/api/sessions/{session}").json()
@@ -105,7 +105,7 @@ def test_a_participant_who_comes_back_after_a_week_goes_on(serve):
     person.to_warm_up()
     person.call("next")
     person.play()
-    eventually(lambda: len(server.app.state.lobby) == 0)
+    eventually(lambda: len(server.services.lobby) == 0)
     late[0] = 7 * 86_400_000
     assert person.me()["warm_up"] == {"done": 1, "of": 2}
     person.play_on()

@@ -16,7 +16,7 @@ from app.play.channel import Channel
 from app.viewer3d.camera import FOV, TILT, camera_for
 from app.viewer3d.scene import Scene, dashes
 from app.viewer3d.textures import fog, soil
-from app.viewer3d.viewer import Viewer, mirror
+from app.viewer3d.viewer import Viewer, keep_scene
 from app.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -137,10 +137,10 @@ def test_nothing_is_left_of_a_viewer_that_went(server, board):
         with open_view(server, about["session"]) as view:
             view.send(CAMERA)
             read_until(view, is_named("/border"))
-    viewer = server.app.state.viewer
+    viewer = server.services.viewer
     eventually(lambda: viewer.clients == 0)
     gc.collect()
-    eventually(lambda: server.app.state.lobby is not None and not viewer._mirrors)
+    eventually(lambda: server.services.lobby is not None and not viewer._tasks)
 
 
 def test_the_fog_depends_on_what_is_known_alone():
@@ -240,8 +240,8 @@ def read_all(view, name):
     return seen
 
 
-def is_ghost(message):
-    return str(message.get("name")).startswith("/ghost/") and not message["type"].startswith("Remove")
+def is_paired_path(message):
+    return str(message.get("name")).startswith("/paired_path/") and not message["type"].startswith("Remove")
 
 
 def colour_of(message):
@@ -261,17 +261,17 @@ def test_the_paths_meet_in_both_views_when_the_player_has_ended_and_not_before(s
             eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] == number)  # noqa: B023
         assert move(client, mine, "north")["outcome"] == "out_of_bounds"
         for each, colour in ((view, TEAL), (beside, AMBER)):
-            seen = read_until(each, is_ghost)
+            seen = read_until(each, is_paired_path)
             assert colour_of(seen[-1]) == colour
             ended = next(n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0)
-            assert not any(is_ghost(message) for message in seen[:ended])
+            assert not any(is_paired_path(message) for message in seen[:ended])
         # the rival goes on alone, and its path with it
         steps = client.get(f"/api/sessions/{other}").json()["step"]
-        read_until(view, is_ghost)
+        read_until(view, is_paired_path)
         assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
         client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
-        gone = read_until(view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/ghost/"))
-        drawn = [message for message in gone if is_ghost(message)]
+        gone = read_until(view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/paired_path/"))
+        drawn = [message for message in gone if is_paired_path(message)]
         assert all(colour_of(message) == TEAL for message in drawn)
 
 
@@ -285,7 +285,7 @@ def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_under_way(serve
         eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 4)
         move(client, mine, "east")
         seen = read_all(view, "/trail/0")
-    assert not any(is_ghost(message) for message in seen)
+    assert not any(is_paired_path(message) for message in seen)
 
 
 def test_a_policy_that_replays_an_ended_episode_wears_the_rival_s_colour_and_leaves_its_path_there(server):
@@ -301,14 +301,14 @@ def test_a_policy_that_replays_an_ended_episode_wears_the_rival_s_colour_and_lea
         assert client.post("/api/sessions", json={**wish, "player": "human"}).status_code == 422
         assert client.post("/api/sessions", json={**wish, "replays": "none"}).status_code == 404
         replay = client.post("/api/sessions", json=wish).json()
-        seen += read_until(view, is_ghost)
+        seen += read_until(view, is_paired_path)
         assert colour_of(seen[-1]) == TEAL
-    for session, colour, ghost in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
+    for session, colour, paired in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
         with open_view(server, session) as view:
             view.send(CAMERA)
-            seen = read_until(view, is_ghost)
+            seen = read_until(view, is_paired_path)
             assert colour_of(next(message for message in seen if message.get("name") == "/rover/deck")) == colour
-            assert colour_of(seen[-1]) == ghost
+            assert colour_of(seen[-1]) == paired
 
 
 def test_a_replay_on_another_terrain_leaves_no_path(server):
@@ -322,7 +322,7 @@ def test_a_replay_on_another_terrain_leaves_no_path(server):
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         seen = read_all(view, "/trail/0")
-    assert not any(is_ghost(message) for message in seen)
+    assert not any(is_paired_path(message) for message in seen)
 
 
 def test_a_dash_lies_over_the_middle_of_each_step_once():
@@ -366,7 +366,7 @@ def test_a_mirror_that_breaks_says_so_and_closes_its_socket(server, board, monke
         with pytest.raises(ConnectionClosed):
             read_until(view, lambda _: False)
     assert "no picture today" in caplog.text
-    assert eventually(lambda: server.app.state.viewer.clients == 0)
+    assert eventually(lambda: server.services.viewer.clients == 0)
 
 
 def test_a_closed_viewer_leaves_no_task_and_no_follower():
@@ -381,7 +381,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_follower():
             atomic=viewer._server.atomic,
             flush=viewer._server.flush,
         )
-        task = asyncio.create_task(mirror(client, session))
+        task = asyncio.create_task(keep_scene(client, session))
         async with asyncio.timeout(20):
             while channel.subscribers == 0:
                 await asyncio.sleep(0.005)

@@ -74,7 +74,7 @@ def test_the_seed_of_an_unfinished_episode_is_told_to_nobody(server):
     told = [
         client.get(path).text for path in (url, f"{url}/about", f"{url}/history", "/api/episodes", "/api/export/episodes.csv")
     ]
-    row = server.app.state.store.resume_session(begun["session"]).episode
+    row = server.services.store.resume_session(begun["session"]).episode
     assert not any(str(row.seed) in text or row.terrain.hex() in text for text in (json.dumps(begun), *told))
     assert client.get(f"/api/episodes/{episode}").status_code == 404
 

@@ -8,9 +8,10 @@ import sys
 import pytest
 import torch
 
-from app.server import ServerError, listen, run
+from app.server import ServerError, run
 from app.settings import Settings
 from app.storage.store import StoreError
+from app.web.listening import listen
 from marsexplorer.policies.network.model import save_network
 from tests.support.servers import PATIENCE_S
 

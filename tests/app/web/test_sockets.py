@@ -134,7 +134,7 @@ def test_followers_are_counted_and_leave(server, board):
     client, begun = board
     with server.socket(begun["session"], client) as socket:
         socket.receive("history")
-        channel = next(iter(server.app.state.lobby._groups.values())).player.channel
+        channel = next(iter(server.services.lobby._groups.values())).player.channel
         assert channel.subscribers == 1
     eventually(lambda: channel.subscribers == 0)
 

@@ -1,0 +1,46 @@
+"""What the operator's requests work on: the login, the studies, the server's health, figures and exports."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from app.admin import participants
+from app.admin.exports import Exports
+from app.admin.health import Health
+from app.admin.login import AdminLogin
+from app.study.progress import ParticipantProgress
+from app.study.protocol import StudyError
+
+
+class AdminServices:
+    """The operator's part of one server.
+
+    began  monotonic seconds of the server's start
+    """
+
+    def __init__(self, login: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
+        database = progress.lobby.store.path
+        self.login, self.progress = login, progress
+        self.health, self.figures = Health(database), participants.LiveFigures(database)
+        self.exports = Exports(database, studies)
+        self.began = time.monotonic()
+
+    def studies(self) -> list[dict[str, Any]]:
+        """Return every study in the folder: drafts and broken ones too, with what is wrong."""
+        return [self._listed(name) for name in self.progress.folder.names()]
+
+    async def close(self) -> None:
+        """End the exports under way and delete their files."""
+        await self.exports.close()
+
+    def _listed(self, name: str) -> dict[str, Any]:
+        folder = self.progress.folder
+        try:
+            status, title = folder.status(name), folder.draft(name).title
+            if status != "draft":
+                folder.study(name)
+        except StudyError as error:
+            return {"name": name, "title": name, "status": "broken", "error": str(error)}
+        return {"name": name, "title": title, "status": status, "error": None}

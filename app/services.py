@@ -1,0 +1,46 @@
+"""What requests may reach: one typed object for each running server."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.admin.services import AdminServices
+from app.leaderboard.leaderboard import Leaderboard
+from app.play.lobby import Lobby
+from app.play.player_tokens import PlayerTokens
+from app.storage.store import Store
+from app.study.debrief import Debriefs
+from app.study.progress import ParticipantProgress
+from app.viewer3d.viewer import Viewer
+
+
+@dataclass(frozen=True)
+class Services:
+    """The parts of one server, from its start to its end.
+
+    store          the database that every move is recorded in
+    lobby          the sessions
+    viewer         the 3-D view of the sessions
+    player_tokens  signs and reads players' ids
+    progress       the participants of the studies
+    debriefs       what participants are shown at the end
+    leaderboard    people and policies compared
+    admin          the operator's part; None on a server without an operator's page
+    """
+
+    store: Store
+    lobby: Lobby
+    viewer: Viewer
+    player_tokens: PlayerTokens
+    progress: ParticipantProgress
+    debriefs: Debriefs
+    leaderboard: Leaderboard
+    admin: AdminServices | None = None
+
+    async def aclose(self) -> None:
+        """End everything but the store, which whoever opened it closes."""
+        await self.leaderboard.close()
+        if self.admin is not None:
+            await self.admin.close()
+        self.lobby.close()
+        self.viewer.close()

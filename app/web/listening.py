@@ -1,0 +1,64 @@
+"""Serving an app on a socket: a listening socket, uvicorn's configuration, and a server that announces its address."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+
+BACKLOG = 2048
+"""Connections that may wait to be accepted."""
+
+
+class ServerError(RuntimeError):
+    """The server cannot start; the text says why and what to do."""
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a listening socket; ServerError when the port is taken or the host is none of this machine's."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # named TCP, so that asyncio sets TCP_NODELAY: else every kept-alive answer waits 40 ms for an acknowledgement
+    sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((host, port))
+        sock.listen(BACKLOG)
+    except OSError as error:
+        sock.close()
+        reason = (error.strerror or str(error)).lower()
+        way_out = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
+        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {way_out}") from error
+    sock.set_inheritable(True)
+    return sock
+
+
+def address_of(sock: socket.socket) -> str:
+    """Return the http:// address of a listening socket."""
+    host, port = sock.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
+    """Return uvicorn's configuration for the app, with some options changed."""
+    options: dict[str, Any] = {
+        "ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
+        "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
+    }  # fmt: skip
+    return uvicorn.Config(app, **{**options, **changes})
+
+
+class AnnouncingServer(uvicorn.Server):
+    """Prints the page's address once the page can be opened."""
+
+    def __init__(self, config: uvicorn.Config, address: str) -> None:
+        super().__init__(config)
+        self._address = address
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start serving, then print the address."""
+        await super().startup(sockets)
+        if self.started:
+            print(f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True)

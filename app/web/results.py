@@ -1,0 +1,65 @@
+"""Results over HTTP: what has been played, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import StreamingResponse
+
+from app.statistics.human_level import human_level
+from app.storage.export import rows
+from app.storage.reader import Reader
+from app.web.access import services_of
+
+router = APIRouter(prefix="/api")
+Who = Literal["all", "human"]
+
+
+@contextmanager
+def _reader(request: Request) -> Iterator[Reader]:
+    """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
+    with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
+        yield reader
+
+
+@router.get("/human-level", tags=["results"], summary="How well people play")
+def get_human_level(request: Request) -> dict[str, Any]:
+    """Unassisted episodes on terrains neither chosen nor met before, one figure per configuration."""
+    with _reader(request) as reader:
+        return human_level(reader)
+
+
+@router.get("/episodes", tags=["results"], summary="Finished episodes")
+def get_episodes(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
+    who: Who = "all",
+) -> list[dict[str, Any]]:
+    """`who=human` gives those that count for the human score."""
+    with _reader(request) as reader:
+        return reader.episodes(limit, offset, who)
+
+
+@router.get("/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times")
+def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
+    """404 while it runs: its seed would tell the terrain."""
+    with _reader(request) as reader:
+        found = reader.episode(episode_id)
+    if found is None:
+        raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
+    return found
+
+
+@router.get("/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines")
+async def export(
+    request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"], who: Who = "all"
+) -> StreamingResponse:
+    """Pseudonymous; `who=human` gives the counted ones."""
+    kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
+    headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
+    pieces = rows(services_of(request).store, table, fmt, who, public=True)
+    return StreamingResponse(pieces, media_type=kind, headers=headers)
