@@ -17,7 +17,7 @@ NOTE = """{
 }"""
 
 
-OPEN = "table.player.frame.outcome === null && window.marsStudy.state.table.link === 'open'"
+OPEN = "game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'"
 
 
 def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browser, tmp_path):

@@ -79,7 +79,7 @@ def test_a_driven_browser_is_never_human(serve, player):
     assert "human" not in drivers
 
 
-def test_a_rival_keeps_step_and_goes_its_own_pace_when_told(serve, player):
+def test_a_rival_follows_the_player_and_keeps_its_own_pace_when_asked_to(serve, player):
     server = serve()
     me = player(server, NO_3D)
     me.goto()

@@ -5,7 +5,7 @@ from tests.support.browser import NO_3D
 FIRST = "window.mars.state.rival.thought && window.mars.state.rival.thought.step === window.mars.state.rival.frame.step"
 
 
-def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(serve, player):
+def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     me = player(serve(), NO_3D)
     me.goto()
     me.begin(rival="ppo", size=[9, 12], seed=5)
@@ -28,7 +28,7 @@ def test_what_ppo_thinks_is_drawn_beside_a_player_and_can_be_switched_off(serve,
     assert me.errors == []
 
 
-def test_nothing_is_thought_on_a_board_that_counts_and_paths_meet_only_after_the_end(serve, player):
+def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_end(serve, player):
     me = player(serve(), NO_3D)
     me.goto()
     about = me.begin(size=[5, 7])

@@ -22,7 +22,7 @@ def test_the_pure_modules_pass_under_node():
     if node is None:
         pytest.skip("NO NODE: the page's pure modules were not tested; install node 20 or newer")
     done = subprocess.run(
-        [node, "--test", *map(str, sorted(Path(__file__).parent.glob("*.test.mjs")))],
+        [node, "--test", *map(str, sorted(Path(__file__).parent.rglob("*.test.mjs")))],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     if "bad option: --test" in done.stderr:

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { follow } from "../../static/common/socket.js";
+import { backoff_ms, follow } from "../../../static/common/socket.js";
 
 /** The browser's WebSocket, opened and closed by hand; `all` are those made so far. */
 class Line {
@@ -66,4 +66,8 @@ test("a session that is gone for good is not asked for again, a server that does
     assert.equal(Line.all.length, 1);
     follower.close();
   }
+});
+
+test("attempts to reconnect grow apart, to five seconds", () => {
+  assert.deepEqual([0, 1, 2, 9].map(backoff_ms), [250, 500, 1000, 5000]);
 });

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { apply, initialState, modeOf, withFrame } from "../../static/common/game_state.js";
+import { apply, initialState, modeOf, withFrame } from "../../../static/common/game_state.js";
 
 /** @param {object} [changes] */
 export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],

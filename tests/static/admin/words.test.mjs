@@ -1,8 +1,8 @@
 // The operator's console in words, and boards as their messages come, without a page.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { boardAfter, caption } from "../../static/admin/live.js";
-import { ago, attention, endings, exportText, flags, place, size, summary } from "../../static/admin/words.js";
+import { boardAfter, caption } from "../../../static/admin/live.js";
+import { ago, attention, endings, exportText, flags, place, size, summary } from "../../../static/admin/words.js";
 
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, last_ms: 0, is_quiet: false, left_at: null, deviations: 0,
   warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, ...rest });

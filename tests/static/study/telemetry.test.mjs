@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createTelemetry, BATCH_SIZE, MAX_WAITING } from "../../static/study/telemetry.js";
+import { createTelemetry, BATCH_SIZE, MAX_WAITING } from "../../../static/study/telemetry.js";
 
 /** A page's telemetry: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
 function telemetry(isOpen, stored) {

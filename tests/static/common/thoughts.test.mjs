@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axisEnd, span } from "../../static/common/chart_scale.js";
-import { ghostOf, thoughtOf, wedges } from "../../static/common/thoughts.js";
-import { apply, initialState } from "../../static/common/game_state.js";
+import { axisEnd, span } from "../../../static/common/chart_scale.js";
+import { ghostOf, thoughtOf, wedges } from "../../../static/common/thoughts.js";
+import { apply, initialState } from "../../../static/common/game_state.js";
 
 const frame = (rest = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@..", "???"], position: [0, 0], discovered: 3,
   coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0, outcome: null, ...rest });

@@ -1,0 +1,8 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { socketUrl } from "../../../static/common/connections.js";
+
+test("the socket keeps scheme and prefix of the page", () => {
+  assert.equal(socketUrl("abc", "https://host/lab/mars/?x=1#s=abc"), "wss://host/lab/mars/ws/sessions/abc");
+  assert.equal(socketUrl("abc", "http://127.0.0.1:8000/"), "ws://127.0.0.1:8000/ws/sessions/abc");
+});

@@ -1,0 +1,55 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { hookKeys, KEYS, ownsKeys } from "../../../static/common/keyboard.js";
+
+test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => {
+  const of = (tagName, type, inside = false) => ({ tagName, type, closest: () => (inside ? {} : null) });
+  assert.equal(ownsKeys(of("INPUT", "text")), true);
+  assert.equal(ownsKeys(of("INPUT", "range")), true);
+  assert.equal(ownsKeys(of("INPUT", "checkbox")), false);
+  assert.equal(ownsKeys(of("SELECT")), true);
+  assert.equal(ownsKeys(of("BUTTON")), false);
+  assert.equal(ownsKeys(of("DIV", undefined, true)), true);
+  assert.equal(ownsKeys({ isContentEditable: true }), true);
+  assert.equal(ownsKeys(null), false);
+});
+
+/** A window that only listens, 100 ms younger than the page. */
+function fakeWindow() {
+  const listeners = { keydown: [], keyup: [] };
+  return {
+    performance: { timeOrigin: 1100 },
+    addEventListener: (kind, listener, capture) => capture === true && listeners[kind].push(listener),
+    fire(kind, event) {
+      const full = { type: kind, key: "", timeStamp: 5, composedPath: () => [{ tagName: "CANVAS" }], swallowed: 0,
+        preventDefault() { this.swallowed += 1; }, stopImmediatePropagation() { this.swallowed += 1; }, ...event };
+      for (const listener of listeners[kind]) listener(full);
+      return full.swallowed === 2;
+    },
+  };
+}
+
+test("drive keys are swallowed in the capture phase, once a press, in the page's own time", () => {
+  const view = fakeWindow();
+  const seen = [];
+  hookKeys(view, { onPress: (action, event, at) => seen.push([action, at]), onRelease: (at) => seen.push(["up", at]), onEnter: () => false }, 1000);
+  assert.equal(view.fire("keydown", { code: "KeyD" }), true);
+  assert.equal(view.fire("keydown", { code: "KeyD", repeat: true }), true);
+  assert.equal(view.fire("keyup", { code: "KeyD" }), true);
+  assert.deepEqual(seen, [["east", 105], ["up", 105]]);
+});
+
+test("chords, other keys and fields pass untouched", () => {
+  const view = fakeWindow();
+  hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false }, 1000);
+  assert.equal(view.fire("keydown", { code: "KeyA", ctrlKey: true }), false);
+  assert.equal(view.fire("keydown", { code: "KeyQ" }), false);
+  assert.equal(view.fire("keydown", { code: "Enter", key: "Enter" }), false);
+  assert.equal(view.fire("keydown", { code: "KeyA", composedPath: () => [{ tagName: "INPUT", type: "text" }] }), false);
+});
+
+test("arrows and letters name the four actions", () => {
+  assert.deepEqual([...new Set(Object.values(KEYS))].sort(), ["east", "north", "south", "west"]);
+  assert.equal(KEYS.ArrowUp, KEYS.KeyW);
+  assert.equal(KEYS.ArrowLeft, KEYS.KeyA);
+});

@@ -1,0 +1,22 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { createRequest } from "../../../static/common/api.js";
+import { createStudyApi, outsideIds, studyName } from "../../../static/study/api.js";
+
+test("the name of the study and the ids of another site are read from the address", () => {
+  assert.equal(studyName("/study/demo"), "demo");
+  assert.equal(studyName("/mars/study/demo-2/"), "demo-2");
+  assert.equal(studyName("/"), "");
+  assert.deepEqual(outsideIds("?PROLIFIC_PID=p%201&STUDY_ID=&x=" + "y".repeat(201)), { PROLIFIC_PID: "p 1" });
+});
+
+test("calls go below api, from wherever the page lies", async () => {
+  const asked = [];
+  const fetcher = async (path, options) => { asked.push([path, options.body]); return { ok: true, json: async () => ({}) }; };
+  const study = createStudyApi(createRequest(fetcher, "../"), "demo");
+  await study.join({ A: "1" });
+  await study.giveUp("e1", 3);
+  await study.terrain(2);
+  assert.deepEqual(asked, [["../api/studies/demo/join", '{"outside_ids":{"A":"1"}}'], ["../api/studies/demo/give-up", '{"episode":"e1","step":3}'],
+    ["../api/studies/demo/debrief/2", undefined]]);
+});

@@ -1,0 +1,24 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { actionOf, assign, DEFAULT_KEYS, keyName, mayDrive, readKeys } from "../../../static/study/keymap.js";
+
+test("a key drives one way: a taken one changes places", () => {
+  assert.equal(actionOf(DEFAULT_KEYS, "KeyW"), "north");
+  assert.equal(actionOf(DEFAULT_KEYS, "KeyQ"), undefined);
+  const keys = assign(DEFAULT_KEYS, "north", 1, "KeyI");
+  assert.deepEqual(keys.north, ["ArrowUp", "KeyI"]);
+  const swapped = assign(DEFAULT_KEYS, "north", 0, "KeyD");
+  assert.deepEqual([swapped.north[0], swapped.east[1]], ["KeyD", "ArrowUp"]);
+  assert.equal(new Set(Object.values(swapped).flat()).size, 8);
+  for (const code of ["Tab", "Enter", "Escape", "Space", "ShiftLeft", "F5", "NumpadEnter"]) {
+    assert.equal(mayDrive(code), false);
+    assert.equal(typeof assign(DEFAULT_KEYS, "north", 0, code), "string");
+  }
+});
+
+test("a key is called what is printed on it", () => {
+  assert.equal(keyName("ArrowUp"), "\u2191");
+  assert.equal(keyName("KeyQ"), "Q");
+  assert.equal(keyName("KeyQ", new Map([["KeyQ", "a"]])), "A");
+  assert.equal(keyName("Numpad8"), "Num 8");
+});

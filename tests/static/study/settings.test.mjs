@@ -1,0 +1,17 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { assign, DEFAULT_KEYS, readKeys } from "../../../static/study/keymap.js";
+import { readPalette } from "../../../static/study/palettes.js";
+import { readChoices } from "../../../static/study/settings.js";
+
+test("kept keys and colours are whole or none", () => {
+  assert.deepEqual(readKeys(null), { ...DEFAULT_KEYS });
+  assert.deepEqual(readKeys({ ...DEFAULT_KEYS, north: ["KeyS", "KeyW"] }), { ...DEFAULT_KEYS });
+  const keys = assign(DEFAULT_KEYS, "west", 0, "KeyJ");
+  assert.deepEqual(readKeys(JSON.parse(JSON.stringify(keys))), keys);
+  assert.equal(readPalette("pink", false), "mars");
+  assert.equal(readPalette(undefined, true), "high-contrast");
+  assert.equal(readPalette("constructor", false), "mars");
+  assert.deepEqual(readChoices({ pad: false, palette: "colour-blind" }, { wantsContrast: true, isTouch: true }),
+    { modality: "touch", palette: "colour-blind", keys: { ...DEFAULT_KEYS }, pad: false });
+});

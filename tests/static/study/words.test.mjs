@@ -1,0 +1,42 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { announcement } from "../../../static/common/words.js";
+import * as words from "../../../static/study/words.js";
+
+const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
+  discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
+const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
+const where = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
+  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, session: null, about: null,
+  phase: null, settings: {}, debrief: null, ...changes });
+
+test("no sentence of a ranked terrain tells a score", () => {
+  const { figures, go } = words.endCard(frame({ outcome: "explored", step: 30 }), where({ phase: "ranked" }));
+  assert.deepEqual(figures.map(([name]) => name), ["Moves", "Coverage"]);
+  assert.equal(go, "Next terrain");
+  assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), where({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
+  assert.equal(words.endCard(frame({ outcome: "explored" }), where({ phase: "ranked", break_due: true })).go, "Go on");
+});
+
+test("nothing said of a ranked terrain tells a score", () => {
+  assert.doesNotMatch(announcement(frame({ coverage: 0.4 }), frame({ coverage: 0.6, step: 9 })), /score/);
+  assert.doesNotMatch(announcement(frame(), frame({ outcome: "explored", step: 9 })), /score/);
+  assert.match(announcement(frame(), frame({ outcome: "explored", step: 9, score: 0.9 })), /score 0.900/);
+});
+
+test("progress counts the running terrain, and the whole way ends at one", () => {
+  assert.equal(words.progress(where(), true), "Ranked: terrain 1 of 2");
+  assert.equal(words.progress(where({ ranked: { done: 2, of: 2 } }), true), "Ranked: terrain 2 of 2");
+  assert.equal(words.progress(where({ stage: "debrief" }), false), "Debrief");
+  assert.equal(words.share(where({ stage: "complete", ranked: { done: 2, of: 2 } })), 1);
+});
+
+test("the map in words names runs of cells", () => {
+  assert.deepEqual(words.mapInWords(frame()), ["rover, 1 free, 1 unknown", "1 rock, 2 unknown"]);
+});
+
+test("the coach speaks from the first move to the last cells", () => {
+  const keys = { east: "D", south: "S" };
+  assert.match(words.coach(frame(), keys)[1], /Press D or S/);
+  assert.notDeepEqual(words.coach(frame({ step: 20, coverage: 0.4 }), keys), words.coach(frame({ step: 20, coverage: 0.95 }), keys));
+});
