@@ -86,7 +86,7 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
         assert path.startswith(str(home.parent)), path
     with serving(home, tmp_path) as url, httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
         assert client.get("/").content == (ROOT / "static" / "play" / "index.html").read_bytes()
-        assert client.get("/static/common/style.css").content == (ROOT / "static" / "common" / "style.css").read_bytes()
+        assert client.get("/static/common/base.css").content == (ROOT / "static" / "common" / "base.css").read_bytes()
         offered = {policy["name"] for policy in client.get("/api/policies").json()}
         assert {"random", "frontier-cost", *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors"))} <= offered
         begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "frontier-cost"})

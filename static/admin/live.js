@@ -1,5 +1,5 @@
 // @ts-check
-// Boards that are being played: one socket each, the frames as the operator sees them, scores and all.
+// Boards that are being played: one socket each, with the frames that the operator may see, scores included.
 import { paintBoard } from "../common/board.js";
 import { socketUrl } from "../common/connections.js";
 import { create } from "../common/page.js";
@@ -16,7 +16,7 @@ import { stageName } from "./words.js";
 export const MAX_BOARDS = 12;
 
 /**
- * The board after a message: the path is whole again at each history.
+ * Return the board after a message. A history makes its path whole again.
  * @param {WatchedBoard} board
  * @param {import("../common/messages.js").FromServer} message
  * @returns {WatchedBoard}
@@ -29,7 +29,7 @@ export function boardAfter(board, message) {
 }
 
 /**
- * Who plays and what is played, short.
+ * Return who plays and what is played, in short.
  * @param {BoardInfo} info
  */
 export function caption({ label, kind, phase, trial }) {
@@ -73,7 +73,7 @@ export function createLive(place, base) {
   }
   return {
     /**
-     * Watches these, and no others.
+     * Watch these boards, and no others.
      * @param {BoardInfo[]} infos
      */
     sync(infos) {

@@ -130,7 +130,7 @@ function paintStudy(study, overview) {
 }
 
 /**
- * Does what was asked, says what went wrong, looks again.
+ * Do what was asked, show what went wrong, and load the console again.
  * @param {() => Promise<unknown>} work
  */
 async function run(work) {

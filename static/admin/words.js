@@ -46,7 +46,7 @@ export function size(bytes) {
 }
 
 /**
- * The line under a study's title.
+ * Return the line under a study's title.
  * @param {Study} study
  */
 export function summary(study) {
@@ -60,7 +60,7 @@ export function summary(study) {
 }
 
 /**
- * What the operator should look at, the worst first.
+ * Return what the operator should look at, the worst first.
  * @param {Study} study
  * @param {Health | null} health
  * @returns {{text: string, detail: string, isWarning: boolean}[]}
@@ -89,13 +89,13 @@ export function attention({ participants, labels }, health) {
 }
 
 /**
- * Endings, the commonest first.
+ * Return the endings, the commonest first.
  * @param {Record<string, number>} outcomes
  */
 export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : outcomeShort(outcome)}`).join(", ");
 
 /**
- * Flags of one participant.
+ * Return the flags of one participant.
  * @param {Participant} person
  * @param {Study["labels"]} labels
  */
@@ -106,7 +106,7 @@ export function flags(person, labels) {
 }
 
 /**
- * Where a mean stands between the ends of its measure, in percent.
+ * Return where a mean stands between the ends of its measure, in percent.
  * @param {number} value
  * @param {number} low
  * @param {number} high
@@ -114,7 +114,7 @@ export function flags(person, labels) {
 export const place = (value, low, high) => Math.min(100, Math.max(0, (100 * (value - low)) / (high - low)));
 
 /**
- * An export in words; its files are links next to it.
+ * Return an export in words; its files are links next to it.
  * @param {Export | null} made
  * @param {string} before
  * @param {number} now_ms

@@ -14,7 +14,7 @@ export class ApiError extends Error {
 }
 
 /**
- * One readable sentence from FastAPI's `detail`.
+ * Return one readable sentence from FastAPI's `detail`.
  * @param {unknown} detail
  * @param {number} status
  */
@@ -37,7 +37,7 @@ export function readDetail(detail, status) {
 const Timer = /** @type {{timeout: (ms: number) => AbortSignal}} */ (/** @type {unknown} */ (AbortSignal));
 
 /**
- * The function that asks the server: a path below api/, a body for a POST, a promise of the parsed answer.
+ * Return the function that asks the server: a path below api/, a body for a POST, a promise of the parsed answer.
  * @param {typeof fetch} fetcher
  * @param {string} root the path from the page to the server's root: "" or "../"
  * @returns {Request}
@@ -58,7 +58,7 @@ export function createRequest(fetcher, root) {
 }
 
 /**
- * The playground's API.
+ * Return the playground's API.
  * @param {typeof fetch} fetcher
  * @param {string} [root]
  */

@@ -9,7 +9,7 @@ export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
 export const SOIL = { shades: SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" };
 
 /**
- * The largest whole number of device pixels per cell that fits.
+ * Return the largest whole number of device pixels per cell that fits.
  * @param {number} width_px
  * @param {number} height_px
  * @param {number} rows
@@ -21,7 +21,7 @@ export function cellSize(width_px, height_px, rows, cols, dpr) {
 }
 
 /**
- * Maximal runs of equal characters: [start, length, character].
+ * Return the maximal runs of equal characters: [start, length, character].
  * @param {string} line
  * @returns {[number, number, string][]}
  */
@@ -37,7 +37,7 @@ export function runs(line) {
 }
 
 /**
- * Paints one board to fill its frame, crisp at any pixel ratio.
+ * Paint one board to fill its frame, crisp at any pixel ratio.
  * @param {HTMLCanvasElement} canvas
  * @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
  * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,

@@ -1,5 +1,5 @@
 // @ts-check
-// What every chart draws with: a canvas crisp at any pixel ratio, axes, lines, bands, dots, and the legend beside it.
+// What every chart draws with: a canvas that is crisp at any pixel ratio, axes, lines, bands, dots, and the legend.
 
 /**
  * @typedef {import("./chart_scale.js").Box} Box
@@ -16,7 +16,7 @@ export const INKS = { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "
 const GOAL_DASHES = [2, 4];
 
 /**
- * A cleared canvas of this size, ready to draw in CSS pixels.
+ * Return the context of a cleared canvas of this size, ready to draw in CSS pixels.
  * @param {HTMLCanvasElement} canvas
  * @param {ChartSize} size
  */
@@ -32,7 +32,7 @@ export function openChart(canvas, { width_px, height_px, dpr, font }) {
 }
 
 /**
- * A horizontal line, one crisp pixel high.
+ * Draw a horizontal line, one crisp pixel high.
  * @param {CanvasRenderingContext2D} context
  * @param {Box} box
  * @param {number} y
@@ -51,7 +51,7 @@ function rule(context, box, y, colour, dashes = []) {
 }
 
 /**
- * The grid with its numbers at the left, and the axis.
+ * Draw the grid with its numbers at the left, and the axis.
  * @param {CanvasRenderingContext2D} context
  * @param {Box} box
  * @param {Scale} at
@@ -70,7 +70,7 @@ export function drawGrid(context, box, at, marks, { inks, base }) {
 }
 
 /**
- * The dashed line of the goal.
+ * Draw the dashed line of the goal.
  * @param {CanvasRenderingContext2D} context
  * @param {Box} box
  * @param {number} y
@@ -81,7 +81,7 @@ export function drawGoal(context, box, y, colour) {
 }
 
 /**
- * A number or a title below the chart.
+ * Draw a number or a title below the chart.
  * @param {CanvasRenderingContext2D} context
  * @param {string} text
  * @param {Point} point of its base line
@@ -96,7 +96,7 @@ export function drawLabel(context, text, { x, y }, align, colour) {
 }
 
 /**
- * A line through points; a null breaks it.
+ * Draw a line through points; a null breaks it.
  * @param {CanvasRenderingContext2D} context
  * @param {(Point | null)[]} points
  * @param {{colour: string, width?: number, dashes?: number[], alpha?: number}} look
@@ -120,7 +120,7 @@ export function drawLine(context, points, { colour, width = 2, dashes = [], alph
 }
 
 /**
- * The band between two lines.
+ * Draw the band between two lines.
  * @param {CanvasRenderingContext2D} context
  * @param {Point[]} lower
  * @param {Point[]} upper
@@ -150,7 +150,7 @@ export function drawDot(context, { x, y }, radius, colour) {
 }
 
 /**
- * The legend of a chart: each name after a piece of its line.
+ * Paint the legend of a chart: each name after a piece of its line.
  * @param {HTMLElement} place
  * @param {{name: string, colour: string, dash: string}[]} lines
  */

@@ -8,7 +8,7 @@
  */
 
 /**
- * The linear scale that puts two ranges into a box; y grows upward.
+ * Return the linear scale that puts two ranges into a box; y grows upward.
  * @param {Box} box
  * @param {Range} x
  * @param {Range} y
@@ -22,7 +22,7 @@ export function linearScale(box, x, y) {
 }
 
 /**
- * The next round number: a multiple of 20, 100 or 500, as the axis is long.
+ * Return the next round number: a multiple of 20, 100 or 500, as the axis is long.
  * @param {number} value
  * @param {number} length that decides which of the three
  */
@@ -32,7 +32,7 @@ export function roundUp(value, length) {
 }
 
 /**
- * The right end of the step axis: a round number with a little room, at least 40.
+ * Return the right end of the step axis: a round number with a little room, at least 40.
  * @param {number} steps of the longest curve
  */
 export function axisEnd(steps) {
@@ -41,7 +41,7 @@ export function axisEnd(steps) {
 }
 
 /**
- * The distance between the labels of the step axis: at most eight of them.
+ * Return the distance between the labels of the step axis: at most eight of them.
  * @param {number} end
  */
 export function tickStep(end) {
@@ -49,7 +49,7 @@ export function tickStep(end) {
 }
 
 /**
- * At most six round numbers that span low..high.
+ * Return at most six round numbers that span low..high.
  * @param {number} low
  * @param {number} high
  */
@@ -63,13 +63,13 @@ export function ticks(low, high) {
 }
 
 /**
- * A round number as it stands at an axis.
+ * Return a round number as it stands at an axis.
  * @param {number} tick
  */
 export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
 
 /**
- * Indices to draw: all of a short curve, an even choice of a long one, always the last.
+ * Return the indices to draw: all of a short curve, an even choice of a long one, always the last.
  * @param {number} count
  * @param {number} most
  */
@@ -82,7 +82,7 @@ export function sampled(count, most) {
 }
 
 /**
- * The lowest and highest of the numbers, a little apart at least; null when there are none.
+ * Return the lowest and highest of the numbers, a little apart at least; null when there are none.
  * @param {(number | null | undefined)[]} values
  * @returns {[number, number] | null}
  */

@@ -9,7 +9,7 @@ import { follow } from "./socket.js";
  */
 
 /**
- * The address of a session's socket, below the page's own and with its scheme.
+ * Return the address of a session's socket, below the page's own and with its scheme.
  * @param {string} session
  * @param {string} base
  * @param {string} [folder] of the sockets
@@ -30,7 +30,7 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
   const open = new Map();
   return {
     /**
-     * Follows the sessions of the boards, and asks for the history wherever steps are missing.
+     * Follow the sessions of the boards, and ask for the history wherever steps are missing.
      * @param {State} state
      */
     sync(state) {
@@ -53,7 +53,7 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
       }
     },
     /**
-     * True when the message left.
+     * Send a message; return whether it left.
      * @param {Role} role
      * @param {object} message
      */

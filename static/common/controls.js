@@ -1,5 +1,5 @@
 // @ts-check
-// From key presses and touches to moves: keys and on-screen arrows, each with the times that belong to it.
+// From key presses and touches to moves: keys and on-screen arrows, each with its times.
 import { hookKeys } from "./keyboard.js";
 
 /**
@@ -8,7 +8,7 @@ import { hookKeys } from "./keyboard.js";
  */
 
 /**
- * The timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
+ * Return the timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
  * @param {"key" | "touch"} input
  * @param {{isTrusted: boolean}} event
  * @param {boolean} isDriven

@@ -15,7 +15,7 @@ const GOAL = 0.99;
 const MAX_POINTS = 600;
 
 /**
- * The curve of a board.
+ * Return the curve of a board.
  * @param {import("./game_state.js").Board} board
  * @param {{colour: string, isDashed: boolean, hasValues: boolean}} look
  * @returns {Curve}
@@ -64,7 +64,7 @@ function drawSteps(context, at, end, y, inks) {
 }
 
 /**
- * The value as a fine line between its own lowest and highest, its newest number at its end.
+ * Draw the value as a fine line between its own lowest and highest, its newest number at its end.
  * @param {CanvasRenderingContext2D} context
  * @param {Curve} curve
  * @param {Scale} at

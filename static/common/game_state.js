@@ -1,5 +1,5 @@
 // @ts-check
-// All the page knows, in one object. `apply` answers the next state and changes nothing it was given.
+// The whole state of the page in one object. `apply` returns the next state and changes nothing that it was given.
 
 /** @typedef {import("./messages.js").Frame} Frame */
 /** @typedef {import("./messages.js").About} About */
@@ -8,7 +8,7 @@
 /** @typedef {"practice" | "ranked" | "watch"} Mode */
 /**
  * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
- * of a policy that says what it thinks, `values[k]` what it expected to earn at step k (holes where nobody heard).
+ * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came).
  * @typedef {{session: string, name: string, frame: Frame, trail: import("./messages.js").Cell[], discovered: number[],
  *   hasGap: boolean, pace: import("./messages.js").Pace | null, isReplay: boolean, thought?: import("./messages.js").Thought | null,
  *   values?: (number | null)[]}} Board
@@ -30,7 +30,7 @@ export function initialState() {
 }
 
 /**
- * The mode that a session stands for.
+ * Return the mode that a session stands for.
  * @param {About} about
  * @returns {Mode}
  */
@@ -52,7 +52,7 @@ function boardOf(session, name, frame, before) {
 }
 
 /**
- * The board after `frame`: the newest wins, an older one of the same episode changes nothing.
+ * Return the board after `frame`: the newest wins, an older one of the same episode changes nothing.
  * @param {Board} board
  * @param {Frame} frame
  * @returns {Board}
@@ -120,7 +120,7 @@ function noticed(state, text, tone) {
 }
 
 /**
- * The state after `event`.
+ * Return the state after `event`.
  * @param {State} state
  * @param {Event} event
  * @returns {State}

@@ -1,6 +1,6 @@
 // @ts-check
-// Finds out whether a quiet connection is a lost one. A socket that broke says so itself; a network that went silent does not, so a page in use
-// asks api/health whenever no message came for a second. A page left alone asks rarely.
+// Finds out whether a quiet connection is a lost one. A socket that broke says so itself; a network that went silent does not,
+// so a page in use asks api/health whenever no message came for a second. A page left alone asks rarely.
 
 /**
  *   silence_ms   ms since the server's last message

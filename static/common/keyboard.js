@@ -8,7 +8,7 @@ export const KEYS = Object.freeze({ ArrowUp: "north", ArrowRight: "east", ArrowD
 const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
 
 /**
- * True where arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
+ * Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
  * @param {{tagName?: string, type?: string, isContentEditable?: boolean, closest?: (selector: string) => unknown} | null} element
  */
 export function ownsKeys(element) {
@@ -21,7 +21,7 @@ export function ownsKeys(element) {
 }
 
 /**
- * The element an event really started at.
+ * Return the element at which an event started, also inside a shadow tree.
  * @param {globalThis.Event} event
  */
 function origin(event) {
@@ -29,7 +29,7 @@ function origin(event) {
 }
 
 /**
- * Hooks a window's keys before anyone else sees them.
+ * Handle a window's keys before any other listener.
  *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own ms
  *   onRelease  it came up again
  *   onEnter    Enter outside fields; true when it was used

@@ -15,7 +15,7 @@
 /** @typedef {{kind: "error", detail: string}} Problem */
 /** @typedef {{kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second: number}} Pace */
 /**
- * What a policy makes of the frame of `step` on its own board; the probabilities are those of ACTIONS, in their order.
+ * A policy's action probabilities at the frame of `step` on its own board; they are those of ACTIONS, in their order.
  * @typedef {{kind: "thought", episode: string, step: number, probabilities: [number, number, number, number],
  *   value: number | null}} Thought
  */
@@ -40,7 +40,7 @@ export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "tho
 export const TO_SERVER = ["act", "history", "events"];
 
 /**
- * The act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
+ * Return the act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
  * @param {string} episode
  * @param {number} step
  * @param {Action} action
@@ -58,7 +58,7 @@ export function act(episode, step, action, timing) {
  */
 
 /**
- * The message that brings input events.
+ * Return the message that brings input events.
  * @param {string} episode
  * @param {InputEvent[]} batch at most 200
  */
@@ -66,13 +66,13 @@ export function events(episode, batch) {
   return { kind: "events", episode, events: batch };
 }
 
-/** The request for positions and discoveries of the whole episode. */
+/** Return the request for positions and discoveries of the whole episode. */
 export function askHistory() {
   return { kind: "history" };
 }
 
 /**
- * The message in `text`, or null when it is none of ours.
+ * Return the message in `text`, or null when it is not one of the messages above.
  * @param {string} text
  * @returns {FromServer | null}
  */

@@ -2,7 +2,7 @@
 // What every page does with its elements: finds them by id, makes them, and changes only what is new.
 
 /**
- * A look-up of elements by id. It throws a TypeError where the page has no element of that id and kind.
+ * Return a function that finds elements by id. It throws a TypeError where the page has no element of that id and kind.
  * @param {Document} page
  */
 export function elementsOf(page) {
@@ -20,7 +20,7 @@ export function elementsOf(page) {
 }
 
 /**
- * A new element.
+ * Return a new element.
  * @template {keyof HTMLElementTagNameMap} K
  * @param {K} kind
  * @param {string | Node | (string | Node)[]} [content]
@@ -35,7 +35,7 @@ export function create(kind, content = [], attributes = {}) {
 }
 
 /**
- * Sets an element's text, if it is another one.
+ * Set an element's text, if it is another one.
  * @param {HTMLElement} element
  * @param {string} text
  */
@@ -44,7 +44,7 @@ export function put(element, text) {
 }
 
 /**
- * Shows sentences that can be dismissed.
+ * Show sentences that can be dismissed.
  * @param {HTMLElement} root
  * @param {import("./game_state.js").State["notices"]} notices
  * @param {(id: number) => void} dismiss
@@ -58,7 +58,7 @@ export function paintNotices(root, notices, dismiss) {
 }
 
 /**
- * Shows the health of the connection in the top bar.
+ * Show the health of the connection in the top bar.
  * @param {HTMLElement} root
  * @param {"connecting" | "open" | "lost"} link
  * @param {string} whenOpen what stands there while all is well
@@ -69,7 +69,7 @@ export function paintLink(root, link, whenOpen) {
 }
 
 /**
- * Schedules one repaint for the next frame, however often it is asked for.
+ * Schedule one repaint for the next frame, however often it is asked for.
  * @param {(isWhole: boolean) => void} paint isWhole: also what did not change, because sizes or colours did
  */
 export function createRepaint(paint) {

@@ -18,7 +18,7 @@ export function noMoves(limit = 4) {
 }
 
 /**
- * The step that the next move is due at, or null when too many wait or the episode is over.
+ * Return the step that the next move is due at, or null when too many wait or the episode is over.
  * @param {PendingMoves} moves
  * @param {Frame} frame the newest answer
  * @returns {number | null}
@@ -38,7 +38,7 @@ export function withMove(moves, move) {
 }
 
 /**
- * The moves that still wait after a frame, and those that it answered.
+ * Return the moves that still wait after a frame, and those that it answered.
  * @param {PendingMoves} moves
  * @param {Frame} frame
  * @returns {{moves: PendingMoves, answered: Pending[]}}
@@ -52,7 +52,7 @@ export function answeredBy(moves, frame) {
 }
 
 /**
- * No moves: after a refusal or a lost connection nothing that waits can still be current.
+ * Return no moves: after a refusal or a lost connection nothing that waits can still be current.
  * @param {PendingMoves} moves
  * @returns {PendingMoves}
  */
@@ -61,7 +61,7 @@ export function withoutMoves(moves) {
 }
 
 /**
- * Sends a player's moves and keeps those that wait for their answer.
+ * Return what sends a player's moves and keeps those that wait for their answer.
  *   send     true when the message left
  *   now_ms   performance.now
  * @param {{send: (message: object) => boolean, now_ms: () => number}} how
@@ -72,7 +72,7 @@ export function createMoveSender({ send, now_ms }) {
   let round_trip_ms = null;
   return {
     /**
-     * Sends a move unless too many wait.
+     * Send a move unless too many wait.
      * @param {Frame} frame
      * @param {import("./messages.js").Action} action
      * @param {import("./messages.js").Timing} timing
@@ -84,7 +84,7 @@ export function createMoveSender({ send, now_ms }) {
       moves = withMove(moves, { episode: frame.episode, step, pressed_ms, sent_ms: now_ms() });
     },
     /**
-     * Takes the moves that a message answers off the list, and returns them.
+     * Take the moves that a message answers off the list, and return them.
      * @param {import("./messages.js").FromServer} message
      */
     receive(message) {
@@ -97,7 +97,7 @@ export function createMoveSender({ send, now_ms }) {
       return answered;
     },
     drop() { moves = withoutMoves(moves); },
-    /** The newest round trip; null before the first answer. */
+    /** Return the newest round trip; null before the first answer. */
     round_trip_ms: () => round_trip_ms,
   };
 }

@@ -3,7 +3,7 @@
 import { parse } from "./messages.js";
 
 /**
- * The wait before attempt k, in ms: 250, 500, ... at most 5,000.
+ * Return the wait before attempt k, in ms: 250, 500, ... at most 5,000.
  * @param {number} attempt counted from 0
  */
 export function backoff_ms(attempt) {
@@ -11,7 +11,7 @@ export function backoff_ms(attempt) {
 }
 
 /**
- * Follows a session until `close`.
+ * Follow a session until `close`.
  *   url          the socket's address
  *   onMessage    each parsed message
  *   onLink       "open" once joined, "lost" the moment it breaks
@@ -57,7 +57,7 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   connect();
   return {
     /**
-     * True when the message left.
+     * Send a message; return whether it left.
      * @param {object} message
      */
     send(message) {
@@ -67,7 +67,7 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     },
     /** ms since the last message. */
     silence_ms: () => performance.now() - lastMessageAt_ms,
-    /** Drops the present socket and starts again at once: the network says that it is back, or went silent. */
+    /** Drop the present socket and start again at once: the network says that it is back, or went silent. */
     restart() {
       const old = socket;
       socket = null;

@@ -1,5 +1,5 @@
 // @ts-check
-// A policy's action probabilities, as shapes: wedges round its rover, as long as it is sure, and where its paths are drawn on the other board.
+// A policy's action probabilities as wedges round its rover, the longer the more probable, and the paths drawn on the other board.
 
 /**
  * @typedef {import("./messages.js").Thought} Thought
@@ -13,7 +13,7 @@ const LEAST = 0.02;
 const OUTWARD = [[0, -1], [1, 0], [0, 1], [-1, 0]];
 
 /**
- * The wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
+ * Return the wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
  * @param {readonly number[]} probabilities
  * @param {number} unit_px length that stands for a cell
  * @returns {{share: number, points: [number, number][]}[]}
@@ -32,7 +32,7 @@ export function wedges(probabilities, unit_px) {
 }
 
 /**
- * The thought that belongs to a board's newest frame, while there is a move to make.
+ * Return the thought that belongs to a board's newest frame, while there is a move to make.
  * @param {Board | null} board
  * @returns {Thought | null}
  */
@@ -42,7 +42,7 @@ export function thoughtOf(board) {
 }
 
 /**
- * The path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
+ * Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
  * @param {State} state
  * @param {"player" | "rival"} role
  * @returns {import("./messages.js").Cell[] | null}

@@ -27,7 +27,7 @@ export const score = (value) => value === null ? "\u2013" : value.toFixed(3).rep
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${size[1]}` : `${size} \u00d7 ${size}`);
 /**
- * A count with its noun.
+ * Return a count with its noun.
  * @param {number} count
  * @param {string} one
  * @param {string} [more] the plural, where it is not the singular and an s
@@ -35,7 +35,7 @@ export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${si
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
 /**
- * What stands in the place of the rival's board.
+ * Return what stands in the place of the rival's board.
  * @param {{player: object | null, counts: boolean}} state
  * @param {string} rival
  */
@@ -46,13 +46,13 @@ export function emptyBoardText({ player, counts }, rival) {
 }
 
 /**
- * The human level of one configuration, short.
+ * Return the human level of one configuration, in short.
  * @param {{score: {mean: number}, steps: {mean: number}}} figure
  */
 export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
 
 /**
- * Moves until 99 % was known, or null when it never was.
+ * Return the moves until 99 % was known, or null when it never was.
  * @param {Frame} frame
  */
 export function stepsToGoal(frame) {
@@ -60,7 +60,7 @@ export function stepsToGoal(frame) {
 }
 
 /**
- * One sentence that compares the player with the rival on the same terrain.
+ * Return one sentence that compares the player with the rival on the same terrain.
  * @param {Frame} mine
  * @param {Frame | null} theirs
  * @param {string} rival
@@ -83,7 +83,7 @@ const AROUND = /** @type {const} */ ([["north", -1, 0], ["east", 0, 1], ["south"
 const CELLS = { "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" };
 
 /**
- * The matrix in words: where the rover stands and what lies next to it.
+ * Return the matrix in words: where the rover stands and what lies next to it.
  * @param {Frame} frame
  * @param {string} name
  */
@@ -95,7 +95,7 @@ export function describeBoard(frame, name) {
 }
 
 /**
- * What a screen reader announces after a change: each tenth of the terrain, and the end; "" for all else.
+ * Return what a screen reader announces after a change: each tenth of the terrain, and the end; "" for all else.
  * @param {Frame | null} before
  * @param {Frame} after
  */

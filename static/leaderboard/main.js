@@ -21,7 +21,7 @@ let state = { boards: [], board: "", measure: "steps", detail: null };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
-/** What the address asks for: `#random-21x21&score`. */
+/** Return what the address asks for: `#random-21x21&score`. */
 function fromAddress() {
   const [board, measure] = decodeURIComponent(location.hash.slice(1)).split("&");
   return { board, measure: /** @type {standing.Measure} */ (measure === "score" ? "score" : "steps") };

@@ -1,10 +1,10 @@
 // @ts-check
-// Heat maps of visits (figure 6 of the paper): one canvas an explorer, all on one scale, so that they can be compared.
+// Heat maps of visits (figure 6 of the paper): one canvas for each explorer, all on one scale, so that they can be compared.
 
 const STOPS = [[14, 11, 13], [74, 36, 24], [160, 84, 44], [255, 179, 71], [255, 246, 226]];
 
 /**
- * The colour of a share 0..1 as [r, g, b]: night, soil, accent, light; lightness rises all the way.
+ * Return the colour of a share 0..1 as [r, g, b]: night, soil, accent, light; lightness rises all the way.
  * @param {number} share
  */
 export function heat(share) {
@@ -14,7 +14,7 @@ export function heat(share) {
 }
 
 /**
- * The common top of the scale: what one cell in a hundred exceeds in the busiest map, random walks left out.
+ * Return the common top of the scale: what one cell in a hundred exceeds in the busiest map, random walks left out.
  * @param {{name: string, visits: number[][]}[]} maps
  */
 export function topOf(maps) {
@@ -65,7 +65,7 @@ function painted(name, visits, top) {
 }
 
 /**
- * How visits divide over the quarters of the grid.
+ * Return how visits divide over the quarters of the grid.
  * @param {number[][]} visits
  */
 export function inWords(visits) {

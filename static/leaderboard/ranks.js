@@ -1,5 +1,5 @@
 // @ts-check
-// The table of ranks: a row an explorer, its interval on the common scale, the human level as a line through all of them.
+// The table of ranks: a row for each explorer, its interval on the common scale, the human level as a line through all rows.
 import { tickText } from "../common/chart_scale.js";
 import { create } from "../common/page.js";
 import { intervalText, shown, source } from "./standing.js";
@@ -69,7 +69,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
 }
 
 /**
- * The row of a policy without a figure: how far it is.
+ * Return the row of a policy without a figure: how far it is.
  * @param {Row} row
  */
 function missing({ policy }) {

@@ -1,5 +1,5 @@
 // @ts-check
-// From what the server says of a board to what stands on the page: order, scale, sentences. No document here.
+// From the server's answer to what stands on the page: order, scale, sentences. No document here.
 import { roundUp, ticks } from "../common/chart_scale.js";
 import { many } from "../common/words.js";
 
@@ -41,7 +41,7 @@ export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1)
 export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
 
 /**
- * Everyone on the board, the best first; those still without a figure last.
+ * Return everyone on the board, the best first; those still without a figure last.
  * @param {Detail} detail
  * @param {Measure} measure
  * @returns {Row[]}
@@ -59,7 +59,7 @@ export function rows({ people, policies }, measure) {
 }
 
 /**
- * The scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
+ * Return the scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
  * @param {Figure[]} figures
  * @param {Measure} measure
  * @returns {{low: number, high: number, ticks: number[]}}
@@ -78,7 +78,7 @@ export function scaleOf(figures, measure) {
 }
 
 /**
- * Where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
+ * Return where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
  * @param {Curve[]} curves
  */
 export function coverageEnd(curves) {
@@ -91,7 +91,7 @@ export function coverageEnd(curves) {
 }
 
 /**
- * Moves until a curve's mean first reaches a share, or null.
+ * Return the moves until a curve's mean first reaches a share, or null.
  * @param {Curve} curve
  * @param {number} share
  */
@@ -101,7 +101,7 @@ export function movesTo({ steps, mean }, share) {
 }
 
 /**
- * The sentence under the heading.
+ * Return the sentence under the heading.
  * @param {Detail} detail
  */
 export function headline({ board, people, policies }) {
@@ -119,7 +119,7 @@ export function headline({ board, people, policies }) {
 }
 
 /**
- * Who people are here, and what policies play.
+ * Return who people are here, and what policies play.
  * @param {Detail} detail
  * @returns {[string, string]}
  */
@@ -134,7 +134,7 @@ export function reading({ board, people }) {
 }
 
 /**
- * Where a figure comes from.
+ * Return where a figure comes from.
  * @param {Row} row
  */
 export function source({ who, figure }) {
@@ -143,7 +143,7 @@ export function source({ who, figure }) {
 }
 
 /**
- * What is still being made, or null.
+ * Return what is still being made, or null.
  * @param {Policy[]} policies
  * @returns {{text: string, done: number, of: number} | null}
  */
@@ -158,7 +158,7 @@ export function working(policies) {
 }
 
 /**
- * A coverage curve in words.
+ * Return a coverage curve in words.
  * @param {string} name
  * @param {Curve} curve
  */

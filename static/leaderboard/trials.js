@@ -13,7 +13,7 @@ import { PEOPLE_INK, shown } from "./standing.js";
 const people = (/** @type {number} */ count) => (count === 1 ? "1 player" : `${count} players`);
 
 /**
- * What the points rest on.
+ * Return what the points rest on.
  * @param {Trial[]} trials
  */
 export function footing(trials) {

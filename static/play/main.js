@@ -86,7 +86,7 @@ const connections = createConnections({
 const moves = createMoveSender({ send: (message) => connections.send("player", message), now_ms: () => performance.now() });
 
 /**
- * Applies an event: the only place where the state changes.
+ * Apply an event: the only place where the state changes.
  * @param {Event} event
  */
 function dispatch(event) {
@@ -106,7 +106,7 @@ function dispatch(event) {
 }
 
 const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
-/** Enter means "next terrain" once the episode is over, unless it belongs to another button. */
+/** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
   if (!state.player?.frame.outcome || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;

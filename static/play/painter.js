@@ -89,10 +89,10 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       if (hasJustEnded && !page.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
       if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
     },
-    /** Paints all next time: sizes changed. */
+    /** Paint everything next time, because sizes changed. */
     forget() { painted = null; },
     /**
-     * Moves whose answer the next repaint shows.
+     * Note moves whose answer the next repaint shows.
      * @param {{pressed_ms: number}[]} moves
      */
     answered(moves) { waiting.push(...moves); },

@@ -13,7 +13,7 @@ import { elementsOf, paintLink, put } from "../common/page.js";
  */
 
 /**
- * Makes the panel of a board, its parts named and marked for tests.
+ * Make the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root
  * @param {HTMLTemplateElement} template
  * @returns {Panel}
@@ -42,7 +42,7 @@ export function createPanel(root, template) {
 }
 
 /**
- * Shrinks the end card to its buttons, so that the board below it can be seen, or brings it back.
+ * Shrink the end card to its buttons, so that the board below it can be seen, or bring it back.
  * @param {Record<string, HTMLElement>} part
  * @param {boolean} isFolded
  */
@@ -53,7 +53,7 @@ function fold(part, isFolded) {
 }
 
 /**
- * Paints the numbers of one board.
+ * Paint the numbers of one board.
  * @param {Panel} panel
  * @param {Board | null} board
  * @param {string} brief what stands in the place of a missing board
@@ -79,7 +79,7 @@ export function paintPanel({ root, part, canvas }, board, brief) {
 }
 
 /**
- * Offers the policies that a board can be given.
+ * Offer the policies that a board can be given.
  * @param {Panel} panel
  * @param {string[]} names
  */
@@ -88,7 +88,7 @@ export function offerPolicies({ part }, names) {
 }
 
 /**
- * Paints the choice of a policy in the place of its name; a person's board has none.
+ * Paint the choice of a policy in the place of its name; a person's board has none.
  * @param {Panel} panel
  * @param {Board | null} board
  */
@@ -101,7 +101,7 @@ export function paintPick({ part }, board) {
 }
 
 /**
- * Paints the pace of a policy's board.
+ * Paint the pace of a policy's board.
  * @param {Panel} panel
  * @param {Board | null} board
  * @param {boolean} mayFollow true where there is a player to follow
@@ -122,7 +122,7 @@ export function paintPace({ part }, board, mayFollow) {
 }
 
 /**
- * Paints the end card of the player's board, and says whether it has just come up.
+ * Paint the end card of the player's board; return whether it has just appeared.
  * @param {Panel} panel
  * @param {State} state
  */
@@ -147,7 +147,7 @@ export function paintEnd({ part }, state) {
 }
 
 /**
- * Paints the top bar: mode, badge, terrain, connection.
+ * Paint the top bar: mode, badge, terrain, connection.
  * @param {State} state
  * @param {Document} page
  */
@@ -169,7 +169,7 @@ export function paintBar(state, page) {
 }
 
 /**
- * Paints the human level: the figure of the terrain being played, and the server's sentence.
+ * Paint the human level: the figure of the terrain being played, and the server's sentence.
  * @param {import("../common/api.js").HumanLevel} level
  * @param {State} state
  * @param {Document} page

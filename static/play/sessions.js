@@ -9,7 +9,7 @@ import { ApiError } from "../common/api.js";
  */
 
 /**
- * The body of POST api/sessions.
+ * Return the body of POST api/sessions.
  * @param {Mode} mode
  * @param {Wish} wish
  */
@@ -20,7 +20,7 @@ export function sessionWish(mode, { level, size, seed, rival, player }) {
 }
 
 /**
- * The session named in the address, if any.
+ * Return the session named in the address, if any.
  * @param {string} hash
  */
 export function sessionInHash(hash) {
@@ -37,7 +37,7 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
   let replayedEpisode = null;
 
   /**
-   * One request at a time; its failure becomes a sentence.
+   * Make one request at a time, and show its failure as a sentence.
    * @template T
    * @param {() => Promise<T>} work
    */
@@ -64,7 +64,7 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
-    /** Goes on where a reload left off, or begins. */
+    /** Go on where a reload left off, or begin. */
     async restore() {
       const session = recall();
       if (!session) return start("practice");
@@ -81,7 +81,7 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
       }
     },
     /**
-     * The next terrain of the same session.
+     * Begin the next terrain of the same session.
      * @param {string} session
      * @param {number | null} seed
      */
@@ -90,7 +90,7 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
       begin(await api.nextEpisode(session, seed === null ? { level, size } : { level, size, seed }));
     }),
     /**
-     * The terrain just finished, once more.
+     * Begin the terrain just finished once more.
      * @param {string} session
      * @param {string} episode
      */
@@ -100,7 +100,7 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
       begin(await api.nextEpisode(session, { level, size, seed }));
     }),
     /**
-     * Shows a policy on the terrain of a finished ranked episode, once unless asked again.
+     * Show a policy on the terrain of a finished ranked episode, once unless asked again.
      * @param {import("../common/game_state.js").State} state
      * @param {boolean} [isAgain]
      */

@@ -5,7 +5,7 @@
 export const MAX_SEED = 2 ** 53 - 1;
 
 /**
- * The wish that the filled form stands for, or a sentence that says what is wrong.
+ * Return the wish that the filled form stands for, or a sentence that says what is wrong.
  * @param {Record<string, string>} fields
  * @returns {Wish | string}
  */
@@ -23,7 +23,7 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
 }
 
 /**
- * The policy that a newcomer plays with.
+ * Return the policy that a newcomer plays with.
  * @param {string[]} names
  */
 export function favourite(names) {
@@ -74,7 +74,7 @@ export function createTerrainDialog(dialog, handlers) {
   return {
     open: () => dialog.showModal(),
     /**
-     * The wish as it stands; a wrong form counts as an untouched one.
+     * Return the wish as it stands; a form with an error counts as an untouched one.
      * @returns {Wish}
      */
     wish() {
@@ -82,12 +82,12 @@ export function createTerrainDialog(dialog, handlers) {
       return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;
     },
     /**
-     * Chooses the policy of a board.
+     * Choose the policy of a board.
      * @param {import("../common/game_state.js").Role} role
      * @param {string} name
      */
     choose(role, name) { select(role).value = name; },
-    /** A chosen seed serves one terrain; the next is drawn by the server again. */
+    /** Forget a chosen seed: it serves one terrain, and the server draws the next. */
     forgetSeed() { input("seed").value = ""; },
     /**
      * @param {{name: string, summary: string}[]} found
@@ -103,7 +103,7 @@ export function createTerrainDialog(dialog, handlers) {
       follow();
     },
     /**
-     * Shows what is being played, after a reload.
+     * Show what is being played, after a reload.
      * @param {import("../common/messages.js").About} about
      */
     show({ level, frame, player, rival }) {

@@ -2,7 +2,7 @@
 // 3-D or matrix: which of the two fills a board, and what the canvases measure.
 
 /**
- * Whether this browser can draw the 3-D view, and whether its processor has to do it.
+ * Return whether this browser can draw the 3-D view, and whether its processor has to do it.
  * @param {Document} page
  */
 export function probeWebGL(page) {
@@ -20,7 +20,7 @@ export function probeWebGL(page) {
 }
 
 /**
- * The address of a session's 3-D view; where the processor draws it, with coarser pixels and on a canvas of its
+ * Return the address of a session's 3-D view; where the processor draws it, with coarser pixels and on a canvas of its
  * own (software_canvas.js), so that keys stay quick.
  * @param {string} session
  * @param {boolean} isSoftware
@@ -62,7 +62,7 @@ export function createViews({ page, panels, storage, onChange }) {
     /** @param {HTMLElement} element */
     size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
     /**
-     * Shows a session in 3-D, once; nothing is loaded while the matrix is on stage.
+     * Show a session in 3-D, once; nothing is loaded while the matrix is on stage.
      * @param {import("./panels.js").Panel} panel
      * @param {string | null} session
      */

@@ -25,7 +25,7 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
     return study.advance("tutorial");
   }, "tutorial");
 
-  /** Leaves the end card, for wherever the study goes from there. */
+  /** Leave the end card, for wherever the study goes from there. */
   function passEnd() {
     const ended = frame();
     const { where } = state();
@@ -62,7 +62,7 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);
 
   return {
-    /** Enter presses the screen's button, unless it belongs to another one; true when it was used. */
+    /** Press the screen's button with Enter, unless Enter belongs to another one; return whether it was used. */
     onEnter() {
       const focused = page.activeElement;
       if (isBlocked()) return false;

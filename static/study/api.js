@@ -22,7 +22,7 @@
  */
 
 /**
- * The study's name in the page's address.
+ * Return the study's name in the page's address.
  * @param {string} pathname
  */
 export function studyName(pathname) {
@@ -30,7 +30,7 @@ export function studyName(pathname) {
 }
 
 /**
- * Ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
+ * Return the ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
  * @param {string} search
  */
 export function outsideIds(search) {
@@ -79,7 +79,7 @@ export function createStudyApi(request, name) {
      */
     giveUp: (episode, step) => request(`${path}/give-up`, { episode, step }),
     /**
-     * A request that outlives the page.
+     * Send the settings; the request outlives the page.
      * @param {Settings} settings
      * @param {AbortSignal} signal ends it
      * @returns {Promise<Where>}

@@ -23,7 +23,7 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
   const by = elementsOf(page);
 
   /**
-   * Both runs of a warm-up terrain.
+   * Load both runs of a warm-up terrain.
    * @param {number} index
    */
   async function load(index) {
@@ -53,7 +53,7 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
     }
   }
   /**
-   * A row a trial, its score as a bar.
+   * Return a table with a row for each trial, its score as a bar.
    * @param {Debrief["episodes"]} episodes
    */
   function trialTable(episodes) {

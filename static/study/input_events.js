@@ -4,7 +4,7 @@
 /** @typedef {import("./telemetry.js").InputEvent} InputEvent */
 
 /**
- * Records raw events before any other listener can stop them; call it before the controls are started.
+ * Record raw events before any other listener can stop them; call this before the controls are started.
  *   note        keeps an event
  *   flush       sends what is kept; `leave` does it when the page may never come back
  *   drives      whether a key's code drives the rover now

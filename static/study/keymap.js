@@ -1,5 +1,5 @@
 // @ts-check
-// Which key drives where: two keys a direction, each remappable, never one key for two directions. No document here.
+// Which key drives where: two keys for each direction, each remappable, never one key for two directions. No document here.
 import { ACTIONS } from "../common/messages.js";
 
 /** @typedef {import("../common/messages.js").Action} Action */
@@ -14,13 +14,13 @@ const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", Ar
 const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
 
 /**
- * Whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
+ * Return whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
  * @param {string} code
  */
 export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 
 /**
- * Where a key drives, or undefined.
+ * Return where a key drives, or undefined.
  * @param {KeyMap} keys
  * @param {string} code
  * @returns {Action | undefined}
@@ -28,7 +28,7 @@ export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 export const actionOf = (keys, code) => ACTIONS.find((action) => keys[action].includes(code));
 
 /**
- * The map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the one it replaces.
+ * Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the one it replaces.
  * @param {KeyMap} keys
  * @param {Action} action
  * @param {number} slot 0 or 1
@@ -46,7 +46,7 @@ export function assign(keys, action, slot, code) {
 }
 
 /**
- * A kept map if it is a whole one, else the default.
+ * Return a kept map if it is a whole one, else the default.
  * @param {Partial<Record<Action, unknown>> | null | undefined} kept
  * @returns {KeyMap}
  */
@@ -58,7 +58,7 @@ export function readKeys(kept) {
 }
 
 /**
- * What stands on a key.
+ * Return what stands on a key.
  * @param {string} code
  * @param {Layout} [layout] of navigator.keyboard
  */
@@ -69,7 +69,7 @@ export function keyName(code, layout) {
 }
 
 /**
- * The same for a screen reader.
+ * Return the same for a screen reader.
  * @param {string} code
  * @param {Layout} [layout]
  */

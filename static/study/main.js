@@ -100,7 +100,7 @@ const connections = createConnections({
 const repaint = createRepaint((isWhole) => paint(isWhole ? null : painted));
 
 /**
- * Applies an event: the only place where the state changes, but for a pause that goes on.
+ * Apply an event: the only place where the state changes, but for a pause that goes on.
  * @param {import("./state.js").Event} event
  */
 function dispatch(event) {
@@ -121,7 +121,7 @@ function dispatch(event) {
 }
 
 /**
- * An episode is on the board: moves of the last one are void, and a pause that a reload cut goes on.
+ * Begin an episode on the board: moves of the last one are void, and a pause that a reload interrupted goes on.
  * @param {import("../common/messages.js").Frame} first
  */
 function begun({ episode }) {

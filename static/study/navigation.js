@@ -39,7 +39,7 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
     }
   });
   /**
-   * A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's
+   * Show why a request was refused. A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's
    * sentence if nothing moved.
    * @param {unknown} error
    * @param {string | undefined} stage
@@ -53,10 +53,10 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
   }
   return {
     refresh,
-    /** Whether a request is being answered: another press of its button would be one too many. */
+    /** Return whether a request waits for its answer: another press of its button would be one too many. */
     isBusy: () => isBusy,
     /**
-     * Makes a request that moves the participant on, unless one is being answered.
+     * Make a request that moves the participant on, unless one is being answered.
      * @param {() => Promise<Where>} ask
      * @param {string} [stage] the step is taken from
      */
@@ -73,7 +73,7 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
       });
       isBusy = false;
     },
-    /** Joins, or goes on where one stood; asks again while there is no server. */
+    /** Join the study or go on in it; try again while there is no server. */
     async join() {
       try {
         const where = await study.join(ids);

@@ -21,7 +21,7 @@ export function createPages(page) {
   let shown = null;
 
   /**
-   * Shows one screen, and gives it the focus unless it is the first.
+   * Show one screen, and give it the focus unless it is the first.
    * @param {string} screen
    */
   function show(screen) {
@@ -82,7 +82,7 @@ export function createPages(page) {
       }
     },
     /**
-     * The keys as they drive now, wherever the page shows them.
+     * Paint the keys as they drive now, wherever the page shows them.
      * @param {import("./keymap.js").KeyMap} keys
      * @param {import("./keymap.js").Layout} [layout]
      */

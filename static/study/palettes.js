@@ -1,5 +1,5 @@
 // @ts-check
-// Three ways to colour the page and its boards; the page's own colours stand in study.css under the same names.
+// Three palettes for the page and its boards; the page's own colours stand in palettes.css under the same names.
 import { SOIL } from "../common/board.js";
 import { INKS } from "../common/chart.js";
 
@@ -21,7 +21,7 @@ export const PALETTES = {
 };
 
 /**
- * A kept name if it is one of ours, else what the system asks for.
+ * Return a kept name if it is one of ours, else what the system asks for.
  * @param {unknown} name
  * @param {boolean} wantsContrast
  * @returns {PaletteName}

@@ -2,7 +2,7 @@
 // How long nothing was pressed, and the pause that follows. A reload finds a paused board paused.
 
 /**
- * The time since the last press. The clock is an argument, so that node can test it.
+ * Return a timer that counts from the last press. The clock is an argument, so that node can test it.
  * @param {() => number} now_ms
  */
 export function createIdleTimer(now_ms) {
@@ -10,7 +10,7 @@ export function createIdleTimer(now_ms) {
   return {
     touch() { touchedAt_ms = now_ms(); },
     /**
-     * Whether a board that waits for a key should pause.
+     * Return whether a board that waits for a key should pause.
      * @param {number} limit_s 0 never pauses
      */
     isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
@@ -18,7 +18,7 @@ export function createIdleTimer(now_ms) {
 }
 
 /**
- * Begins and ends pauses.
+ * Return what begins and ends pauses.
  *   episode    the id of the episode on the board, or ""
  *   note       records an input event; `flush` sends what is recorded
  *   announce   says a sentence to screen readers
@@ -39,7 +39,7 @@ export function createPause({ idle, episode, note, flush, announce, dispatch, st
       flush();
     },
     /**
-     * Whether an episode was paused before a reload.
+     * Return whether an episode was paused before a reload.
      * @param {string} id
      */
     wasPaused: (id) => storage.getItem(key) === id,

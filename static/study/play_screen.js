@@ -1,5 +1,5 @@
 // @ts-check
-// The screen one drives on: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
+// The screen on which the rover is driven: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintBoard } from "../common/board.js";
 import { curveOf, paintCoverage } from "../common/coverage_chart.js";
 import { elementsOf, put } from "../common/page.js";

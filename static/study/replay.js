@@ -1,5 +1,5 @@
 // @ts-check
-// The debrief's replay: the participant's run and a policy's on one terrain, in step. Pure: a tick answers the next replay.
+// The debrief's replay: the participant's run and a policy's on one terrain, step by step. Pure: a tick returns the next replay.
 
 /**
  * @typedef {import("../common/messages.js").Frame} Frame
@@ -16,13 +16,13 @@
 export const begun = (index, runs) => ({ index, runs, step: 0, isPlaying: false });
 
 /**
- * The last step of the longer run.
+ * Return the last step of the longer run.
  * @param {Replay} replay
  */
 export const lastStep = ({ runs }) => Math.max(0, ...[runs.own, runs.policy.frames].map((frames) => frames.at(-1)?.step ?? 0));
 
 /**
- * One step on; at the end it stops.
+ * Return the replay one step later; at the end it stops.
  * @param {Replay} replay
  * @returns {Replay}
  */
@@ -32,7 +32,7 @@ export function stepped(replay) {
 }
 
 /**
- * At a step of its own choosing, standing.
+ * Return the replay at another step, not playing.
  * @param {Replay} replay
  * @param {number} step
  * @returns {Replay}
@@ -40,7 +40,7 @@ export function stepped(replay) {
 export const moved = (replay, step) => ({ ...replay, step: Math.max(0, Math.min(step, lastStep(replay))), isPlaying: false });
 
 /**
- * Playing, from the start when it stood at the end; or standing.
+ * Return the replay playing, from its start if it was at its end, or not playing any more.
  * @param {Replay} replay
  * @returns {Replay}
  */
@@ -50,7 +50,7 @@ export function toggled(replay) {
 }
 
 /**
- * A run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames
+ * Return a run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames
  * left out.
  * @param {Frame[]} frames
  * @param {string} name

@@ -12,7 +12,7 @@ import { PALETTES, readPalette } from "./palettes.js";
 const KEPT = "mars.study.settings";
 
 /**
- * Choices from what was kept, whole whatever was kept.
+ * Return the choices that were kept, with defaults for what is missing or wrong.
  * @param {Partial<Record<keyof Choices, unknown>> | null} kept
  * @param {{wantsContrast: boolean, isTouch: boolean}} system
  * @returns {Choices}
@@ -122,7 +122,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     get: () => choices,
     paint,
     /**
-     * What the server keeps wins over what this browser kept.
+     * Take over what the server keeps, in place of what this browser kept.
      * @param {import("./api.js").Where["settings"]} stored
      */
     adopt(stored) {
@@ -132,7 +132,7 @@ export function createSettings(page, { storage, layout, onChange }) {
       paint();
     },
     /**
-     * The last move was made so.
+     * Note how the last move was made.
      * @param {Settings["modality"]} modality
      */
     drove(modality) { if (modality !== choices.modality) change({ modality }); },

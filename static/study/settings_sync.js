@@ -35,12 +35,12 @@ export function createSettingsSync({ save, settle_ms = 300, retry_ms = 2000, pat
     if (isDue) later(isLost ? retry_ms : settle_ms);
   }
   return {
-    /** Something was chosen. */
+    /** Note that something was chosen. */
     changed() {
       isDue = true;
       later(settle_ms);
     },
-    /** The page may go at any moment: what is not sent yet is sent now, in place of a request without an answer. */
+    /** Send at once what is not sent yet, in place of a request without an answer: the page may go at any moment. */
     flush() {
       if (!isDue) return;
       current?.abort();

@@ -1,5 +1,5 @@
 // @ts-check
-// All the study's page knows, in one object. `apply` answers the next state; `screenOf` says which screen it stands for.
+// The whole state of the study's page in one object. `apply` returns the next state; `screenOf` says which screen belongs to it.
 import * as gameState from "../common/game_state.js";
 import * as replays from "./replay.js";
 
@@ -41,7 +41,7 @@ function arrived(state, where) {
 }
 
 /**
- * No pause outlives its episode.
+ * Return the state without a pause that its episode has outlived.
  * @param {State} state
  * @returns {State}
  */
@@ -51,7 +51,7 @@ function settled(state) {
 }
 
 /**
- * The state after `event`.
+ * Return the state after `event`.
  * @param {State} state
  * @param {Event} event
  * @returns {State}
@@ -77,7 +77,7 @@ export function apply(state, event) {
 const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
 
 /**
- * Whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one
+ * Return whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one
  * before.
  * @param {Where} where
  */
@@ -86,7 +86,7 @@ function endsHere({ stage, phase }) {
 }
 
 /**
- * The screen of a state: where the server says one is, and what was seen of it.
+ * Return the screen of a state: where the server says one is, and what was seen of it.
  * @param {State} state
  * @returns {Screen}
  */
@@ -101,7 +101,7 @@ export function screenOf({ where, game, passed, problem }) {
 }
 
 /**
- * Whether the board waits for a move.
+ * Return whether the board waits for a move.
  * @param {State} state
  */
 export function isDriving(state) {
@@ -109,7 +109,7 @@ export function isDriving(state) {
 }
 
 /**
- * Whether the server has told where one stands after the end of the episode on the board.
+ * Return whether the server has told where one stands after the end of the episode on the board.
  * @param {State} state
  */
 export function knowsTheEnd({ where, game }) {
@@ -118,7 +118,7 @@ export function knowsTheEnd({ where, game }) {
 }
 
 /**
- * Whether the next episode follows at once: the same stage goes on and no break is due.
+ * Return whether the next episode follows at once: the same stage goes on and no break is due.
  * @param {Where} where
  */
 export const goesOn = (where) => where.stage === where.phase && !where.break_due;

@@ -12,7 +12,7 @@ export const BATCH_SIZE = 200;
 export const MAX_WAITING = 5000;
 
 /**
- * The events that stand first and belong to one episode.
+ * Return the events that stand first and belong to one episode.
  * @param {{episode: string, event: InputEvent}[]} waiting
  */
 export function nextBatch(waiting) {
@@ -64,7 +64,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       waiting.push({ episode, event: { kind, code: code ?? null, repeat: repeat ?? null, trusted: trusted ?? null, client_ms, step, round_trip_ms } });
       if (count() > MAX_WAITING) waiting = waiting.slice(1);
     },
-    /** Sends the next batch, if there is a connection; while one is under way, the next follows its answer. */
+    /** Send the next batch, if there is a connection; while one is under way, the next follows its answer. */
     flush() {
       isDue = underWay.length > 0;
       if (isDue) return;
@@ -73,7 +73,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       if (batches.length > 0) sendBatch(batches[0]);
     },
     /**
-     * What was sent first is kept, or never will be; without a reason it is sent again.
+     * Take the server's answer to the batch that was sent first: it is kept, or never will be, or without a reason it is sent again.
      * @param {import("../common/messages.js").Kept} answer
      */
     answered({ count, reason }) {
@@ -83,12 +83,12 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       store(batches);
       if (underWay.length === 0 && (isDue || batches.length > 0)) telemetry.flush();
     },
-    /** A new connection: nobody knows whether what was sent over the last one arrived. */
+    /** Send again what has no answer: nobody knows whether it arrived over the last connection. */
     reconnected() {
       underWay = [];
       telemetry.flush();
     },
-    /** The page may never come back: sends everything at once, and stores what no answer has come for. */
+    /** Send everything at once and store what has no answer: the page may never come back. */
     leave() {
       while (waiting.length > 0) seal();
       for (const batch of batches) if (!underWay.includes(batch)) sendBatch(batch);

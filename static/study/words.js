@@ -8,7 +8,7 @@ import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words
  */
 
 /**
- * Where one stands, for the bar.
+ * Return where one stands, for the bar.
  * @param {Where} where
  * @param {boolean} isPlaying while an episode runs its number counts as begun
  */
@@ -22,7 +22,7 @@ export function progress(where, isPlaying) {
 }
 
 /**
- * The share of the whole study, 0..1: each terrain weighs the same, the rest a little.
+ * Return the share of the whole study, 0..1: each terrain weighs the same, the rest a little.
  * @param {Where} where
  */
 export function share({ stage, warm_up, ranked }) {
@@ -32,7 +32,7 @@ export function share({ stage, warm_up, ranked }) {
 }
 
 /**
- * The screen before the first episode of a phase.
+ * Return the screen before the first episode of a phase.
  * @param {Where} where
  */
 export function readyText({ stage, warm_up, ranked }) {
@@ -52,14 +52,14 @@ export function readyText({ stage, warm_up, ranked }) {
 }
 
 /**
- * The break screen.
+ * Return the break screen.
  * @param {Where} where
  */
 export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
 /**
- * The card at the end of an episode: warm-up shows the score, ranked keeps it.
+ * Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
  * @param {Frame} frame
  * @param {Where} where
  */
@@ -93,7 +93,7 @@ function endGo(where, phase) {
 }
 
 /**
- * What the coach says during the practice drive.
+ * Return what the coach says during the practice drive.
  * @param {Frame} frame
  * @param {{east: string, south: string}} keys as printed on them
  */
@@ -108,7 +108,7 @@ export function coach(frame, keys) {
 }
 
 /**
- * The debrief in one sentence.
+ * Return the debrief in one sentence.
  * @param {import("./api.js").Debrief} debrief
  */
 export function debriefLine({ policy }) {
@@ -120,7 +120,7 @@ export function debriefLine({ policy }) {
 }
 
 /**
- * Rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
+ * Return the rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
  * @param {Frame} frame
  */
 export function mapInWords({ grid }) {

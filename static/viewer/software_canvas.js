@@ -90,7 +90,7 @@
     }
     return {
       /**
-       * Asks for what was drawn since the last time; false when nothing was.
+       * Ask for what was drawn since the last time; return false when nothing was.
        * @param {(took_ms: number) => void} onDone
        */
       fetch(onDone) {

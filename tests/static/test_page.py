@@ -84,9 +84,9 @@ def contrast(one, other):
 
 
 def palette(name):
-    """The colours of a palette: those of style.css, and what study.css puts in their place."""
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "common/style.css").read_text()))
-    changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study/study.css").read_text(), re.S)
+    """The colours of a palette: those of base.css, and what palettes.css puts in their place."""
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "common/base.css").read_text()))
+    changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study/palettes.css").read_text(), re.S)
     return colours | dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else ""))
 
 
@@ -101,7 +101,7 @@ def test_text_stands_out_from_its_ground(ink, ground, name, least):
 def test_the_board_reads_in_greyscale():
     board = (STATIC / "common/board.js").read_text()
     unknown, free, obstacle = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', board).group(1) for mark in "?.#")
-    style = (STATIC / "common/style.css").read_text()
+    style = (STATIC / "common/base.css").read_text()
     rover = re.search(r"--accent: (#[0-9a-f]{6})", style).group(1)
     order = [luminance(colour) for colour in (unknown, free, rover, obstacle)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
