@@ -1,6 +1,6 @@
-"""What commands share: reading sizes, configurations and settings, a progress bar, Ctrl-C, printing a table.
+"""Functions that the commands share: reading sizes, configurations and settings, a progress bar, Ctrl-C, printing a table.
 
-Whatever a user got wrong becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
+A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
 PRINTED_WIDTH = 140
-"""Characters of a table that goes to a file or a pipe."""
+"""Width in characters of a table that is printed to a file or a pipe."""
 
-TIDY_S = 5.0
-"""Seconds that work whose processes were killed may take to notice."""
+SHUTDOWN_TIMEOUT_S = 5.0
+"""Seconds to wait for work whose processes were killed to end."""
 
 
 class Size(click.ParamType):  # type: ignore[type-arg]
@@ -48,13 +48,13 @@ class Size(click.ParamType):  # type: ignore[type-arg]
 
 
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
-    """Return when words without an option follow --policy NAME, as in `--policy a b c`; UsageError otherwise."""
+    """Raise UsageError for words without an option, unless they follow --policy NAME as in `--policy a b c`."""
     if more and not policies:
         raise click.UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")
 
 
 def settings_of(**flags: Any) -> Settings:
-    """Return the settings from flags and MARS_* variables; UsageError naming the first wrong one."""
+    """Return the settings from flags and MARS_* variables; raise UsageError that names the first wrong one."""
     from pydantic import ValidationError
 
     from app.settings import Settings
@@ -68,7 +68,7 @@ def settings_of(**flags: Any) -> Settings:
 
 
 def config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
-    """Return the configuration of a level and size; UsageError when there is none."""
+    """Return the configuration of a level and size; raise UsageError when there is none."""
     from marsexplorer.config import EnvConfig
 
     try:
@@ -78,30 +78,30 @@ def config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
 
 
 def reason(error: OSError) -> str:
-    """Return why the system refused, in lower case: `permission denied`."""
+    """Return the operating system's reason in lower case, such as `permission denied`."""
     return (error.strerror or str(error)).lower()
 
 
 def interruptible(work: Callable[[], T]) -> T:
-    """Return what `work()` gives; Ctrl-C ends it and the processes it started at once.
+    """Return the result of `work()`; Ctrl-C ends it and the processes that it started at once.
 
-    It is done in a thread that Ctrl-C does not reach. Its processes inherit that, else each would print a traceback of
-    its own; they are killed instead of doing their work to the end.
+    The work runs in a thread in which SIGINT is blocked. Its processes inherit that; otherwise each of them would print a
+    traceback. On Ctrl-C they are killed instead of doing their work to the end.
     """
-    done: Future[T] = Future()
+    result: Future[T] = Future()
 
-    def body() -> None:
+    def run_work() -> None:
         resource_tracker.ensure_running()  # its start, at the first process, would undo the next line
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            done.set_result(work())
+            result.set_result(work())
         except BaseException as error:
-            done.set_exception(error)
+            result.set_exception(error)
 
-    thread = threading.Thread(target=body, daemon=True)
+    thread = threading.Thread(target=run_work, daemon=True)
     thread.start()
     try:
-        return done.result()
+        return result.result()
     except KeyboardInterrupt:
         killed = False
         while workers := multiprocessing.active_children():
@@ -110,13 +110,13 @@ def interruptible(work: Callable[[], T]) -> T:
                 worker.kill()
             thread.join(0.1)
         if killed:
-            thread.join(TIDY_S)  # else the pool's semaphores are still being given back when this process ends
+            thread.join(SHUTDOWN_TIMEOUT_S)  # else the pool's semaphores are still being given back when this process ends
         raise
 
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield `advance(done, total)` moving a bar on stderr; nothing is drawn where stderr is no terminal."""
+    """Yield `advance(done, total)` that moves a bar on stderr; nothing is drawn where stderr is no terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -128,17 +128,17 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout, numbers to the right; the first column's names are never cut."""
+    """Print a table on stdout: the first column to the left and never cut, the others to the right."""
     from rich.console import Console
     from rich.table import Table
 
-    grid = Table(title=title)
-    grid.add_column(columns[0], no_wrap=True)
+    table = Table(title=title)
+    table.add_column(columns[0], no_wrap=True)
     for name in columns[1:]:
-        grid.add_column(name, justify="right")
+        table.add_column(name, justify="right")
     for row in rows:
-        grid.add_row(*row)
+        table.add_row(*row)
     console = Console()
     if not console.is_terminal:
         console = Console(width=PRINTED_WIDTH)
-    console.print(grid)
+    console.print(table)

@@ -1,7 +1,8 @@
-"""The command `marsexplorer`: a group whose commands live in app/cli, one module each.
+"""The command `marsexplorer`: a group of commands, each in a module of app/cli.
 
-Whatever goes wrong ends in one sentence on stderr: exit code 2 for a command that cannot be carried out as given, 1 for a
-failure on the way, 130 for Ctrl-C. A command's module is imported when it is asked for, so that `--help` answers at once.
+Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out as given or needs an extra
+that is not installed, 1 for a failure on the way, 130 for Ctrl-C. A command's module is imported when the command is called, so
+that `--help` answers at once.
 """
 
 from __future__ import annotations
@@ -11,33 +12,41 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-import click
+from app.cli.extras import missing_extra
+
+try:
+    import click
+except ModuleNotFoundError as error:  # the environment can be installed without the command
+    if (sentence := missing_extra(error, sys.argv[1:])) is None:
+        raise
+    print(f"marsexplorer: {sentence}", file=sys.stderr)
+    sys.exit(2)
 
 COMMANDS = {
-    "serve": "Play and watch in a browser; record every move.",
-    "export": "Write what was played as CSV or JSON Lines.",
+    "serve": "Play and watch in a browser; every move is recorded.",
+    "export": "Write the recorded episodes as CSV or JSON Lines.",
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
-    "refine": "Let a trained policy learn from moves it did not make.",
+    "refine": "Improve a trained policy by trying other moves.",
     "sweep": "Train on many levels and seeds with Ray.",
     "bench": "Measure how fast the environment is here.",
-    "study": "Plan, freeze and close a study of how well people play.",
+    "study": "Plan, freeze, open and close a study with participants.",
     "simulate": "Let synthetic players take part in a study.",
-    "report": "A study's figures with their intervals, as a page and as JSON.",
-    "verify": "Simulate every episode again and compare.",
+    "report": "Write a study's figures with their intervals, as a page and as JSON.",
+    "verify": "Simulate every recorded episode again and compare.",
     "release": "Write a study as a citable, signed bundle.",
-    "import": "Bring a released bundle into a database.",
+    "import": "Write the episodes of a released bundle into a database.",
     "merge": "Join the databases of several servers.",
-    "forget": "Erase a participant.",
+    "forget": "Erase a participant from a database.",
 }
-"""Name -> what `marsexplorer --help` says of it. The command NAME is `app.cli.NAME.NAME`, a dash an underscore."""
+"""Name -> its line in `marsexplorer --help`. The command NAME is the object `app.cli.NAME.NAME`, with "_" for "-"."""
 
 _MODULES = {"import": "import_release"}
-"""Where a command's name is a word of Python's."""
+"""Command -> its module, where the command's name is a keyword of Python."""
 
 
 class Commands(click.Group):
-    """A group that knows its commands by name and imports one only to run or explain it."""
+    """A group that knows its commands by name and imports the module of one only to run it or to show its help."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of COMMANDS."""
@@ -45,7 +54,7 @@ class Commands(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command, its module imported now; None for an unknown name."""
+        """Import a command's module and return the command; None for an unknown name."""
         del ctx
         if cmd_name not in COMMANDS:
             return None
@@ -64,20 +73,20 @@ class Commands(click.Group):
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="marsexplorer-playground", prog_name="marsexplorer")
 def cli() -> None:
-    """Drive the MarsExplorer rover in a browser, beside a policy; keep every episode; compare.
+    """Drive the MarsExplorer rover in a browser, watch policies, record every episode, and compare.
 
     \b
     Begin with:
       marsexplorer serve                                    play at http://127.0.0.1:8000
-      marsexplorer export --format csv --out results        what was played, as tables
-      marsexplorer evaluate --policy frontier-cost          a policy's score, with its interval
-      marsexplorer train --minutes 15 --out runs/mine       a policy of your own
-    Each command explains itself: marsexplorer serve --help
+      marsexplorer export --format csv --out results        write the recorded episodes as tables
+      marsexplorer evaluate --policy frontier-cost          score a policy, with an interval
+      marsexplorer train --minutes 15 --out runs/mine       train a policy of your own
+    Every command has its own help: marsexplorer serve --help
     """
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command and leave with its exit code."""
+    """Run the command and exit with its code. args: the words after `marsexplorer`, those of the process by default."""
     try:
         code = cli.main(args, prog_name="marsexplorer", standalone_mode=False)
     except click.UsageError as error:
@@ -87,6 +96,11 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     except click.ClickException as error:
         click.echo(f"marsexplorer: {error.format_message()}", err=True)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        if (sentence := missing_extra(error, sys.argv[1:] if args is None else args)) is None:
+            raise
+        click.echo(f"marsexplorer: {sentence}", err=True)
+        sys.exit(2)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
     sys.exit(code if isinstance(code, int) else 0)

@@ -3,17 +3,20 @@
 import csv
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 import time
+import tomllib
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from app.cli.console import Size
+from app.cli.extras import EXTRA_OF_COMMAND, EXTRAS, INCLUDED, missing_extra
 from app.cli.main import cli, main
 from app.settings import DEFAULT_DATABASE
 from app.storage.store import Store
@@ -61,6 +64,52 @@ def test_help_teaches_with_examples(run, name):
 def test_the_commands_help_names_all_and_the_version_is_told(run):
     assert all(name in run("--help")[1] for name in cli.list_commands(None))
     assert run("--version") == (0, "marsexplorer, version 0.1.0\n", "")
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "sentence"),
+    [
+        ("torch", ["train", "--steps", "1", "--out", "new"], "`marsexplorer train` needs the extra [train]"),
+        ("matplotlib", ["evaluate", "--policy", "random", "--plots", "new"], "`marsexplorer evaluate` needs the extra [train]"),
+        ("scipy", ["evaluate", "--policy", "random"], "`marsexplorer evaluate` needs the extra [train]"),
+        ("fastapi", ["serve", "--port", "0"], "`marsexplorer serve` needs the extra [play]"),
+        ("pydantic_settings", ["export", "--out", "new"], "`marsexplorer export` needs the extra [play]"),
+        ("jinja2", ["report", "--study", "pilot"], "`marsexplorer report` needs the extra [study]"),
+        ("click", ["train"], "`marsexplorer train` needs the extra [train]"),
+        ("click", ["--help"], "`marsexplorer` needs the extra [play]"),
+    ],
+)
+def test_a_missing_extra_is_one_sentence_and_exit_code_2(tmp_path, module, words, sentence):
+    code = f"""import sys
+sys.modules[{module!r}] = None
+sys.path.insert(0, {str(ROOT)!r})
+sys.argv[1:] = {words!r}
+from app.cli.main import main
+main()
+"""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    extra = sentence.partition("[")[2].rstrip("]")
+    assert process.stderr == f"marsexplorer: {sentence}: pip install 'marsexplorer-playground[{extra}]'\n"
+    assert (process.returncode, process.stdout) == (2, "")
+
+
+def test_a_missing_module_that_no_extra_brings_is_an_error_of_ours():
+    assert missing_extra(ModuleNotFoundError("no module", name="app.lost"), ["train"]) is None
+
+
+def test_the_extras_are_those_of_the_package():
+    """Every library that pyproject.toml lists for an extra is known to bring that extra's name into the sentence."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    del declared["dev"]
+    imported_as = {"pillow": "PIL", "pydantic-settings": "pydantic_settings", "sqlite-utils": "sqlite_utils"}
+    assert set(declared) == set(EXTRAS)
+    for extra, requirements in declared.items():
+        names = [re.split(r"[<>=\[ ]", requirement)[0] for requirement in requirements]
+        own = {imported_as.get(name, name) for name in names if name != "marsexplorer-playground"}
+        included = [part for requirement in requirements for part in re.findall(r"playground\[([a-z,]+)\]", requirement)]
+        assert own <= set(EXTRAS[extra]), extra
+        assert tuple(",".join(included).split(",") if included else ()) == INCLUDED.get(extra, ()), extra
+    assert set(EXTRA_OF_COMMAND) == set(cli.list_commands(None))
 
 
 def test_help_loads_nothing_heavy():
