@@ -63,7 +63,7 @@ def report(
 def _made(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
     from app.report.build import build
     from app.report.seeds import load_with_folder
-    from app.statistics.group_summaries import of_groups
+    from app.statistics.group_summaries import summarize_groups
     from app.storage.reader import Reader
 
     reader = Reader.open(database)
@@ -71,7 +71,7 @@ def _made(name: str, database: Path, studies: Path, synthetic: bool, with_polici
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
             with progress("replaying episodes") as advance:
-                pictures = of_groups(reader, data, synthetic, advance)
+                pictures = summarize_groups(reader, data, synthetic, advance)
     finally:
         reader.close()
     kind = "script" if synthetic else "human"
@@ -81,14 +81,14 @@ def _made(name: str, database: Path, studies: Path, synthetic: bool, with_polici
 
 
 def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
-    from app.report.policies import play
+    from app.report.policies import run_policies
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     protocol = data.protocol
     names = list(dict.fromkeys((*protocol.policies, "random")))
     with progress("policies on the same terrains") as advance:
         try:
-            return interruptible(lambda: play(names, protocol.env_config, seeds, protocol.ranked, advance))
+            return interruptible(lambda: run_policies(names, protocol.env_config, seeds, protocol.ranked, advance))
         except (PolicyNotFoundError, PolicyFileError) as error:
             raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
 

@@ -198,7 +198,7 @@ def list_(studies: Path | None) -> None:
 @click.option("--ranked", type=int, default=30, show_default=True, help="Episodes each player plays.")
 @click.option("--assurance", type=float, default=0.8, show_default=True, help="Share of studies that reach the width.")
 @DATABASE
-def power(
+def plan_sample_size(
     half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
     assurance: float, database: Path | None,
 ) -> None:  # fmt: skip
@@ -212,7 +212,7 @@ def power(
       marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
       marsexplorer study power --study pilot --metric steps --half-width 3
     """
-    from app.statistics.power import power as plan_of
+    from app.statistics.power import plan_sample_size
 
     if name is not None and (player_sd is not None or episode_sd is not None):
         raise click.UsageError("give --study or the two SDs, not both")
@@ -220,7 +220,7 @@ def power(
         raise click.UsageError("expected --player-sd and --episode-sd, or --study NAME to take them from")
     try:
         spread = (player_sd or 0.0, episode_sd or 0.0) if name is None else _spread_of(name, metric, database)
-        plan = plan_of(*spread, half_width, ranked, assurance)
+        plan = plan_sample_size(*spread, half_width, ranked, assurance)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
     click.echo(f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}")

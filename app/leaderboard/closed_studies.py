@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from app.statistics.exclusion_sets import members, people_of
-from app.statistics.group_summaries import of_groups
+from app.statistics.group_summaries import summarize_groups
 from app.statistics.study_figures import live_figure
-from app.statistics.summaries import EpisodeSummary, trials
+from app.statistics.summaries import EpisodeSummary, trial_summaries
 from app.storage.reader import Reader
 from app.storage.study_reader import closed_studies, count_participants
 from app.study.data import StudyData, load
@@ -56,6 +56,6 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
         [EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ()) for each in own] for own in ranked
     ]
     completed = float(np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups]))
-    pictures = of_groups(reader, data, synthetic=False).get("people", {})
+    pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
     plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
-    return {**plain, "completed": completed, "curve": None, "visits": None, **pictures, "trials": trials(groups)}
+    return {**plain, "completed": completed, "curve": None, "visits": None, **pictures, "trials": trial_summaries(groups)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from app.statistics.summaries import EpisodeSummary, curve, summary_of, trials, visits
+from app.statistics.summaries import EpisodeSummary, coverage_curve, summary_of, trial_summaries, visit_counts
 from app.storage.reader import Reader, record_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
@@ -40,4 +40,4 @@ def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
-    return {"curve": curve(config, groups), "visits": visits(config, groups), "trials": trials(groups)}
+    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups), "trials": trial_summaries(groups)}

@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Any
 
-from app.statistics.summaries import EpisodeSummary, figure, summary_of
+from app.statistics.summaries import EpisodeSummary, summarize, summary_of
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.play import drive
@@ -35,7 +35,7 @@ def evaluate(job: dict[str, Any]) -> dict[str, Any]:
     for seed in job["seeds"]:
         groups.append([summary_of(drive(policy, config, seed))])
         send({"done": len(groups)})
-    return figure(config, groups)
+    return summarize(config, groups)
 
 
 def send(message: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A study's report from its data: who enters, the figures, the comparisons, what deviates, what to beware of."""
+"""A study's report from its data: who enters, the figures, the comparisons, the deviations and the cautions."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.comparisons import (
-    Comparison,
-    compare,
+    PolicyComparison,
+    compare_policy,
     holm,
     iqm,
     iqm_interval,
     new_terrains_interval,
     player_means,
-    variance,
+    variance_components,
 )
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
 from app.statistics.intervals import RULE, RULE_VERSION
-from app.statistics.learning import at_trials, learning
+from app.statistics.learning import assess_learning, trial_means
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
-from app.study.data import StudyData
+from app.study.data import StudyData, StudyEpisode
 from app.study.plausibility import RULES_VERSION
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
@@ -45,13 +46,11 @@ Pictures = Mapping[str, dict[str, Any]]
 def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = False, pictures: Pictures | None = None) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
-    runs      policies on the ranked terrains (`app.report.policies.play`); none: no comparisons
-    pictures  by group's name, what `app.statistics.group_summaries.of_groups` gives; none: no curves and visit maps
+    runs      policies on the ranked terrains (`app.report.policies.run_policies`); none: no comparisons
+    pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
     """
-    people = people_of(data)
-    cohorts = scripts_of(data) if synthetic else [people]
+    cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = tuple(_group(data, cohort, runs, (pictures or {}).get(cohort.name, {})) for cohort in cohorts)
-    scripts = Counter(person.script or "script" for person in data.people if person.kind == "script")
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
@@ -73,32 +72,34 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
         groups=groups,
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
-        scripts=dict(sorted(scripts.items())),
-        checklist=checklist(_facts(data, groups, runs)) if not synthetic else (),
+        scripts=_script_counts(data),
+        checklist=() if synthetic else checklist(_facts(data, groups[0], runs)),
     )
 
 
+def _script_counts(data: StudyData) -> dict[str, int]:
+    """Return how many scripted participants there are of each kind."""
+    return dict(sorted(Counter(person.script or "script" for person in data.people if person.kind == "script").items()))
+
+
 def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]) -> GroupReport:
-    figures, primary = study_figures(data, cohort), primary_set(data)
+    """Return everything about one group: its people or one kind of script."""
+    primary = primary_set(data)
     everybody = members(cohort, {})
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
-    finished = sum(person.completed_ms is not None for person in cohort.people)
-    gone = [
-        person for person in cohort.people if person.stage == "withdrawn" or (data.closed_ms and person.completed_ms is None)
-    ]
     group = GroupReport(
         name=cohort.name,
         kind=cohort.kind,
         joined=len(cohort.people),
         started=len({trial.participant for trial in data.trials if trial.phase == "ranked"} & set(cohort.ranked)),
-        finished=finished,
-        left=len(gone),
+        finished=sum(person.completed_ms is not None for person in cohort.people),
+        left=_left(data, cohort),
         stages=dict(Counter(person.stage for person in cohort.people)),
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
         primary=primary,
-        figures=figures,
+        figures=study_figures(data, cohort),
         metrics=tuple(_metric(data, cohort, ids, metric) for metric in METRICS) if ids else (),
         players=tuple(_player_row(cohort, person, number, person in ids) for number, person in enumerate(everybody, 1)),
         comparisons=_comparisons(cohort, ids, runs),
@@ -109,19 +110,25 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
     return replace(group, cautions=cautions(data, group))
 
 
+def _left(data: StudyData, cohort: Cohort) -> int:
+    """Return how many have withdrawn, or had not finished when the study was closed."""
+    is_closed = data.closed_ms is not None
+    return sum(person.stage == "withdrawn" or (is_closed and person.completed_ms is None) for person in cohort.people)
+
+
 def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
     return Metric(
-        metric,
-        float(player_means(table).mean()),
-        new_terrains_interval(table) if several else None,
-        iqm(table),
-        iqm_interval(table) if several else None,
-        variance(table),
-        learning(metric, cohort.table(ids, metric, "trial"), margin),
-        at_trials(cohort.practised(ids, metric)),
+        name=metric,
+        mean=float(player_means(table).mean()),
+        new_terrains=new_terrains_interval(table) if several else None,
+        iqm=iqm(table),
+        iqm_interval=iqm_interval(table) if several else None,
+        variance=variance_components(table),
+        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
+        warm_up=trial_means(cohort.warm_up_table(ids, metric)),
     )
 
 
@@ -129,30 +136,36 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
     trials = cohort.ranked[person]
     score, steps = (float(player_means(cohort.table([person], metric))[0]) for metric in METRICS)
     explored = sum(trial.outcome == "explored" for trial in trials)
-    return PlayerRow(f"P{number:02d}", len(trials), score, steps, explored, len(trials) - explored, is_in)
+    return PlayerRow(
+        name=f"P{number:02d}",
+        episodes=len(trials),
+        score=score,
+        steps=steps,
+        explored=explored,
+        failed=len(trials) - explored,
+        in_primary=is_in,
+    )
 
 
-def _comparisons(cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]) -> tuple[Comparison, ...]:
-    found = []
-    for metric in METRICS:
-        table = cohort.table(ids, metric)
-        by_name = {run.name: run for run in runs}
-        if not len(ids) or not runs:
-            continue
-        shared = _shared(table, runs, metric)
-        zero = by_name["random"].values(metric)[shared] if "random" in by_name else None
-        rows = [
-            compare(run.name, metric, run.values(metric)[shared], table[:, shared], zero, up=metric == "score") for run in runs
-        ]
-        adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
-        found += [
-            replace(row, p_adjusted=p if row.p_value is not None else None) for row, p in zip(rows, adjusted, strict=True)
-        ]
-    return tuple(found)
+def _comparisons(cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]) -> tuple[PolicyComparison, ...]:
+    """Return every policy's comparison in each metric; none without players or policies."""
+    if not ids or not runs:
+        return ()
+    return tuple(row for metric in METRICS for row in _comparisons_in(metric, cohort.table(ids, metric), runs))
 
 
-def _shared(table: Floats, runs: Sequence[PolicyRun], metric: MetricName) -> np.ndarray[Any, np.dtype[np.intp]]:
-    """Return the terrains that somebody and every policy played."""
+def _comparisons_in(metric: MetricName, table: Floats, runs: Sequence[PolicyRun]) -> list[PolicyComparison]:
+    """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
+    shared = _shared_terrains(table, runs, metric)
+    values = {run.name: run.values(metric)[shared] for run in runs}
+    players, random, up = table[:, shared], values.get("random"), metric == "score"
+    rows = [compare_policy(run.name, metric, values[run.name], players, random, up) for run in runs]
+    adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
+    return [replace(row, p_adjusted=p if row.p_value is not None else None) for row, p in zip(rows, adjusted, strict=True)]
+
+
+def _shared_terrains(table: Floats, runs: Sequence[PolicyRun], metric: MetricName) -> NDArray[np.intp]:
+    """Return the indices of the terrains that at least one player and every policy played."""
     known = ~np.isnan(table).all(axis=0)
     for run in runs:
         known &= ~np.isnan(run.values(metric))
@@ -161,13 +174,19 @@ def _shared(table: Floats, runs: Sequence[PolicyRun], metric: MetricName) -> np.
 
 def _policy_row(run: PolicyRun) -> PolicyRow:
     known = ~np.isnan(run.score)
-    explored = sum(outcome == "explored" for outcome in run.outcomes)
-    failed = sum(outcome in ("collided", "out_of_bounds") for outcome in run.outcomes)
-    means = float(run.score[known].mean()), float(run.steps[known].mean())
-    return PolicyRow(run.name, int(known.sum()), *means, explored, failed, run.pictures)
+    return PolicyRow(
+        name=run.name,
+        episodes=int(known.sum()),
+        score=float(run.score[known].mean()),
+        steps=float(run.steps[known].mean()),
+        completed=sum(outcome == "explored" for outcome in run.outcomes),
+        failed=sum(outcome in ("collided", "out_of_bounds") for outcome in run.outcomes),
+        pictures=run.pictures,
+    )
 
 
 def _sentence(groups: Sequence[GroupReport], synthetic: bool) -> str:
+    """Return the headline of the report."""
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
     group = groups[0]
@@ -178,28 +197,33 @@ def _sentence(groups: Sequence[GroupReport], synthetic: bool) -> str:
     return NO_HUMAN_FIGURE
 
 
-def _facts(data: StudyData, groups: Sequence[GroupReport], runs: Sequence[PolicyRun]) -> Facts:
-    people = groups[0]
+def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> Facts:
+    """Return what the checklist's answers are made from."""
     ids = {person.id for person in data.people if person.kind == "human"}
     ranked = [each for each in data.trials if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None]
-    minutes = [((trial.ended_ms or 0) - trial.started_ms) / 60_000 for trial in ranked]
-    told = "; ".join(f"{figure.name}: {figure_sentence(figure)}" for figure in people.figures if figure.players)
     return Facts(
-        data.protocol,
-        _iso(data.frozen_ms),
-        data.protocol_hash,
-        data.closed_ms is not None,
-        version("marsexplorer-playground"),
-        people.figure.players,
-        people.joined,
-        people.finished,
-        len(ranked),
-        sum(bool(trial.labels) for trial in ranked),
-        median(minutes) if minutes else None,
-        tuple(run.name for run in runs),
-        told,
+        protocol=data.protocol,
+        frozen_at=_iso(data.frozen_ms),
+        hash=data.protocol_hash,
+        is_closed=data.closed_ms is not None,
+        software=version("marsexplorer-playground"),
+        players=people.figure.players,
+        joined=people.joined,
+        finished=people.finished,
+        episodes=len(ranked),
+        labelled=sum(bool(trial.labels) for trial in ranked),
+        median_minutes=median(map(_minutes, ranked)) if ranked else None,
+        policies=tuple(run.name for run in runs),
+        sets="; ".join(f"{figure.name}: {figure_sentence(figure)}" for figure in people.figures if figure.players),
     )
 
 
+def _minutes(trial: StudyEpisode) -> float:
+    """Return how long a finished trial took."""
+    assert trial.ended_ms is not None
+    return (trial.ended_ms - trial.started_ms) / 60_000
+
+
 def _iso(ms: int) -> str:
+    """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))

@@ -14,13 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from app.report.model import GroupReport, PolicyRow, Report
-from app.statistics.comparisons import Comparison
+from app.statistics.comparisons import PolicyComparison
 
-PEOPLE = "#1b2733"
-COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+PEOPLE_COLOUR = "#1b2733"
+POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """People in ink; policies in Okabe and Ito's colours, which colour-blind readers tell apart, the first one Mars's own."""
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
-STYLE: Any = {
+MATPLOTLIB_STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9,
@@ -36,16 +36,16 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8,
 }
-_ALONE = threading.Lock()
+_STYLE_LOCK = threading.Lock()
 """matplotlib's style is the process's: one figure at a time."""
 
 WIDTH = 5.6
 """Inches: a phone's width still shows the letters."""
 
 
-def drawn(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str) -> str:
+def draw_svg(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str) -> str:
     """Return a figure as an SVG element with its description; `name` keeps its ids apart from other figures'."""
-    with _ALONE, matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
+    with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
         draw(canvas)
         if is_synthetic:
@@ -68,7 +68,7 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     found: dict[str, str] = {}
 
     def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
-        found[name] = drawn(f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt)
+        found[name] = draw_svg(f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt)
 
     if group.metrics:
         add("players", 3.4, lambda canvas: _players(canvas, group), "Each player's mean score and mean steps, with intervals")
@@ -90,7 +90,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
     for axes, name, title in zip(canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True):
         values = sorted(getattr(player, name) for player in group.players if player.in_primary)
         heights = _stacked(values)
-        axes.plot(values, heights, "o", color=PEOPLE, markersize=5, alpha=0.75, markeredgewidth=0)
+        axes.plot(values, heights, "o", color=PEOPLE_COLOUR, markersize=5, alpha=0.75, markeredgewidth=0)
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
         lines = [("printed", estimate.interval), ("t", estimate.t), ("bootstrap", estimate.bootstrap)]
@@ -98,8 +98,8 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         for row, (label, ends) in enumerate(lines):
             y = -1.2 - row
             if ends is not None:
-                axes.plot(ends, [y, y], color=COLOURS[0] if row == 0 else "#7b8794", linewidth=2.6 if row == 0 else 1.3)
-                axes.plot([estimate.mean], [y], "D", color=COLOURS[0] if row == 0 else "#7b8794", markersize=4)
+                axes.plot(ends, [y, y], color=POLICY_COLOURS[0] if row == 0 else "#7b8794", linewidth=2.6 if row == 0 else 1.3)
+                axes.plot([estimate.mean], [y], "D", color=POLICY_COLOURS[0] if row == 0 else "#7b8794", markersize=4)
             lines[row] = (label if ends is not None else f"{label} (too few)", ends)
         axes.set_yticks([-1.2 - row for row in range(len(lines))], [label for label, _ in lines] if name == "score" else [])
         axes.set_ylim(-1.2 - len(lines) + 0.3, max(heights) + 1)
@@ -139,8 +139,8 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
         if banded:
             places, low_ends, high_ends = (np.array(part, np.float64) for part in zip(*banded, strict=True))
             band = np.clip(low_ends, *bounds), np.clip(high_ends, *bounds)
-            axes.fill_between(places, *band, color=COLOURS[0], alpha=0.18, linewidth=0)
-        axes.plot(trials, means, color=COLOURS[0], marker="o", markersize=3, linewidth=1.2)
+            axes.fill_between(places, *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
+        axes.plot(trials, means, color=POLICY_COLOURS[0], marker="o", markersize=3, linewidth=1.2)
         practice = [(number, row[1]) for number, row in enumerate(metric.warm_up, 1 - len(metric.warm_up)) if row[0]]
         if practice:
             axes.plot(
@@ -152,9 +152,9 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
 
 def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -> None:
     axes = canvas.subplots()
-    lines = [(group.name, group.pictures.get("curve"), PEOPLE, "-", 2.2)]
+    lines = [(group.name, group.pictures.get("curve"), PEOPLE_COLOUR, "-", 2.2)]
     for number, policy in enumerate(policies):
-        style = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
+        style = POLICY_COLOURS[number % len(POLICY_COLOURS)], DASHES[number % len(DASHES)]
         lines.append((policy.name, policy.pictures.get("curve"), style[0], style[1], 1.4))  # type: ignore[arg-type]
     for name, curve, colour, dash, width in lines:
         if curve:
@@ -207,17 +207,17 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
     left.set_yticks(range(len(score)), [row.policy for row in score])
 
 
-Valued = Callable[[Comparison], tuple[float | None, tuple[float, float] | None]]
+Valued = Callable[[PolicyComparison], tuple[float | None, tuple[float, float] | None]]
 
 
-def _rows(axes: Axes, rows: Sequence[Comparison], value: Valued, label: str, none: float, title: str) -> None:
+def _rows(axes: Axes, rows: Sequence[PolicyComparison], value: Valued, label: str, none: float, title: str) -> None:
     for y, row in enumerate(rows):
         at, ends = value(row)
         if at is None:
             continue
         if ends is not None:
-            axes.plot(ends, [y, y], color=PEOPLE, linewidth=1.5)
-        axes.plot([at], [y], "s", color=COLOURS[0], markersize=5)
+            axes.plot(ends, [y, y], color=PEOPLE_COLOUR, linewidth=1.5)
+        axes.plot([at], [y], "s", color=POLICY_COLOURS[0], markersize=5)
     axes.axvline(none, color="#7b8794", linewidth=0.8, linestyle=":")
     axes.set_title(title)
     axes.set_xlabel(label)

@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.report.checklist import Item
-from app.statistics.comparisons import Comparison, Pair, Variance
-from app.statistics.learning import AtTrial, Learning
+from app.statistics.comparisons import PolicyComparison, VarianceComponents
+from app.statistics.intervals import Interval
+from app.statistics.learning import Learning, TrialMean
 from app.statistics.study_figures import StudyFigure
 
 FORMAT = "marsexplorer-report-1"
@@ -27,12 +28,12 @@ class Metric:
 
     name: str
     mean: float
-    new_terrains: Pair | None
+    new_terrains: Interval | None
     iqm: float
-    iqm_interval: Pair | None
-    variance: Variance | None
+    iqm_interval: Interval | None
+    variance: VarianceComponents | None
     learning: Learning
-    warm_up: tuple[AtTrial, ...] = ()
+    warm_up: tuple[TrialMean, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class GroupReport:
     figures: tuple[StudyFigure, ...]
     metrics: tuple[Metric, ...]
     players: tuple[PlayerRow, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[PolicyComparison, ...]
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)

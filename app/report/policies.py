@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.statistics.summaries import EpisodeSummary, curve, visits
+from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import Floats
@@ -32,7 +32,7 @@ class PolicyRun:
         return self.score if metric == "score" else self.steps
 
 
-def play(
+def run_policies(
     names: Sequence[str], config: EnvConfig, seeds: Mapping[int, int], terrains: int, progress: Progress | None = None
 ) -> tuple[PolicyRun, ...]:
     """Return one run per policy (a name or path), each on every terrain whose seed is known.
@@ -59,12 +59,12 @@ def _run(name: str, config: EnvConfig, results: Mapping[int, Result], terrains: 
     for index, result in results.items():
         score[index], steps[index] = result.score, result.steps_to_99
     outcomes = tuple(results[index].outcome if index in results else "" for index in range(terrains))
-    groups = [[_pictured(result, config)] for _, result in sorted(results.items())]
-    pictures = {"curve": curve(config, groups), "visits": visits(config, groups)} if groups else {}
+    groups = [[_summary(result, config)] for _, result in sorted(results.items())]
+    pictures = {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)} if groups else {}
     return PolicyRun(name, score, steps, outcomes, pictures)
 
 
-def _pictured(result: Result, config: EnvConfig) -> EpisodeSummary:
+def _summary(result: Result, config: EnvConfig) -> EpisodeSummary:
     assert result.trace is not None
     path = [divmod(cell, config.cols) for cell in result.trace.path]
     return EpisodeSummary(result.outcome, result.score, result.steps_to_99, result.trace.discovered, path)

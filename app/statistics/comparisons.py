@@ -1,4 +1,4 @@
-"""The statistics of a study besides its primary interval: variance components, new terrains, comparisons.
+"""The statistics of a study apart from its primary interval: variance components, new terrains, comparisons.
 
 A study is a table float64[players, terrains] of one metric, NaN where a player did not finish a terrain. The unit is the
 player: the figure is the mean of the players' means, never of pooled episodes. Draws depend on the table's shape alone, so a
@@ -13,14 +13,12 @@ from functools import lru_cache
 import numpy as np
 from scipy import stats
 
-from app.statistics.intervals import TAIL, printed_interval
+from app.statistics.intervals import TAIL, Interval, printed_interval
 from marsexplorer.evaluation.intervals import Floats, t_quantile
 
-Pair = tuple[float, float]
-
-RESAMPLES = 2000
+CROSSED_RESAMPLES = 2000
 PERMUTATIONS = 9999
-AT_ONCE = 4_000_000
+MAX_RESAMPLED_VALUES = 4_000_000
 """Values of resampled tables held at a time."""
 
 
@@ -30,7 +28,7 @@ def player_means(table: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Variance:
+class VarianceComponents:
     """One-way random effects: players the groups, their episodes the replicates (ANOVA estimator).
 
     icc            share of the variance that lies between players; below 0 where the means differ less than chance would
@@ -42,7 +40,7 @@ class Variance:
     """
 
     icc: float
-    icc_interval: Pair
+    icc_interval: Interval
     between_sd: float
     within_sd: float
     n0: float
@@ -52,7 +50,7 @@ class Variance:
     effective: float
 
 
-def variance(table: Floats) -> Variance | None:
+def variance_components(table: Floats) -> VarianceComponents | None:
     """Return the variance components; None without two players, or without a spread or two episodes within players."""
     groups = [row[~np.isnan(row)] for row in table]
     sizes = np.array([len(group) for group in groups], np.float64)
@@ -70,10 +68,20 @@ def variance(table: Floats) -> Variance | None:
     effect = max(1.0, 1 + (n0 - 1) * icc)
     spread = float(np.sqrt(max(0.0, (between - within) / n0)))
     ends = _icc_ends(between, within, n0, k, int(total)) if within > 0 else (1.0, 1.0)
-    return Variance(icc, ends, spread, float(np.sqrt(within)), n0, effect, k, int(total), total / effect)
+    return VarianceComponents(
+        icc=icc,
+        icc_interval=ends,
+        between_sd=spread,
+        within_sd=float(np.sqrt(within)),
+        n0=n0,
+        design_effect=effect,
+        players=k,
+        episodes=int(total),
+        effective=total / effect,
+    )
 
 
-def _icc_ends(between: float, within: float, n0: float, players: int, episodes: int) -> Pair:
+def _icc_ends(between: float, within: float, n0: float, players: int, episodes: int) -> Interval:
     ratio = between / within
     freedom = players - 1, episodes - players
     low, high = ratio / stats.f.ppf([1 - TAIL, TAIL], *freedom)
@@ -88,7 +96,7 @@ def _draws(players: int, terrains: int, resamples: int) -> tuple[Floats, Floats]
     return rows, cols
 
 
-def crossed_means(table: Floats, resamples: int = RESAMPLES) -> Floats:
+def crossed_means(table: Floats, resamples: int = CROSSED_RESAMPLES) -> Floats:
     """Return means of tables whose players and terrains were both drawn anew: float64[resamples].
 
     Owen 2007, "The pigeonhole bootstrap", Ann. Appl. Statist. 1(2). A drawn player without a drawn terrain is left out.
@@ -105,14 +113,14 @@ def crossed_means(table: Floats, resamples: int = RESAMPLES) -> Floats:
     return total
 
 
-def drawn_terrains(values: Floats, players: int, resamples: int = RESAMPLES) -> Floats:
+def drawn_terrains(values: Floats, players: int, resamples: int = CROSSED_RESAMPLES) -> Floats:
     """Return the mean of a policy's values float64[terrains] over the terrains that `crossed_means` draws for `players`."""
     cols = _draws(players, len(values), resamples)[1]
     mean: Floats = cols @ values / len(values)
     return mean
 
 
-def new_terrains_interval(table: Floats) -> Pair:
+def new_terrains_interval(table: Floats) -> Interval:
     """Return the 95 % interval of the mean over players and terrains alike: the crossed bootstrap's standard error times t.
 
     Its percentiles are too narrow for few players; t with min(players, terrains) - 1 degrees of freedom holds. It never
@@ -135,11 +143,11 @@ def iqm(table: Floats) -> float:
     return float(stats.trim_mean(table[~np.isnan(table)], 0.25))
 
 
-def iqm_interval(table: Floats, resamples: int = RESAMPLES) -> Pair:
+def iqm_interval(table: Floats, resamples: int = CROSSED_RESAMPLES) -> Interval:
     """Return the 95 % percentile interval of the IQM over resamples of whole players."""
     rng = np.random.default_rng(len(table))
     picks = rng.integers(0, len(table), (resamples, len(table)))
-    stack = max(1, AT_ONCE // table.size)
+    stack = max(1, MAX_RESAMPLED_VALUES // table.size)
     middles = [_iqms(table[picks[at : at + stack]]) for at in range(0, resamples, stack)]
     low, high = np.quantile(np.concatenate(middles), [TAIL, 1 - TAIL])
     return float(low), float(high)
@@ -157,8 +165,8 @@ def _iqms(drawn: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A policy beside the people, on the same terrains, in one metric. Intervals are 95 %.
+class PolicyComparison:
+    """A policy compared with the people on the same terrains, in one metric. Intervals are 95 %.
 
     mean                   of the policy over the terrains
     difference             policy - people; `these` covers other players, `new` other players and other terrains
@@ -173,21 +181,21 @@ class Comparison:
     mean: float
     terrains: int
     difference: float
-    these: Pair | None
-    new: Pair | None
+    these: Interval | None
+    new: Interval | None
     p_value: float | None
     p_adjusted: float | None
     ratio: float | None
-    ratio_interval: Pair | None
+    ratio_interval: Interval | None
     normalized: float | None
-    normalized_interval: Pair | None
+    normalized_interval: Interval | None
     better: int
 
 
-def compare(
+def compare_policy(
     policy: str, metric: str, values: Floats, table: Floats, random: Floats | None = None, up: bool = True
-) -> Comparison:
-    """Return a policy's values float64[terrains] beside the players' table float64[players, terrains].
+) -> PolicyComparison:
+    """Return the comparison of a policy's values float64[terrains] with the players' table float64[players, terrains].
 
     random  of the policy `random` on the same terrains, None where it was not played; up: more is better
     """
@@ -203,16 +211,26 @@ def compare(
     difference = mean - people
     new = (min(difference - half, these[0]), max(difference + half, these[1])) if several and these else None
     ratio = mean / people if people > 0 else None
-    ratios = log_interval(drawn, drawn_people, ratio, table) if several else None
-    normalized, interval = _normalized(values, random if policy != "random" else None, table, several)
-    wins = int((paired > 0).sum() if up else (paired < 0).sum())
-    p = permutation_p(paired)
-    return Comparison(
-        policy, metric, mean, len(values), difference, these, new, p, None, ratio, ratios, normalized, interval, wins
+    normalized, normalized_interval = _normalized(values, random if policy != "random" else None, table, several)
+    return PolicyComparison(
+        policy=policy,
+        metric=metric,
+        mean=mean,
+        terrains=len(values),
+        difference=difference,
+        these=these,
+        new=new,
+        p_value=permutation_p(paired),
+        p_adjusted=None,
+        ratio=ratio,
+        ratio_interval=log_interval(drawn, drawn_people, ratio, table) if several else None,
+        normalized=normalized,
+        normalized_interval=normalized_interval,
+        better=int((paired > 0).sum() if up else (paired < 0).sum()),
     )
 
 
-def log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats) -> Pair | None:
+def log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats) -> Interval | None:
     """Return the interval of a ratio policy / people over players and terrains.
 
     The t interval of log(top / bottom) brought back, never nearer than the people's printed interval allows. None where a mean
@@ -229,15 +247,15 @@ def log_interval(top: Floats, bottom: Floats, ratio: float | None, table: Floats
     return min(float(ratio * np.exp(-half)), policy / high), max(float(ratio * np.exp(half)), policy / low)
 
 
-def _normalized(values: Floats, random: Floats | None, table: Floats, several: bool) -> tuple[float | None, Pair | None]:
+def _normalized(values: Floats, random: Floats | None, table: Floats, several: bool) -> tuple[float | None, Interval | None]:
     """Return (policy - random) / (people - random) and its interval, by the same rule as the ratio's."""
     if random is None:
         return None, None
     means = player_means(table)
-    zero, gain = float(random.mean()), float(values.mean() - random.mean())
+    zero, difference = float(random.mean()), float(values.mean() - random.mean())
     if means.mean() == zero:
         return None, None
-    share = gain / (float(means.mean()) - zero)
+    share = difference / (float(means.mean()) - zero)
     if not several:
         return share, None
     zeros = drawn_terrains(random, len(table))
@@ -245,7 +263,7 @@ def _normalized(values: Floats, random: Floats | None, table: Floats, several: b
     if len({*np.sign(gaps), *np.sign(ends)}) > 1:  # people may be no better than random: the share has no bounds
         return share, None
     half = _quantile(table) * float(((drawn_terrains(values, len(table)) - zeros) / gaps).std(ddof=1))
-    outer = sorted((gain / float(ends[0]), gain / float(ends[1])))
+    outer = sorted((difference / float(ends[0]), difference / float(ends[1])))
     return share, (min(share - half, outer[0]), max(share + half, outer[1]))
 
 

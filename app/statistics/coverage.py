@@ -19,7 +19,7 @@ from rich.progress import Progress as ProgressBar
 from scipy import stats
 
 from app.statistics.comparisons import crossed_means, drawn_terrains, log_interval, new_terrains_interval
-from app.statistics.coverage_table import POPULATIONS, TABLE, Cell, Population
+from app.statistics.coverage_table import COVERAGE_FILE, POPULATIONS, Cell, ScorePopulation
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from marsexplorer.evaluation.intervals import Floats, t_interval
 
@@ -28,19 +28,21 @@ PLAYERS = (5, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
 TERRAIN_SHARE = 0.2
 """Of the variance of an episode's score."""
-BOUNDS = (-0.18, 1.0)
-COST = 0.55
+SCORE_BOUNDS = (-0.18, 1.0)
+COLLISION_COST = 0.55
 """Of a collision, in score."""
-POLICY = 0.92
-STACK = 250
+POLICY_SCORE = 0.92
+STUDIES_AT_ONCE = 250
 """Studies worked on at a time."""
 Progress = Callable[[int, int], None]
 
 
-def simulate(population: Population, icc: float, players: int, studies: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def simulate_studies(
+    population: ScorePopulation, icc: float, players: int, studies: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Return scores float64[studies, players, TERRAINS], and what each terrain adds float64[studies, TERRAINS] (mean 0).
 
-    The truth on a study's terrains is `overall(population)` plus the mean of what they add.
+    The truth on a study's terrains is `mean_score(population)` plus the mean of what they add.
     """
     shape = (studies, players, TERRAINS)
     if not population.collisions:
@@ -58,7 +60,7 @@ def simulate(population: Population, icc: float, players: int, studies: int, rng
         rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
     terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
     played = 0.94 + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
-    return played - COST * (rng.random(shape) < rate), terrain[:, 0]
+    return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
 
 
 def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Floats:
@@ -73,38 +75,47 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
     return rng.standard_normal(size)
 
 
-def measure(population: Population, icc: float, players: int, studies: int, seed: int) -> Cell:
+def measure_cell(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
     rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
-    scores, terrain = simulate(population, icc, players, studies, rng)
-    truth, everywhere = overall(population) + terrain.mean(1), np.full(studies, overall(population))
+    scores, terrain = simulate_studies(population, icc, players, studies, rng)
+    truth, everywhere = mean_score(population) + terrain.mean(1), np.full(studies, mean_score(population))
     means = scores.mean(2)
     t, printed = t_interval(means), printed_interval(means)
-    stacks = [slice(at, at + STACK) for at in range(0, studies, STACK)]
+    stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
     bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
-    guaranteed = np.concatenate([guaranteed_covers(means[stack], BOUNDS, truth[stack]) for stack in stacks])
+    guaranteed = np.concatenate([guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks])
     return Cell(
-        population.name, icc, players, studies, _share(printed, truth), 100 * float((truth < printed[0]).mean()),
-        100 * float((truth > printed[1]).mean()), float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
-        _share(t, truth), _share(bootstrap, truth), 100 * float(guaranteed.mean()),
-        _share(_new(scores), everywhere), _share(_pooled(scores), truth),
-    )  # fmt: skip
+        population=population.name,
+        icc=icc,
+        players=players,
+        studies=studies,
+        printed=_percent_covered(printed, truth),
+        below=100 * float((truth < printed[0]).mean()),
+        above=100 * float((truth > printed[1]).mean()),
+        width=float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
+        t=_percent_covered(t, truth),
+        bootstrap=_percent_covered(bootstrap, truth),
+        guaranteed=100 * float(guaranteed.mean()),
+        new_terrains=_percent_covered(_new_terrains(scores), everywhere),
+        pooled=_percent_covered(_pooled(scores), truth),
+    )
 
 
-def overall(population: Population) -> float:
+def mean_score(population: ScorePopulation) -> float:
     """Return the mean score over players and terrains."""
-    return 0.94 - COST * population.collisions if population.collisions else 0.9
+    return 0.94 - COLLISION_COST * population.collisions if population.collisions else 0.9
 
 
-def measure_ratio(population: Population, icc: float, players: int, studies: int, seed: int) -> float:
+def measure_ratio(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> float:
     """Return how often (percent) the interval of policy / people covers the ratio of the means over players and terrains.
 
     The policy scores 0.92 in the mean, on each terrain what the terrain adds and a little of its own.
     """
     rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
-    scores, terrain = simulate(population, icc, players, studies, rng)
-    values = POLICY + terrain + 0.01 * rng.standard_normal(terrain.shape)
-    truth, covered = POLICY / overall(population), 0
+    scores, terrain = simulate_studies(population, icc, players, studies, rng)
+    values = POLICY_SCORE + terrain + 0.01 * rng.standard_normal(terrain.shape)
+    truth, covered = POLICY_SCORE / mean_score(population), 0
     for table, own in zip(scores, values, strict=True):
         ratio = float(own.mean() / table.mean())
         ends = log_interval(drawn_terrains(own, players), crossed_means(table), ratio, table)
@@ -112,7 +123,7 @@ def measure_ratio(population: Population, icc: float, players: int, studies: int
     return 100 * covered / studies
 
 
-def _new(scores: Floats) -> Ends:
+def _new_terrains(scores: Floats) -> Ends:
     ends = np.array([new_terrains_interval(table) for table in scores])
     return ends[:, 0], ends[:, 1]
 
@@ -125,20 +136,22 @@ def _joined(parts: Sequence[Ends]) -> Ends:
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _share(ends: Ends, truth: Floats) -> float:
+def _percent_covered(ends: Ends, truth: Floats) -> float:
     return 100 * float(((ends[0] <= truth) & (truth <= ends[1])).mean())
 
 
-def table(studies: int, seed: int, players: Sequence[int] = PLAYERS, progress: Progress | None = None) -> Iterator[Cell]:
+def measure_cells(
+    studies: int, seed: int, players: Sequence[int] = PLAYERS, progress: Progress | None = None
+) -> Iterator[Cell]:
     """Yield every cell: populations x ICC x players; progress is called with (cells done, cells in all)."""
     cells = [(population, icc, count) for population in POPULATIONS for icc in ICCS for count in players]
     for done, (population, icc, count) in enumerate(cells, 1):
-        yield measure(population, icc, count, studies, seed)
+        yield measure_cell(population, icc, count, studies, seed)
         if progress:
             progress(done, len(cells))
 
 
-def markdown(cells: Sequence[Cell]) -> str:
+def markdown_table(cells: Sequence[Cell]) -> str:
     """Return the table as docs/report.md shows it."""
     heads = ("population", "ICC", "players", "**printed**", "missed low / high", "width / t", "t", "bootstrap-t")
     lines: list[tuple[str, ...]] = [(*heads, "guaranteed", "new terrains", "pooled"), ("---",) * 3 + ("---:",) * 8]
@@ -161,7 +174,7 @@ def _ratios(studies: int, seed: int, players: Sequence[int], progress: Progress)
         progress(done, len(rows))
 
 
-def error(coverage: float, studies: int) -> float:
+def coverage_error(coverage: float, studies: int) -> float:
     """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
     share = coverage / 100
     return float(100 * stats.norm.ppf(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
@@ -181,11 +194,11 @@ def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, save: b
         click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))
         return
     with _progress_bar() as advance:
-        cells = list(table(studies, seed, players or PLAYERS, advance))
-    click.echo(markdown(cells))
+        cells = list(measure_cells(studies, seed, players or PLAYERS, advance))
+    click.echo(markdown_table(cells))
     if save:
         document = {"studies": studies, "seed": seed, "cells": [asdict(cell) for cell in cells]}
-        TABLE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        COVERAGE_FILE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 @contextmanager

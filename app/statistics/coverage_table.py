@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-TABLE = Path(__file__).with_name("coverage.json")
+COVERAGE_FILE = Path(__file__).with_name("coverage.json")
 """What the report quotes: written by `python -m app.statistics.coverage --studies 2000 --seed 0 --save`."""
 
 
 @dataclass(frozen=True)
-class Population:
+class ScorePopulation:
     """Where scores come from.
 
     shape       of player, terrain and episode effects, where nobody collides
@@ -26,11 +26,11 @@ class Population:
 
 
 POPULATIONS = (
-    Population("symmetric", "normal players and episodes"),
-    Population("skewed", "exponential tails (skewness 2)", "exponential"),
-    Population("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),
-    Population("collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05),
-    Population("rare collisions", "2 % of episodes collide; with ICC, very few players do it often", collisions=0.02),
+    ScorePopulation("symmetric", "normal players and episodes"),
+    ScorePopulation("skewed", "exponential tails (skewness 2)", "exponential"),
+    ScorePopulation("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),
+    ScorePopulation("collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05),
+    ScorePopulation("rare collisions", "2 % of episodes collide; with ICC, very few players do it often", collisions=0.02),
 )
 
 
@@ -61,7 +61,7 @@ class Cell:
 @cache
 def saved() -> list[Cell]:
     """Return the table that the report quotes."""
-    return [Cell(**cell) for cell in json.loads(TABLE.read_text(encoding="utf-8"))["cells"]]
+    return [Cell(**cell) for cell in json.loads(COVERAGE_FILE.read_text(encoding="utf-8"))["cells"]]
 
 
 def nearest(players: int) -> list[Cell]:

@@ -40,20 +40,20 @@ class Cohort:
             for trial in self.ranked[person]:
                 column = trial.terrain if by == "terrain" else trial.trial
                 if 0 <= column < self.terrains:
-                    found[row, column] = value(trial, metric)
+                    found[row, column] = metric_value(trial, metric)
         return found
 
-    def practised(self, ids: Sequence[str], metric: MetricName) -> Floats:
+    def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
         """Return float64[players, warm-up trials], NaN where not finished."""
         found = np.full((len(ids), self.practice), np.nan)
         for row, person in enumerate(ids):
             for trial in self.warm_up[person]:
                 if 0 <= trial.trial < self.practice:
-                    found[row, trial.trial] = value(trial, metric)
+                    found[row, trial.trial] = metric_value(trial, metric)
         return found
 
 
-def value(trial: StudyEpisode, metric: MetricName) -> float:
+def metric_value(trial: StudyEpisode, metric: MetricName) -> float:
     """Return a finished trial's normalized score or its steps to 99 %."""
     found = trial.score if metric == "score" else trial.steps_to_99
     assert found is not None

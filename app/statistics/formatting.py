@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.statistics.comparisons import Pair
+from app.statistics.intervals import Interval
 
 NONE = "–"
 
@@ -12,7 +12,7 @@ def number(value: float | None, digits: int) -> str:
     return NONE if value is None or value != value else f"{value:.{digits}f}".replace("-", "−")
 
 
-def interval(ends: Pair | None, digits: int) -> str:
+def interval(ends: Interval | None, digits: int) -> str:
     """Return "low to high" with so many decimals, a dash for None."""
     return NONE if ends is None else f"{number(ends[0], digits)} to {number(ends[1], digits)}"
 

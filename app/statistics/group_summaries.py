@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
-from app.statistics.summaries import EpisodeSummary, curve, summary_of, visits
+from app.statistics.summaries import EpisodeSummary, coverage_curve, summary_of, visit_counts
 from app.storage.reader import Reader
 from app.study.data import StudyData, records
 from marsexplorer.config import CORE_VERSION
@@ -15,7 +15,9 @@ from marsexplorer.episode import replay
 Progress = Callable[[int, int], None]
 
 
-def of_groups(reader: Reader, data: StudyData, synthetic: bool, progress: Progress | None = None) -> dict[str, dict[str, Any]]:
+def summarize_groups(
+    reader: Reader, data: StudyData, synthetic: bool, progress: Progress | None = None
+) -> dict[str, dict[str, Any]]:
     """Return {"curve", "visits"} by group's name, over the ranked episodes of everybody (a player weighs once).
 
     Episodes of another core version cannot be replayed and are left out. progress: (episodes replayed, in all)
@@ -44,4 +46,4 @@ def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable
         if own:
             groups.append(own)
     config = data.protocol.env_config
-    return {"curve": curve(config, groups), "visits": visits(config, groups)} if groups else {}
+    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)} if groups else {}

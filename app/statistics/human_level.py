@@ -18,7 +18,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.score import steps_to_target
 
-NOBODY = "Nobody has played for the human score yet: there is no human level to compare with."
+NO_HUMAN_LEVEL = "Nobody has played for the human score yet: there is no human level to compare with."
 
 
 def human_level(store: Reader) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def human_level(store: Reader) -> dict[str, Any]:
         by_config.setdefault(row["config"], []).append(row)
     figures = [_figure(config, played) for config, played in by_config.items()]
     figures.sort(key=lambda figure: -figure["episodes"])
-    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY}
+    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NO_HUMAN_LEVEL}
 
 
 def mean_interval(values: Sequence[float]) -> dict[str, float | None]:

@@ -6,7 +6,7 @@ measures the very code that the report prints with.
 The rule, fixed before any data (RULE): the t interval, and on the side of the longer tail, as the sample's skewness says, the
 further of t and Hall's transformed t. Under symmetry that costs little; under skewness t alone misses the truth on the side of
 the long tail two to four times as often as it should. No interval made from the sample's spread can know of a catastrophe that
-happened to nobody in it; `guaranteed` stands beside for that, and for that alone.
+happened to nobody in it; `guaranteed` is given for that, and for that alone.
 """
 
 from __future__ import annotations
@@ -19,12 +19,16 @@ from numpy.typing import NDArray
 
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval, t_quantile
 
+Interval = tuple[float, float]
+"""Low and high."""
+
 Ends = tuple[Floats, Floats]
+"""Low and high of many intervals."""
 
 TAIL = (1 - CONFIDENCE) / 2
 RULE_VERSION = "1"
 RULE = "t interval on player means, widened on the side of the longer tail to Hall's transformed t where that reaches further"
-RESAMPLES = 4999
+BOOTSTRAP_T_RESAMPLES = 4999
 FEWEST_TO_RESAMPLE = 5
 """Below so many players too many resamples have no spread at all for a studentised bootstrap."""
 
@@ -47,31 +51,48 @@ class Estimate:
     mean: float
     players: int
     sd: float | None
-    interval: tuple[float, float] | None
-    t: tuple[float, float] | None
-    bootstrap: tuple[float, float] | None
-    guaranteed: tuple[float, float] | None
+    interval: Interval | None
+    t: Interval | None
+    bootstrap: Interval | None
+    guaranteed: Interval | None
     skewness: float | None
     widened: str | None
 
 
-def estimate(values: Floats, bounds: tuple[float, float]) -> Estimate:
+def estimate(values: Floats, bounds: Interval) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`."""
     n = len(values)
     mean = float(values.mean())
     guaranteed = _pair(guaranteed_interval(values, bounds))
     if n < 2:
-        return Estimate(mean, n, None, None, None, None, guaranteed, None, None)
+        return Estimate(
+            mean=mean,
+            players=n,
+            sd=None,
+            interval=None,
+            t=None,
+            bootstrap=None,
+            guaranteed=guaranteed,
+            skewness=None,
+            widened=None,
+        )
     t, reached = _pair(t_interval(values)), _pair(printed_interval(values))
     printed = max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
-    bootstrap = _pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None
-    lean = float(skewness(values))
-    widened = "low" if reached[0] < t[0] else "high" if reached[1] > t[1] else None
     sd = float(values.std(ddof=1))
-    return Estimate(mean, n, sd, printed, t, bootstrap, guaranteed, lean if n > 2 and sd > 0 else None, widened)
+    return Estimate(
+        mean=mean,
+        players=n,
+        sd=sd,
+        interval=printed,
+        t=t,
+        bootstrap=_pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None,
+        guaranteed=guaranteed,
+        skewness=float(skewness(values)) if n > 2 and sd > 0 else None,
+        widened="low" if reached[0] < t[0] else "high" if reached[1] > t[1] else None,
+    )
 
 
-def _pair(ends: Ends) -> tuple[float, float]:
+def _pair(ends: Ends) -> Interval:
     return float(ends[0]), float(ends[1])
 
 
@@ -90,8 +111,8 @@ def skewness(values: Floats) -> Floats:
     if n < 3:
         return np.zeros_like(second)
     third = np.mean(centred**3, -1)
-    lean: Floats = np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5) * np.sqrt(n * (n - 1)) / (n - 2)
-    return lean
+    corrected: Floats = np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5) * np.sqrt(n * (n - 1)) / (n - 2)
+    return corrected
 
 
 def hall_interval(values: Floats) -> Ends:
@@ -102,24 +123,24 @@ def hall_interval(values: Floats) -> Ends:
     """
     n = values.shape[-1]
     mean, sd, root = values.mean(-1), values.std(-1, ddof=1), np.sqrt(n)
-    lean, quantile = skewness(values) / root, t_quantile(n - 1)
-    # in the order of t_interval, so that both agree to the last bit where nothing leans
-    return mean - _untransformed(quantile, lean) * sd / root, mean - _untransformed(-quantile, lean) * sd / root
+    skew, quantile = skewness(values) / root, t_quantile(n - 1)
+    # in the order of t_interval, so that both agree to the last bit where there is no skewness
+    return mean - _untransformed(quantile, skew) * sd / root, mean - _untransformed(-quantile, skew) * sd / root
 
 
-def _untransformed(quantile: float, lean: Floats) -> Floats:
-    """Return T with g(T) = quantile; `lean` is skewness / sqrt(n)."""
-    small = np.abs(lean) < 1e-6
-    divisor = np.where(small, 1.0, lean)
+def _untransformed(quantile: float, skew: Floats) -> Floats:
+    """Return T with g(T) = quantile; `skew` is skewness / sqrt(n)."""
+    small = np.abs(skew) < 1e-6
+    divisor = np.where(small, 1.0, skew)
     solved = 3 / divisor * (np.cbrt(1 + divisor * (quantile - divisor / 6)) - 1)
     return np.where(small, quantile, solved)
 
 
 def printed_interval(values: Floats) -> Ends:
     """Return low and high as the rule prints them (RULE)."""
-    t, hall, lean = t_interval(values), hall_interval(values), skewness(values)
-    low = np.where(lean < 0, np.minimum(t[0], hall[0]), t[0])
-    high = np.where(lean > 0, np.maximum(t[1], hall[1]), t[1])
+    t, hall, skew = t_interval(values), hall_interval(values), skewness(values)
+    low = np.where(skew < 0, np.minimum(t[0], hall[0]), t[0])
+    high = np.where(skew > 0, np.maximum(t[1], hall[1]), t[1])
     return low, high
 
 
@@ -130,7 +151,7 @@ def _counts(n: int, resamples: int) -> Floats:
     return draws
 
 
-def bootstrap_t(values: Floats, resamples: int = RESAMPLES) -> Ends:
+def bootstrap_t(values: Floats, resamples: int = BOOTSTRAP_T_RESAMPLES) -> Ends:
     """Return low and high of the studentised bootstrap over whole players (Efron 1981, bootstrap-t).
 
     The draws depend on n alone, so a report comes out the same twice. A resample without spread counts as infinitely far.
@@ -148,11 +169,11 @@ def bootstrap_t(values: Floats, resamples: int = RESAMPLES) -> Ends:
     return mean - high * error, mean - low * error
 
 
-_BETS: Floats = np.sin(np.pi * (np.arange(200) + 0.5) / 400) ** 2
+_STAKES: Floats = np.sin(np.pi * (np.arange(200) + 0.5) / 400) ** 2
 """Shares staked, in 0..1: quantiles of the arcsine law, so that some nearly all is staked on few players."""
 
 
-def guaranteed_interval(values: Floats, bounds: tuple[float, float]) -> Ends:
+def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
     """Return low and high that cover the mean with at least 95 % whatever the distribution within `bounds`.
 
     Betting against each candidate mean with a fixed mixture of stakes; by Markov's inequality the wealth of a bettor against
@@ -163,11 +184,11 @@ def guaranteed_interval(values: Floats, bounds: tuple[float, float]) -> Ends:
     if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
         raise ValueError(f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}")
     share = np.clip((values - floor) / (ceiling - floor), 0, 1)
-    low, high = _bet(share), 1 - _bet(1 - share)
+    low, high = _lowest_unbeaten(share), 1 - _lowest_unbeaten(1 - share)
     return floor + (ceiling - floor) * low, floor + (ceiling - floor) * high
 
 
-def guaranteed_covers(values: Floats, bounds: tuple[float, float], truth: Floats) -> NDArray[np.bool_]:
+def guaranteed_covers(values: Floats, bounds: Interval, truth: Floats) -> NDArray[np.bool_]:
     """Return whether `guaranteed_interval` covers `truth`, without working its ends out."""
     floor, ceiling = bounds
     share, mean = np.clip((values - floor) / (ceiling - floor), 0, 1), (truth - floor) / (ceiling - floor)
@@ -175,7 +196,7 @@ def guaranteed_covers(values: Floats, bounds: tuple[float, float], truth: Floats
     return covered
 
 
-def _bet(share: Floats) -> Floats:
+def _lowest_unbeaten(share: Floats) -> Floats:
     """Return the largest mean in 0..1 that the bettors still beat, by bisection; `share` float64[..., n] in 0..1."""
     low, high = np.zeros(share.shape[:-1]), share.mean(-1)
     for _ in range(40):
@@ -187,8 +208,8 @@ def _bet(share: Floats) -> Floats:
 
 def _is_beaten(share: Floats, mean: Floats) -> NDArray[np.bool_]:
     """Return whether bets that the mean is larger than `mean` made 40 out of 1 on average over the stakes."""
-    gain = share / np.maximum(mean, 1e-12)[..., None] - 1
-    wealth = np.log1p(_BETS[:, None] * gain[..., None, :]).sum(-1)
+    returns = share / np.maximum(mean, 1e-12)[..., None] - 1  # of one unit staked
+    wealth = np.log1p(_STAKES[:, None] * returns[..., None, :]).sum(-1)
     most = wealth.max(-1)
     beaten: NDArray[np.bool_] = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
     return beaten

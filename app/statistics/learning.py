@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from app.statistics.intervals import Interval
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval
 
-Pair = tuple[float, float]
-AtTrial = tuple[int, float, float | None, float | None]
+TrialMean = tuple[int, float, float | None, float | None]
 """Players, mean, low and high; low and high None below two players."""
 
 LEVEL = 1 - CONFIDENCE
@@ -32,46 +32,79 @@ class Learning:
     """
 
     metric: str
-    by_trial: tuple[AtTrial, ...]
+    by_trial: tuple[TrialMean, ...]
     slope: float | None
-    slope_interval: Pair | None
+    slope_interval: Interval | None
     change: float | None
-    change_interval: Pair | None
-    equivalence: Pair | None
+    change_interval: Interval | None
+    equivalence: Interval | None
     margin: float | None
     p_equivalence: float | None
     verdict: str
 
 
-def learning(metric: str, table: Floats, margin: float | None) -> Learning:
+def assess_learning(metric: str, table: Floats, margin: float | None) -> Learning:
     """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it."""
-    by_trial = at_trials(table)
+    by_trial = trial_means(table)
     slopes = np.array([_slope(row) for row in table if (~np.isnan(row)).sum() > 2])
-    third = table.shape[1] // 3
-    pieces = (table[:, :third], table[:, -third:]) if third else (table[:, :0], table[:, :0])
-    whole = [not np.isnan(first).all() and not np.isnan(last).all() for first, last in zip(*pieces, strict=True)]
-    changes = np.array([np.nanmean(b) - np.nanmean(a) for a, b, ok in zip(*pieces, whole, strict=True) if ok])
-    if len(changes) < 2:
-        slope = float(slopes.mean()) if len(slopes) else None
-        return Learning(metric, by_trial, slope, None, None, None, None, margin, None, "undecided")
-    low, high = t_interval(changes)
-    equivalence, p = tost(changes, margin)
-    inside = margin is not None and -margin < equivalence[0] and equivalence[1] < margin
-    moved = bool(low > 0 or high < 0)
-    verdict = ("changed, within the margin" if moved else "flat") if inside else "changed" if moved else "undecided"
-    slope_ends = t_interval(slopes) if len(slopes) > 1 else None
-    ends = (float(slope_ends[0]), float(slope_ends[1])) if slope_ends else None
-    change = float(changes.mean())
     slope = float(slopes.mean()) if len(slopes) else None
-    return Learning(metric, by_trial, slope, ends, change, (float(low), float(high)), equivalence, margin, p, verdict)
+    changes = _changes(table)
+    if len(changes) < 2:
+        return Learning(
+            metric=metric,
+            by_trial=by_trial,
+            slope=slope,
+            slope_interval=None,
+            change=None,
+            change_interval=None,
+            equivalence=None,
+            margin=margin,
+            p_equivalence=None,
+            verdict="undecided",
+        )
+    low, high = map(float, t_interval(changes))
+    equivalence, p = tost(changes, margin)
+    return Learning(
+        metric=metric,
+        by_trial=by_trial,
+        slope=slope,
+        slope_interval=_interval(slopes) if len(slopes) > 1 else None,
+        change=float(changes.mean()),
+        change_interval=(low, high),
+        equivalence=equivalence,
+        margin=margin,
+        p_equivalence=p,
+        verdict=_verdict((low, high), equivalence, margin),
+    )
 
 
-def tost(changes: Floats, margin: float | None) -> tuple[Pair, float | None]:
+def _verdict(change: Interval, equivalence: Interval, margin: float | None) -> str:
+    """Return the verdict on the 95 % and the 90 % interval of the change (`Learning.verdict`)."""
+    is_inside = margin is not None and -margin < equivalence[0] and equivalence[1] < margin
+    has_changed = change[0] > 0 or change[1] < 0
+    if is_inside:
+        return "changed, within the margin" if has_changed else "flat"
+    return "changed" if has_changed else "undecided"
+
+
+def _interval(values: Floats) -> Interval:
+    low, high = t_interval(values)
+    return float(low), float(high)
+
+
+def _changes(table: Floats) -> Floats:
+    """Return last third minus first third of the trials, for each player who has trials in both."""
+    third = table.shape[1] // 3
+    pairs = zip(table[:, :third], table[:, table.shape[1] - third :], strict=True)
+    return np.array([np.nanmean(b) - np.nanmean(a) for a, b in pairs if not np.isnan(a).all() and not np.isnan(b).all()])
+
+
+def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]:
     """Return the 90 % t interval of the mean, and the p of two one-sided t tests against +-margin (Schuirmann 1987)."""
     freedom, mean = len(changes) - 1, float(changes.mean())
     error = float(changes.std(ddof=1) / np.sqrt(len(changes)))
     low, high = t_interval(changes, 1 - 2 * LEVEL)
-    ends = (float(low), float(high))
+    ends = float(low), float(high)
     if margin is None:
         return ends, None
     if error == 0:
@@ -80,12 +113,12 @@ def tost(changes: Floats, margin: float | None) -> tuple[Pair, float | None]:
     return ends, float(p.max())
 
 
-def at_trials(table: Floats) -> tuple[AtTrial, ...]:
+def trial_means(table: Floats) -> tuple[TrialMean, ...]:
     """Return every trial of float64[players, trials], NaN where a player has none."""
-    return tuple(_at_trial(column[~np.isnan(column)]) for column in table.T)
+    return tuple(_trial_mean(column[~np.isnan(column)]) for column in table.T)
 
 
-def _at_trial(values: Floats) -> AtTrial:
+def _trial_mean(values: Floats) -> TrialMean:
     if len(values) < 2:
         return len(values), float(values[0]) if len(values) else float("nan"), None, None
     low, high = t_interval(values)

@@ -15,14 +15,14 @@ import numpy as np
 from scipy import stats
 from scipy.special import gammaln
 
-from app.statistics.comparisons import variance
+from app.statistics.comparisons import variance_components
 from app.statistics.exclusion_sets import members, people_of
 from app.study.data import StudyData
 from marsexplorer.evaluation.intervals import Floats, t_quantile
 
-MOST = 2000
+MAX_PLAYERS = 2000
 """Players beyond which no study is planned here."""
-SHOWN = (5, 8, 10, 15, 20, 30, 50, 100)
+LISTED_PLAYERS = (5, 8, 10, 15, 20, 30, 50, 100)
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Width:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SampleSizePlan:
     """How many players reach a half-width.
 
-    players   fewest whose expected half-width is at most the wanted one; None when MOST are too few
+    players   fewest whose expected half-width is at most the wanted one; None when MAX_PLAYERS are too few
     assured   fewest who reach it in the share `assurance` of studies; None likewise
     mean_sd   standard deviation of a player's mean over `ranked` episodes
     table     half-widths for some numbers of players, the two above among them
@@ -55,7 +55,9 @@ class Plan:
     table: tuple[Width, ...]
 
 
-def power(player_sd: float, episode_sd: float, half_width: float, ranked: int = 30, assurance: float = 0.8) -> Plan:
+def plan_sample_size(
+    player_sd: float, episode_sd: float, half_width: float, ranked: int = 30, assurance: float = 0.8
+) -> SampleSizePlan:
     """Return how many players give a 95 % interval of the mean whose half-width is at most `half_width`.
 
     player_sd   standard deviation between players' true means, in the metric's unit (score or steps)
@@ -74,14 +76,24 @@ def power(player_sd: float, episode_sd: float, half_width: float, ranked: int = 
     widths = _widths(spread, assurance)
     players = next((width.players for width in widths if width.expected <= half_width), None)
     assured = next((width.players for width in widths if width.assured <= half_width), None)
-    shown = sorted({*SHOWN, *(count for count in (players, assured) if count is not None)})
+    shown = sorted({*LISTED_PLAYERS, *(count for count in (players, assured) if count is not None)})
     table = tuple(widths[count - 2] for count in shown)
-    return Plan(half_width, player_sd, episode_sd, ranked, assurance, spread, players, assured, table)
+    return SampleSizePlan(
+        half_width=half_width,
+        player_sd=player_sd,
+        episode_sd=episode_sd,
+        ranked=ranked,
+        assurance=assurance,
+        mean_sd=spread,
+        players=players,
+        assured=assured,
+        table=table,
+    )
 
 
 def _widths(spread: float, assurance: float) -> list[Width]:
-    """Return the half-widths for 2, 3, ... MOST players."""
-    players = np.arange(2, MOST + 1)
+    """Return the half-widths for 2, 3, ... MAX_PLAYERS players."""
+    players = np.arange(2, MAX_PLAYERS + 1)
     freedom = players - 1
     unit = _t_quantiles() * spread / np.sqrt(players)
     mean_sd = np.sqrt(2 / freedom) * np.exp(gammaln(players / 2) - gammaln(freedom / 2))  # of the sample SD, for SD 1
@@ -91,15 +103,15 @@ def _widths(spread: float, assurance: float) -> list[Width]:
 
 @cache
 def _t_quantiles() -> Floats:
-    """Return the t quantiles for 2, 3, ... MOST players."""
-    return np.array([t_quantile(freedom) for freedom in range(1, MOST)])
+    """Return the t quantiles for 2, 3, ... MAX_PLAYERS players."""
+    return np.array([t_quantile(freedom) for freedom in range(1, MAX_PLAYERS)])
 
 
 def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:
     """Return (player SD, episode SD) as the people of a study show them; ValueError where they are too few to tell."""
     cohort = people_of(data)
     ids = members(cohort, {})
-    found = variance(cohort.table(ids, metric)) if ids else None
+    found = variance_components(cohort.table(ids, metric)) if ids else None
     if found is None:
         raise ValueError(
             f"the study {data.protocol.name!r} has too few players with a spread to plan from: give the SDs instead"

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.statistics.comparisons import player_means
 from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words
-from app.statistics.intervals import Estimate, estimate
+from app.statistics.intervals import Estimate, Interval, estimate
 from app.study.data import StudyData
 from marsexplorer.config import EnvConfig
 
@@ -81,7 +81,7 @@ def figure_sentence(figure: StudyFigure) -> str:
     return f"{who}: {score}, {steps}."
 
 
-def metric_bounds(config: EnvConfig, metric: MetricName) -> tuple[float, float]:
+def metric_bounds(config: EnvConfig, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have.
 
     Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1.

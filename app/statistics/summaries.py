@@ -1,6 +1,6 @@
-"""Figures and pictures of many episodes: interval, coverage against steps, visits, trials. The same for people and policies.
+"""Summaries of many episodes, of people and of policies alike: means with intervals, coverage against steps, visits, trials.
 
-A `Group` is what weighs once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
+An `EpisodeGroup` weighs once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
 intervals over groups, as in `app.statistics.human_level`.
 """
 
@@ -51,10 +51,10 @@ def summary_of(episode: Episode) -> EpisodeSummary:
     )
 
 
-Group = Sequence[EpisodeSummary]
+EpisodeGroup = Sequence[EpisodeSummary]
 
 
-def figure(config: EnvConfig, groups: Sequence[Group]) -> dict[str, Any]:
+def summarize(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
     """Return everything that is shown of some groups (at least one, none of them empty)."""
     return {
         "groups": len(groups),
@@ -62,12 +62,12 @@ def figure(config: EnvConfig, groups: Sequence[Group]) -> dict[str, Any]:
         "score": mean_interval([float(np.mean([each.score for each in group])) for group in groups]),
         "steps": mean_interval([float(np.mean([each.steps for each in group])) for group in groups]),
         "completed": float(np.mean([np.mean([each.outcome == "explored" for each in group]) for group in groups])),
-        "curve": curve(config, groups),
-        "visits": visits(config, groups),
+        "curve": coverage_curve(config, groups),
+        "visits": visit_counts(config, groups),
     }
 
 
-def curve(config: EnvConfig, groups: Sequence[Group]) -> dict[str, list[Any]]:
+def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
@@ -81,7 +81,7 @@ def curve(config: EnvConfig, groups: Sequence[Group]) -> dict[str, list[Any]]:
     }
 
 
-def visits(config: EnvConfig, groups: Sequence[Group]) -> list[list[float]]:
+def visit_counts(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
     """Return how often the rover stands on each cell in a mean episode, [rows][cols]; the start counts."""
     total = np.zeros((config.rows, config.cols))
     for group in groups:
@@ -92,7 +92,7 @@ def visits(config: EnvConfig, groups: Sequence[Group]) -> list[list[float]]:
     return [_short(row, 3) for row in total / len(groups)]
 
 
-def trials(groups: Sequence[Group], most: int = 60) -> list[dict[str, Any]]:
+def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[dict[str, Any]]:
     """Return per trial (each person's first, second, ... episode) how many made it, and their mean score and steps."""
     found = []
     for number in range(min(most, max(map(len, groups)))):

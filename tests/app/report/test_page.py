@@ -9,7 +9,7 @@ import pytest
 
 from app.report import build
 from app.report.page import render
-from app.statistics.summaries import EpisodeSummary, curve, visits
+from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path
 from tests.support.made_studies import CONFIG, played, run, study
 
@@ -18,7 +18,7 @@ SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
 
 def pictures():
     games = [EpisodeSummary("explored", 0.9, 3, [9, 20, 40, 63], [(0, 0), (0, 1), (1, 1), (1, 2)])]
-    return {"curve": curve(CONFIG, [games, games]), "visits": visits(CONFIG, [games])}
+    return {"curve": coverage_curve(CONFIG, [games, games]), "visits": visit_counts(CONFIG, [games])}
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from app.statistics.comparisons import (
-    compare,
+    compare_policy,
     crossed_means,
     holm,
     iqm,
@@ -16,10 +16,10 @@ from app.statistics.comparisons import (
     new_terrains_interval,
     permutation_p,
     player_means,
-    variance,
+    variance_components,
 )
 from app.statistics.intervals import printed_interval
-from app.statistics.learning import learning, tost
+from app.statistics.learning import assess_learning, tost
 from marsexplorer.evaluation.intervals import t_interval
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
@@ -35,7 +35,7 @@ def uneven(seed=1, players=7, terrains=9):
 
 
 def test_the_icc_of_shrout_and_fleiss():
-    found = variance(SHROUT_FLEISS)
+    found = variance_components(SHROUT_FLEISS)
     assert found.icc == pytest.approx(0.1657, abs=5e-5)
     assert found.within_sd**2 == pytest.approx(6.2639, abs=5e-5)
     assert found.between_sd**2 == pytest.approx((11.2417 - 6.2639) / 4, abs=5e-5)
@@ -54,21 +54,21 @@ def test_uneven_numbers_of_episodes_take_n0():
     between = sum(len(row) * (np.mean(row) - grand) ** 2 for row in groups) / 2
     within = sum((x - np.mean(row)) ** 2 for row in groups for x in row) / (total - 3)
     n0 = (total - sum(size**2 for size in sizes) / total) / 2
-    found = variance(table)
+    found = variance_components(table)
     assert found.n0 == pytest.approx(n0)
     assert found.icc == pytest.approx((between - within) / (between + (n0 - 1) * within))
     assert stats.f_oneway(*groups).statistic == pytest.approx(between / within)
 
 
 def test_players_more_alike_than_chance_have_a_negative_icc_and_no_spread_between():
-    found = variance(np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
+    found = variance_components(np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
     assert found.icc < 0
     assert (found.between_sd, found.design_effect) == (0, 1)
 
 
 @pytest.mark.parametrize("table", [np.ones((1, 5)), np.array([[1.0, NAN], [NAN, 2.0]]), np.ones((4, 3))])
 def test_no_components_without_two_players_two_episodes_or_a_spread(table):
-    assert variance(table) is None
+    assert variance_components(table) is None
 
 
 def test_crossed_means_are_their_literal_twin():
@@ -136,7 +136,7 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
     table = np.random.default_rng(4).normal(0.8, 0.1, (6, 8))
     values = table.mean(0) + np.array([0.1] * 7 + [-0.2])
     random = np.full(8, 0.3)
-    found = compare("ppo", "score", values, table, random)
+    found = compare_policy("ppo", "score", values, table, random)
     low, high = printed_interval(table.mean(1))
     people = table.mean()
     assert found.difference == pytest.approx(values.mean() - people)
@@ -146,15 +146,15 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
     assert found.ratio == pytest.approx(values.mean() / people)
     assert found.ratio_interval[0] < found.ratio < found.ratio_interval[1]
     assert found.normalized == pytest.approx((values.mean() - 0.3) / (people - 0.3))
-    assert compare("random", "score", random, table, random).normalized is None
-    assert compare("ppo", "steps", values, table, random, up=False).better == 1
+    assert compare_policy("random", "score", random, table, random).normalized is None
+    assert compare_policy("ppo", "steps", values, table, random, up=False).better == 1
 
 
 def test_the_ratios_interval_covers_players_and_terrains():
     # a policy that is 0.9 of the people on every terrain: the terrains cancel, the players do not
     terrain = np.random.default_rng(5).normal(1, 0.3, 30).clip(0.2)
     players = np.array([0.9, 1.0, 1.1, 0.95, 1.05])[:, None]
-    found = compare("twin", "score", 0.9 * terrain, players * terrain)
+    found = compare_policy("twin", "score", 0.9 * terrain, players * terrain)
     assert found.ratio == pytest.approx(0.9)
     half = stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / math.sqrt(5) * math.sqrt(4 / 5)  # as a bootstrap sees it
     low, high = printed_interval((players * terrain).mean(1))
@@ -165,23 +165,23 @@ def test_the_ratios_interval_covers_players_and_terrains():
 
 def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
     table = np.array([[0.2, 0.4, 0.3], [0.5, 0.3, 0.4], [0.1, 0.2, 0.2]])
-    found = compare("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
+    found = compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
     assert found.normalized == pytest.approx((2.6 / 3 - 0.25) / (table.mean() - 0.25))
     assert found.normalized_interval is None
-    assert compare("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval is None
+    assert compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval is None
 
 
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     table = np.array([[0.5, 0.7, 0.6]])
-    found = compare("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
+    found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
     assert (found.these, found.new, found.ratio_interval, found.normalized) == (None, None, None, None)
-    assert compare("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None
+    assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None
 
 
 def test_slopes_and_changes_over_trials():
     rng = np.random.default_rng(6)
     table = 100 - 0.3 * np.arange(12) + rng.normal(0, 1, (9, 12))
-    found = learning("steps", table, 5.0)
+    found = assess_learning("steps", table, 5.0)
     slopes = [np.polyfit(np.arange(12), row, 1)[0] for row in table]
     assert found.slope == pytest.approx(np.mean(slopes))
     assert found.slope_interval == pytest.approx(t_interval(np.array(slopes)))
@@ -209,12 +209,12 @@ def test_the_equivalence_test_is_two_one_sided_t_tests():
 def test_verdicts_on_learning(shift, noise, margin, verdict):
     rng = np.random.default_rng(8)
     table = 100 + np.linspace(0, shift, 9) + rng.normal(0, noise, (10, 9))
-    assert learning("steps", table, margin).verdict == verdict
+    assert assess_learning("steps", table, margin).verdict == verdict
 
 
 def test_learning_of_one_player_or_of_gaps_is_undecided_not_an_error():
-    assert learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
+    assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
     gaps = np.array([[1.0, NAN, NAN, NAN, NAN, NAN], [1.0, 2.0, 2.0, 3.0, 3.0, 2.0], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]])
-    found = learning("steps", gaps, 5.0)
+    found = assess_learning("steps", gaps, 5.0)
     assert [row[0] for row in found.by_trial] == [3, 2, 2, 2, 2, 2]
     assert found.change == pytest.approx(np.mean([1.0, 0.0]))

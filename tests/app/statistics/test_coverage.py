@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.statistics.coverage import BOUNDS, error, markdown, measure, measure_ratio, overall, simulate
+from app.statistics.coverage import (
+    SCORE_BOUNDS,
+    coverage_error,
+    markdown_table,
+    mean_score,
+    measure_cell,
+    measure_ratio,
+    simulate_studies,
+)
 from app.statistics.coverage_table import POPULATIONS, nearest, saved
 from app.statistics.intervals import RULE_VERSION
 
@@ -18,27 +26,27 @@ STUDIES = 400
 
 def within(measured, low, high, studies):
     """Whether a measured coverage agrees with a true one in low..high (percent), chance of a false alarm below 1 in 1,000."""
-    slack = 1.7 * error(95, studies)
+    slack = 1.7 * coverage_error(95, studies)
     return low - slack <= measured <= high + slack
 
 
 @pytest.mark.parametrize(("name", "icc", "players"), [("symmetric", 0.2, 10), ("skewed", 0.2, 10), ("collisions", 0.0, 20)])
 def test_the_printed_interval_covers_the_truth_as_often_as_it_says(name, icc, players):
-    cell = measure(BY_NAME[name], icc, players, STUDIES, seed=11)
+    cell = measure_cell(BY_NAME[name], icc, players, STUDIES, seed=11)
     assert within(cell.printed, 93, 97.5, STUDIES), cell
     assert cell.guaranteed >= 95
     assert within(cell.new_terrains, 93, 100, STUDIES), cell
 
 
 def test_pooling_episodes_does_not_and_t_alone_falls_short_of_the_rule_under_skewness():
-    cell = measure(BY_NAME["very skewed"], 0.5, 10, STUDIES, seed=12)
+    cell = measure_cell(BY_NAME["very skewed"], 0.5, 10, STUDIES, seed=12)
     assert cell.pooled < 60
     assert cell.printed - cell.t > 2
     assert cell.below > cell.above
 
 
 def test_no_interval_knows_of_failures_that_happened_to_nobody_but_the_guaranteed_one():
-    cell = measure(BY_NAME["rare collisions"], 0.5, 5, STUDIES, seed=13)
+    cell = measure_cell(BY_NAME["rare collisions"], 0.5, 5, STUDIES, seed=13)
     assert cell.printed < 60
     assert cell.guaranteed >= 95
 
@@ -46,11 +54,11 @@ def test_no_interval_knows_of_failures_that_happened_to_nobody_but_the_guarantee
 @pytest.mark.parametrize("population", POPULATIONS, ids=lambda population: population.name)
 @pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
 def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
-    scores, terrain = simulate(population, icc, 20, 400, np.random.default_rng(14))
-    assert scores.mean() == pytest.approx(overall(population) + terrain.mean(), abs=0.004)
+    scores, terrain = simulate_studies(population, icc, 20, 400, np.random.default_rng(14))
+    assert scores.mean() == pytest.approx(mean_score(population) + terrain.mean(), abs=0.004)
     assert terrain.mean() == pytest.approx(0, abs=0.002)
-    assert BOUNDS[0] < scores.mean(2).min()
-    assert scores.mean(2).max() < BOUNDS[1]
+    assert SCORE_BOUNDS[0] < scores.mean(2).min()
+    assert scores.mean(2).max() < SCORE_BOUNDS[1]
     # between players, from two halves of the terrains: free of the noise within
     first, second = scores[:, :, :15].mean(2), scores[:, :, 15:].mean(2)
     first, second = first - first.mean(1, keepdims=True), second - second.mean(1, keepdims=True)
@@ -65,12 +73,12 @@ def test_the_ratios_interval_covers_the_ratio_over_players_and_terrains():
 
 
 def test_the_same_seed_gives_the_same_cell():
-    assert measure(POPULATIONS[0], 0.2, 5, 50, 1) == measure(POPULATIONS[0], 0.2, 5, 50, 1)
+    assert measure_cell(POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(POPULATIONS[0], 0.2, 5, 50, 1)
 
 
 def test_a_row_of_the_quoted_table_comes_out_again():
     quoted = next(cell for cell in saved() if (cell.population, cell.icc, cell.players) == ("skewed", 0.5, 5))
-    again = measure(BY_NAME["skewed"], 0.5, 5, quoted.studies, seed=0)
+    again = measure_cell(BY_NAME["skewed"], 0.5, 5, quoted.studies, seed=0)
     for name in ("printed", "below", "above", "t", "bootstrap", "guaranteed", "pooled", "width", "new_terrains"):
         assert getattr(again, name) == pytest.approx(getattr(quoted, name), abs=0.11), name
 
@@ -82,7 +90,7 @@ def test_the_quoted_table_is_whole_and_stands_in_the_documents():
     }
     assert all(cell.studies >= 2000 for cell in cells)
     text = DOCS.read_text()
-    assert markdown(cells) in text
+    assert markdown_table(cells) in text
     assert f"rule {RULE_VERSION}" in text
 
 
@@ -108,8 +116,8 @@ def test_the_nearest_number_of_players_is_quoted():
 def test_every_cell_measured_again_agrees_with_the_quoted_table():
     studies = 400
     for cell in saved():
-        again = measure(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
+        again = measure_cell(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
         for name in ("printed", "t", "bootstrap", "guaranteed", "pooled"):
             expected, found = getattr(cell, name), getattr(again, name)
-            slack = 2.1 * math.hypot(error(expected, studies), error(expected, cell.studies)) + 0.6
+            slack = 2.1 * math.hypot(coverage_error(expected, studies), coverage_error(expected, cell.studies)) + 0.6
             assert abs(found - expected) <= slack, (name, cell, again)

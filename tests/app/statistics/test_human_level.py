@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.human_level import NOBODY, human_level, mean_interval
+from app.statistics.human_level import NO_HUMAN_LEVEL, human_level, mean_interval
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
@@ -24,7 +24,7 @@ def test_nobody_has_played(store):
     play(store, seed=1, player="bob", driver="script")
     play(store, seed=2, player="bob", assisted=True)
     play(store, seed=3, player="bob", seed_chosen=True)
-    assert human_level(store) == {"figures": [], "sentence": NOBODY}
+    assert human_level(store) == {"figures": [], "sentence": NO_HUMAN_LEVEL}
 
 
 def test_one_player_gives_a_mean_without_an_interval(store):

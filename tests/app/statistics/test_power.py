@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.power import power, spread_of
+from app.statistics.power import plan_sample_size, spread_of
 from tests.support.made_studies import played, study
 
 
 def test_the_fewest_players_reach_the_half_width_and_one_less_does_not():
-    plan = power(0.05, 0.1, 0.03)
+    plan = plan_sample_size(0.05, 0.1, 0.03)
     assert plan.mean_sd == pytest.approx((0.05**2 + 0.1**2 / 30) ** 0.5)
     widths = {width.players: width for width in plan.table}
     assert widths[plan.players].expected <= 0.03
-    assert power(0.05, 0.1, widths[plan.players].expected * 0.999).players > plan.players
+    assert plan_sample_size(0.05, 0.1, widths[plan.players].expected * 0.999).players > plan.players
     assert plan.assured > plan.players
     assert widths[plan.assured].assured <= 0.03
 
 
 def test_the_expected_and_the_assured_width_are_what_simulation_finds():
-    plan = power(1.0, 0.0, 0.5, ranked=1, assurance=0.8)
+    plan = plan_sample_size(1.0, 0.0, 0.5, ranked=1, assurance=0.8)
     width = next(width for width in plan.table if width.players == 10)
     sds = np.random.default_rng(1).standard_normal((40_000, 10)).std(1, ddof=1)
     halves = stats.t.ppf(0.975, 9) * sds / np.sqrt(10)
@@ -28,14 +28,14 @@ def test_the_expected_and_the_assured_width_are_what_simulation_finds():
 
 
 def test_episodes_do_not_make_up_for_players():
-    many, few = power(0.05, 0.1, 0.01, ranked=1000), power(0.05, 0.1, 0.01, ranked=30)
-    floor = power(0.05, 0.0, 0.01).players
+    many, few = plan_sample_size(0.05, 0.1, 0.01, ranked=1000), plan_sample_size(0.05, 0.1, 0.01, ranked=30)
+    floor = plan_sample_size(0.05, 0.0, 0.01).players
     assert floor <= many.players <= floor + 1
     assert many.players < few.players < 1.2 * floor
 
 
 def test_a_width_out_of_reach_has_no_number():
-    assert power(1.0, 1.0, 0.001).players is None
+    assert plan_sample_size(1.0, 1.0, 0.001).players is None
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_a_width_out_of_reach_has_no_number():
 )
 def test_what_cannot_be_is_refused(given, said):
     with pytest.raises(ValueError, match=said):
-        power(*given)
+        plan_sample_size(*given)
     with pytest.raises(ValueError, match="assurance"):
-        power(1, 1, 1, assurance=1.0)
+        plan_sample_size(1, 1, 1, assurance=1.0)
 
 
 def test_a_studys_own_spread_is_a_plan_for_the_next():
