@@ -233,7 +233,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.cli": {"click", "pydantic", "rich", "torch"},
     "app.leaderboard": {"numpy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
-    "app.release": {"cryptography", "gymnasium", "numpy"},
+    "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},
     "app.report": {"jinja2", "matplotlib", "numpy"},
     "app.server": {"fastapi"},
     "app.settings": {"pydantic", "pydantic_settings"},

@@ -29,8 +29,8 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
       marsexplorer forget 5f3e0c9a1b2d --study dunes
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
+    from app.storage import erasure
     from app.storage.database import StoreError
-    from app.study import erasure
 
     path = database or settings_of().database
     try:

@@ -44,16 +44,16 @@ def release(
         check_libraries()
     except ReleaseError as error:
         raise click.ClickException(str(error)) from error
-    from app.release.build import Wanted, build
+    from app.release.build import ReleaseRequest, build_release
     from app.storage.database import StoreError
     from app.study.folder import Folder
 
     settings = settings_of()
     known = Folder(studies or settings.studies).known_secrets()
-    wanted = Wanted(database or settings.database, study, out, authors, url, interim, known)
+    request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known)
     try:
         with progress("verifying and writing") as advance:
-            built = build(wanted, advance)
+            built = build_release(request, advance)
     except (ReleaseError, StoreError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A study as a citable bundle: verified, written afresh under new pseudonyms, signed. It appears whole or not at all."""
+"""A study written as a citable bundle: verified, under new pseudonyms, signed. The folder appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from app.release import signing
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
-from app.release.header import BUNDLE_DATABASE, Header
+from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
-from app.release.pseudonyms import write_afresh
-from app.release.tables import Writers, played
+from app.release.pseudonyms import write_pseudonymized
+from app.release.tables import TableWriters, released_episodes
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
@@ -30,12 +30,12 @@ from app.study.verification import verify_moment
 from marsexplorer.files import replace_whole
 
 Advance = Callable[[int, int], None]
-COUNTED = ("participants", "episodes", "steps", "input_events", "stage_events")
-FORGOTTEN = "a participant asked to be forgotten"
+COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
+FORGOTTEN_REASON = "a participant asked to be forgotten"
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ReleaseRequest:
     """What to release and where.
 
     authors  named in the citation
@@ -53,58 +53,58 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Built:
+class WrittenRelease:
     """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its key."""
 
-    header: Header
+    header: ReleaseHeader
     manifest_hash: str
     signer: str
 
 
-def build(wanted: Wanted, advance: Advance = lambda done, total: None) -> Built:
-    """Return the release of a study, written to `wanted.out`.
+def build_release(request: ReleaseRequest, advance: Advance = lambda done, total: None) -> WrittenRelease:
+    """Verify a study and write its release to `request.out`.
 
     advance  called with (episodes verified or written, of how many)
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing.
     """
     check_libraries()
-    if wanted.out.exists() and (not wanted.out.is_dir() or any(wanted.out.iterdir())):
-        raise ReleaseError(f"{wanted.out} is there already: a release is written into a new folder; choose another --out")
-    with reading(wanted.database) as source:  # one moment of it, whatever a server writes meanwhile
-        header, closed = _header(source, wanted)
-        total = 2 * _episodes(source, wanted.study)
-        _verify(source, wanted, advance, total)
-        with _whole_folder(wanted.out) as folder:
-            left = write_afresh(source, wanted.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
+    if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
+        raise ReleaseError(f"{request.out} is there already: a release is written into a new folder; choose another --out")
+    with reading(request.database) as source:  # it sees one moment, whatever a server writes meanwhile
+        header, closed = _header(source, request)
+        total = 2 * _episodes(source, request.study)
+        _verify(source, request, advance, total)
+        with _whole_folder(request.out) as folder:
+            left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
             written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
-            key = signing.signing_key(wanted.database)
+            key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, key)
     if not header.interim:
-        _note(wanted, written[0], manifest_hash)
-    return Built(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
+        _note_in_database(request, written[0], manifest_hash)
+    return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
 
 
-def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int | None, str | None]]:
-    found = rows(conn, "SELECT * FROM studies WHERE name = ?", wanted.study)
+def _header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
+    found = rows(conn, "SELECT * FROM studies WHERE name = ?", request.study)
     if not found:
         known = ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name")) or "none"
-        raise ReleaseError(f"nobody has joined a study {wanted.study!r} in {wanted.database}; studies in it: {known}")
+        raise ReleaseError(f"nobody has joined a study {request.study!r} in {request.database}; studies in it: {known}")
     row = found[0]
     closed = (row["closed_ms"], row["secret"])
-    if closed[0] is None and wanted.secrets and wanted.study in wanted.secrets:
-        closed_ms, secret = wanted.secrets[wanted.study]
+    if closed[0] is None and request.secrets and request.study in request.secrets:
+        closed_ms, secret = request.secrets[request.study]
         closed = (closed_ms, secret.hex()) if closed_ms is not None else (None, None)
-    if closed[0] is None and not wanted.interim:
+    if closed[0] is None and not request.interim:
         raise ReleaseError(
-            f"the study {wanted.study!r} is still open and a release would give its terrains away: close it first with "
-            f"`marsexplorer study close {wanted.study}`, or build one for yourself alone with --interim"
+            f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
+            f"`marsexplorer study close {request.study}`, or build one for yourself alone with --interim"
         )
-    last = latest_release(conn, wanted.study)
+    last = latest_release(conn, request.study)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    return Header(
-        study=wanted.study,
+    return ReleaseHeader(
+        study=request.study,
         protocol=_protocol(row),
         protocol_hash=row["protocol_hash"],
         commitment=row["commitment"],
@@ -113,8 +113,8 @@ def _header(conn: sqlite3.Connection, wanted: Wanted) -> tuple[Header, tuple[int
         released=now,
         software_version=version("marsexplorer-playground"),
         supersedes=_superseded(last) if last else None,
-        authors=wanted.authors or (f"The operators of the study {wanted.study}",),
-        url=wanted.url,
+        authors=request.authors or (f"The operators of the study {request.study}",),
+        url=request.url,
     ), closed
 
 
@@ -126,7 +126,7 @@ def _protocol(row: dict[str, Any]) -> Protocol:
 
 
 def _superseded(last: dict[str, Any]) -> dict[str, Any]:
-    reason = FORGOTTEN if last["outdated_ms"] is not None else "a later release"
+    reason = FORGOTTEN_REASON if last["outdated_ms"] is not None else "a later release"
     return {"version": last["version"], "manifest_sha256": last["manifest_hash"], "reason": reason}
 
 
@@ -136,9 +136,9 @@ def _episodes(conn: sqlite3.Connection, study: str) -> int:
     return int(conn.execute(sql, [study]).fetchone()[0])
 
 
-def _verify(source: sqlite3.Connection, wanted: Wanted, advance: Advance, total: int) -> None:
-    known = {name: secret for name, (_, secret) in (wanted.secrets or {}).items()}
-    result = verify_moment(source, wanted.database, lambda done, _: advance(done, total), known, wanted.study)
+def _verify(source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int) -> None:
+    known = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
+    result = verify_moment(source, request.database, lambda done, _: advance(done, total), known, request.study)
     if result.findings:
         more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
         raise ReleaseError(
@@ -146,19 +146,19 @@ def _verify(source: sqlite3.Connection, wanted: Wanted, advance: Advance, total:
         )
 
 
-def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tuple[Header, dict[str, int]]:
-    """Return the header with its counts and the rows by file; everything but the manifest is written."""
+def _write(folder: Path, header: ReleaseHeader, advance: Callable[[int], None]) -> tuple[ReleaseHeader, dict[str, int]]:
+    """Write everything but the manifest; return the header with its counts, and the rows by file."""
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
     outcomes: dict[str, int] = {}
-    with reading(folder / BUNDLE_DATABASE) as conn, Writers(folder) as write:
-        for done, each in enumerate(played(conn), 1):
+    with reading(folder / BUNDLE_DATABASE) as conn, TableWriters(folder) as write:
+        for done, each in enumerate(released_episodes(conn), 1):
             write(each)
             minari(each)
             outcome = each.header["outcome"]
             outcomes[outcome] = outcomes.get(outcome, 0) + 1
             advance(done)
-        counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED}
+        counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED_TABLES}
     minari.close()
     header = replace(header, rows=counts, outcomes=outcomes)
     named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
@@ -170,7 +170,7 @@ def _write(folder: Path, header: Header, advance: Callable[[int], None]) -> tupl
 
 @contextmanager
 def _whole_folder(out: Path) -> Iterator[Path]:
-    """Return a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
+    """Make a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
     try:
         with replace_whole(out) as unfinished:
             unfinished.mkdir(parents=True)
@@ -181,16 +181,16 @@ def _whole_folder(out: Path) -> Iterator[Path]:
         raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
 
 
-def _note(wanted: Wanted, header: Header, manifest_hash: str) -> None:
-    """Return with the release noted in the database, so that the next one knows its number; a server may be running."""
-    conn = sqlite3.connect(wanted.database, timeout=BUSY_MS / 1000, isolation_level=None)
+def _note_in_database(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
+    """Keep the release in the database, so that the next one knows its number; a server may be running."""
+    conn = sqlite3.connect(request.database, timeout=BUSY_MS / 1000, isolation_level=None)
     try:
         now = int(datetime.now(UTC).timestamp() * 1000)
         with transaction(conn):
             note_release(conn, ReleaseRow(header.study, header.version, manifest_hash, now))
     except sqlite3.Error as error:
         raise StoreError(
-            f"{wanted.out} is written, but {wanted.database} did not take note of it ({error}): the next release will have "
+            f"{request.out} is written, but {request.database} did not take note of it ({error}): the next release will have "
             "the same number"
         ) from error
     finally:

@@ -1,11 +1,11 @@
-"""The columns of a release's tables, once: Parquet types, JSON Schema, Croissant fields and the dictionary come from here."""
+"""The columns of a release's tables, from which Parquet types, JSON Schema, Croissant fields and the dictionary are made."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Kind = Literal["text", "integer", "real", "boolean"]
+ColumnType = Literal["text", "integer", "real", "boolean"]
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class Column:
     """A column: its type, what it means (with its unit), and whether it may be absent."""
 
     name: str
-    kind: Kind
+    type: ColumnType
     meaning: str
     optional: bool = False
 
@@ -111,7 +111,12 @@ SCORES = tuple(
     }
 )
 
-TABLES: dict[str, tuple[Column, ...]] = {"episodes": EPISODES, "steps": STEPS, "input_events": INPUT_EVENTS, "scores": SCORES}
+BUNDLE_COLUMNS: dict[str, tuple[Column, ...]] = {
+    "episodes": EPISODES,
+    "steps": STEPS,
+    "input_events": INPUT_EVENTS,
+    "scores": SCORES,
+}
 SUMMARIES = {
     "episodes": "one row an episode: who, what was played, what it came to",
     "steps": "one row a move",
@@ -128,11 +133,11 @@ def dictionary() -> dict[str, Any]:
         table: {
             "summary": SUMMARIES[table],
             "columns": [
-                {"name": column.name, "type": column.kind, "meaning": column.meaning, "optional": column.optional}
+                {"name": column.name, "type": column.type, "meaning": column.meaning, "optional": column.optional}
                 for column in columns
             ],
         }
-        for table, columns in TABLES.items()
+        for table, columns in BUNDLE_COLUMNS.items()
     }
 
 
@@ -140,8 +145,8 @@ def json_schema() -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
     properties: dict[str, Any] = {}
     for column in EPISODES:
-        kinds: Any = [_JSON[column.kind], "null"] if column.optional else _JSON[column.kind]
-        properties[column.name] = {"type": kinds, "description": column.meaning}
+        types: Any = [_JSON[column.type], "null"] if column.optional else _JSON[column.type]
+        properties[column.name] = {"type": types, "description": column.meaning}
     actions = {"type": "array", "items": {"enum": ["north", "east", "south", "west"]}, "description": "the moves, in order"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -156,7 +161,7 @@ def json_schema() -> dict[str, Any]:
 def markdown(table: str) -> str:
     """Return a table's columns as Markdown, as docs/release.md and the datasheet print them."""
     lines = ["| column | type | meaning |", "|---|---|---|"]
-    for column in TABLES[table]:
-        kind = f"{column.kind}, may be absent" if column.optional else column.kind
+    for column in BUNDLE_COLUMNS[table]:
+        kind = f"{column.type}, may be absent" if column.optional else column.type
         lines.append(f"| `{column.name}` | {kind} | {column.meaning} |")
     return "\n".join(lines)

@@ -1,18 +1,24 @@
-"""Croissant 1.1 metadata (JSON-LD): what files there are and what their columns mean, for machines that look for data sets."""
+"""Croissant 1.1 metadata (JSON-LD): what files there are and what their columns mean, for machines that look for data sets.
+
+The metadata are built with mlcroissant's own classes. Two things cannot be said through them and are added to their output:
+`isLiveDataset` when it is false, and a list of creators when there is only one.
+"""
 
 from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.release.columns import SUMMARIES, TABLES, Column
+from app.release.columns import BUNDLE_COLUMNS, SUMMARIES, Column
 from app.release.errors import ReleaseError, library
-from app.release.header import BUNDLE_DATABASE, Header
+from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import sha256
 
-FILES = {
+ENCODING_FORMATS = {
     "parquet/episodes.parquet": "application/x-parquet",
     "parquet/steps.parquet": "application/x-parquet",
     "parquet/input_events.parquet": "application/x-parquet",
@@ -20,89 +26,101 @@ FILES = {
     "scores.csv": "text/csv",
     BUNDLE_DATABASE: "application/vnd.sqlite3",
 }
-_KINDS = {"text": "sc:Text", "integer": "sc:Integer", "real": "sc:Float", "boolean": "sc:Boolean"}
-_TERMS = (
-    "arrayShape citeAs column containedIn equivalentProperty extract field fileProperty fileObject fileSet format includes "
-    "isArray isLiveDataset jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate "
-    "separator source subField transform"
-)
-_CONTEXT: dict[str, Any] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    **{term: f"cr:{term}" for term in _TERMS.split()},
-    "conformsTo": "dct:conformsTo",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
+"""File -> its media type."""
+
+KEYWORDS = ("reinforcement learning", "human baseline", "exploration", "MarsExplorer")
+TERMS_OF_1_1 = {
+    "arrayShape": "cr:arrayShape",
+    "containedIn": "cr:containedIn",
+    "isArray": "cr:isArray",
     "description": {"@container": "@language"},
-    "examples": {"@id": "cr:examples", "@type": "@json"},
     "name": {"@container": "@language"},
-    "sc": "https://schema.org/",
 }
+"""What the context of Croissant 1.1 has beyond that of 1.0, which mlcroissant writes by default."""
 
 
-def croissant(folder: Path, header: Header, citation: str, licence_url: str) -> dict[str, Any]:
-    """Return the metadata of a release whose tables lie in `folder`."""
-    return {
-        "@context": _CONTEXT,
-        "@type": "sc:Dataset",
-        "conformsTo": "http://mlcommons.org/croissant/1.1",
-        "name": f"marsexplorer-{header.study}",
-        "description": header.summary(),
-        "citeAs": citation,
-        "license": licence_url,
-        **({"url": header.url} if header.url else {}),
-        "version": f"{header.version}.0.0",
-        "datePublished": header.released,
-        "creator": [{"@type": "sc:Organization", "name": author} for author in header.authors],
-        "keywords": ["reinforcement learning", "human baseline", "exploration", "MarsExplorer"],
-        "isLiveDataset": False,
-        "distribution": [_file(folder, name, kind) for name, kind in FILES.items()],
-        "recordSet": [
-            *(_records(name, f"parquet/{name}.parquet") for name in ("episodes", "steps", "input_events")),
-            _records("scores", "scores.csv"),
-        ],
-    }
+def croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> dict[str, Any]:
+    """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant finds them not valid."""
+    with _mlcroissant() as mlc:
+        build = _Builder(mlc, folder)
+        metadata = mlc.Metadata(
+            ctx=build.context,
+            name=f"marsexplorer-{header.study}",
+            description=header.summary(),
+            cite_as=citation,
+            license=[licence_url],
+            url=header.url,
+            version=f"{header.version}.0.0",
+            date_published=header.released,
+            creators=[mlc.Organization(ctx=build.context, name=author) for author in header.authors],
+            keywords=list(KEYWORDS),
+            distribution=[build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()],
+            record_sets=[
+                *(build.record_set(name, f"parquet/{name}.parquet") for name in ("episodes", "steps", "input_events")),
+                build.record_set("scores", "scores.csv"),
+            ],
+        )
+        found: dict[str, Any] = metadata.to_json()
+    creators = found["creator"]
+    return {**found, "creator": creators if isinstance(creators, list) else [creators], "isLiveDataset": False}
 
 
-def write_croissant(folder: Path, header: Header, citation: str, licence_url: str) -> None:
-    """Return with croissant.json written and found valid by mlcroissant; ReleaseError otherwise."""
+def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> None:
+    """Write croissant.json and read it again with mlcroissant; ReleaseError when it is not valid."""
     path = folder / "croissant.json"
     path.write_text(json.dumps(croissant(folder, header, citation, licence_url), indent=2, ensure_ascii=False) + "\n")
-    mlcroissant = library("mlcroissant")
+    with _mlcroissant() as mlc:
+        mlc.Dataset(path)
+
+
+@contextmanager
+def _mlcroissant() -> Iterator[Any]:
+    """Give the library to a block, without its deprecation warnings; what is not valid becomes a ReleaseError."""
+    mlc = library("mlcroissant")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # rdflib's, about how mlcroissant calls it
-            mlcroissant.Dataset(path)
-    except mlcroissant.ValidationError as error:
+            yield mlc
+    except mlc.ValidationError as error:
         raise ReleaseError(f"the Croissant metadata is not valid: {error}") from error
 
 
-def _file(folder: Path, name: str, kind: str) -> dict[str, Any]:
-    return {
-        "@type": "cr:FileObject",
-        "@id": name,
-        "name": name,
-        "contentUrl": name,
-        "encodingFormat": kind,
-        "contentSize": f"{(folder / name).stat().st_size} B",
-        "sha256": sha256(folder / name),
-    }
+class _Builder:
+    """The parts of one release's metadata, built with mlcroissant."""
 
+    def __init__(self, mlc: Any, folder: Path) -> None:
+        self._mlc, self._folder = mlc, folder
+        rdf = mlc.Rdf(context={**mlc.Rdf().context, **TERMS_OF_1_1})
+        self.context = mlc.Context(conforms_to="http://mlcommons.org/croissant/1.1", rdf=rdf)
+        types = mlc.DataType
+        self._types = {"text": types.TEXT, "integer": types.INTEGER, "real": types.FLOAT, "boolean": types.BOOL}
 
-def _records(table: str, file: str) -> dict[str, Any]:
-    fields = [_field(table, file, column) for column in TABLES[table]]
-    return {"@type": "cr:RecordSet", "@id": table, "name": table, "description": SUMMARIES[table], "field": fields}
+    def file(self, name: str, encoding: str) -> Any:
+        """Return the FileObject of a file, by its size and SHA-256."""
+        path = self._folder / name
+        return self._mlc.FileObject(
+            ctx=self.context,
+            id=name,
+            name=name,
+            content_url=name,
+            content_size=f"{path.stat().st_size} B",
+            encoding_formats=[encoding],
+            sha256=sha256(path),
+        )
 
+    def record_set(self, table: str, file: str) -> Any:
+        """Return the RecordSet of a table that is read from a file."""
+        fields = [self._field(table, file, column) for column in BUNDLE_COLUMNS[table]]
+        return self._mlc.RecordSet(ctx=self.context, id=table, name=table, description=SUMMARIES[table], fields=fields)
 
-def _field(table: str, file: str, column: Column) -> dict[str, Any]:
-    return {
-        "@type": "cr:Field",
-        "@id": f"{table}/{column.name}",
-        "name": column.name,
-        "description": column.meaning,
-        "dataType": _KINDS[column.kind],
-        "source": {"fileObject": {"@id": file}, "extract": {"column": column.name}},
-    }
+    def _field(self, table: str, file: str, column: Column) -> Any:
+        mlc = self._mlc
+        extract = mlc.Extract(ctx=self.context, column=column.name)
+        return mlc.Field(
+            ctx=self.context,
+            id=f"{table}/{column.name}",
+            name=column.name,
+            description=column.meaning,
+            data_types=[self._types[column.type]],
+            source=mlc.Source(ctx=self.context, file_object=file, extract=extract),
+        )

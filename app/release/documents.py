@@ -1,18 +1,23 @@
-"""What a release says in words: datasheet, citation, licence, protocol, schema and column dictionary."""
+"""The documents of a release: datasheet, citation, licence, protocol, schema and column dictionary.
+
+The first three come from the templates in `templates/`. They are Markdown, YAML and plain text, so nothing is escaped as
+HTML; strings in the YAML are quoted as JSON. The datasheet follows Gebru et al. (2021), "Datasheets for Datasets".
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from app.release.columns import dictionary, json_schema
-from app.release.datasheet import datasheet
-from app.release.header import Header
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from app.release.columns import SUMMARIES, dictionary, json_schema, markdown
+from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.study.protocol import canonical
 
-PAPER = "MarsExplorer: Exploration of Unknown Terrains via Deep Reinforcement Learning and Procedurally Generated Environments"
 LICENCES = {
     "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
     "CC-BY-SA-4.0": (
@@ -26,6 +31,7 @@ LICENCES = {
     "CC0-1.0": ("Creative Commons Zero 1.0 Universal", "https://creativecommons.org/publicdomain/zero/1.0/"),
     "ODbL-1.0": ("Open Database License 1.0", "https://opendatacommons.org/licenses/odbl/1-0/"),
 }
+"""SPDX identifier -> the licence's title, and where it can be read."""
 
 
 def licence_url(licence: str) -> str:
@@ -33,65 +39,60 @@ def licence_url(licence: str) -> str:
     return LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
 
 
-def citation(header: Header) -> str:
+def citation(header: ReleaseHeader) -> str:
     """Return a line to cite the release by."""
     year = header.released[:4]
     where = f" {header.url}" if header.url else ""
     return f"{'; '.join(header.authors)} ({year}). {header.title}. Version {header.version}.{where}"
 
 
-def write_documents(folder: Path, header: Header, minari: Mapping[str, int], without_moves: int) -> None:
-    """Return with every document written into the release.
+def write_documents(folder: Path, header: ReleaseHeader, minari: Mapping[str, int], without_moves: int) -> None:
+    """Write every document into the release.
 
     minari         episodes by Minari dataset id
     without_moves  episodes that Minari cannot hold
     """
     (folder / "schema").mkdir()
-    _json(folder / "schema/columns.json", dictionary())
-    _json(folder / "schema/episode.schema.json", json_schema())
-    _json(folder / "protocol.json", json.loads(canonical(header.protocol)))
-    (folder / "CITATION.cff").write_text(_citation_file(header), encoding="utf-8")
-    (folder / "LICENSE").write_text(_licence_text(header), encoding="utf-8")
-    (folder / "DATASHEET.md").write_text(
-        datasheet(header, minari, without_moves, citation(header), licence_url(header.protocol.data_licence)), encoding="utf-8"
-    )
+    _write_json(folder / "schema/columns.json", dictionary())
+    _write_json(folder / "schema/episode.schema.json", json_schema())
+    _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
+    for name, text in documents(header, minari, without_moves).items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
-def _json(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def _citation_file(header: Header) -> str:
-    lines = [
-        "cff-version: 1.2.0",
-        "type: dataset",
-        'message: "If you use these data, please cite them."',
-        f"title: {json.dumps(header.title, ensure_ascii=False)}",
-        f'version: "{header.version}"',
-        f"date-released: {header.released[:10]}",
-        f"license: {header.protocol.data_licence}",
-        *([f"url: {json.dumps(header.url)}"] if header.url else []),
-        "authors:",
-        *(f"  - name: {json.dumps(author, ensure_ascii=False)}" for author in header.authors),
-        f"abstract: {json.dumps(header.summary(), ensure_ascii=False)}",
-        "references:",
-        "  - type: article",
-        f'    title: "{PAPER}"',
-        "    authors:",
-        '      - {family-names: "Koutras", given-names: "Dimitrios I."}',
-        '      - {family-names: "Kapoutsis", given-names: "Athanasios Ch."}',
-        '      - {family-names: "Amanatiadis", given-names: "Angelos A."}',
-        '      - {family-names: "Kosmatopoulos", given-names: "Elias B."}',
-        "    year: 2021",
-        '    url: "https://arxiv.org/abs/2107.09996"',
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _licence_text(header: Header) -> str:
+def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: int) -> dict[str, str]:
+    """Return file name -> text of the documents that come from templates; the arguments are those of `write_documents`."""
     licence = header.protocol.data_licence
-    title = LICENCES[licence][0] if licence in LICENCES else licence
-    return (
-        f"SPDX-License-Identifier: {licence}\n\nThe data in this folder are licensed under {title}.\n"
-        f"The licence: {licence_url(licence)}\n\nTo be named as the source:\n{citation(header)}\n"
+    given = {
+        "header": header,
+        "minari": minari,
+        "without_moves": without_moves,
+        "citation": citation(header),
+        "licence_title": LICENCES[licence][0] if licence in LICENCES else licence,
+        "licence_url": licence_url(licence),
+        "database": BUNDLE_DATABASE,
+        "summaries": SUMMARIES,
+        "column_table": markdown,
+    }
+    names = ("DATASHEET.md", "CITATION.cff", "LICENSE")
+    return {name: _environment().get_template(f"{name}.j2").render(given) for name in names}
+
+
+@cache
+def _environment() -> Environment:
+    """Return the environment of the templates; what a template names and nobody gives is an error."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=False,  # no HTML comes from these templates
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
+    environment.filters["json"] = partial(json.dumps, ensure_ascii=False)
+    environment.filters["ascii_json"] = json.dumps
+    return environment
+
+
+def _write_json(path: Path, value: Any) -> None:
+    path.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

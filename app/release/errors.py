@@ -1,4 +1,4 @@
-"""What can go wrong with a release, in one sentence; and libraries that only some commands need."""
+"""The error of a release, and the libraries that only some commands need."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from typing import Any
 
 
 class ReleaseError(Exception):
-    """A release, an import, a merge or an erasure cannot be done; the message says what was expected and the way out."""
+    """A release cannot be written or imported; the message says what was expected, and what to do."""
 
 
 LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
-"""What the extra `export` brings."""
+"""The libraries of the extra `export`."""
 
 
 def check_libraries() -> None:
-    """Return when everything that writing a release needs is installed; ReleaseError naming the first that is not."""
+    """Check that everything that writing a release needs is installed; ReleaseError naming the first that is not."""
     for name in LIBRARIES:
         library(name)
 
 
 def library(name: str) -> Any:
-    """Return the module of an optional library; ReleaseError naming the extra when it is not installed."""
+    """Import an optional library and return its module; ReleaseError naming the extra when it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""What a release says of itself: the one source of its manifest, datasheet, citation and Croissant metadata."""
+"""The header of a release: the one source of its manifest, datasheet, citation and Croissant metadata."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 from app.study.protocol import Protocol
 
-FORMAT = "marsexplorer-release-1"
+RELEASE_FORMAT = "marsexplorer-release-1"
 BUNDLE_DATABASE = "study.sqlite"
 
 
 @dataclass(frozen=True)
-class Header:
+class ReleaseHeader:
     """A release.
 
     version     1, 2, ... of this study's releases
@@ -51,7 +51,7 @@ class Header:
     def summary(self) -> str:
         """Return what the dataset is, in a few sentences."""
         config = self.protocol.env_config
-        counted = ", ".join(f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED)
+        counted = ", ".join(f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED_IN_SUMMARY)
         where = f"level {config.level} at {config.rows}x{config.cols}"
         return (
             f"Recordings of the MarsExplorer study {self.study}: {counted}, on {where}. Every participant met the same "
@@ -61,7 +61,7 @@ class Header:
     def to_dict(self) -> dict[str, Any]:
         """Return the header as the manifest holds it."""
         return {
-            "format": FORMAT,
+            "format": RELEASE_FORMAT,
             "study": self.study,
             "title": self.title,
             "version": self.version,
@@ -80,7 +80,7 @@ class Header:
         }
 
 
-_COUNTED = (
+_COUNTED_IN_SUMMARY = (
     ("participants", "participants"),
     ("episodes", "episodes"),
     ("steps", "moves"),

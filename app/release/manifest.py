@@ -10,15 +10,15 @@ from typing import Any
 
 from app.release import signing
 from app.release.errors import ReleaseError
-from app.release.header import FORMAT, Header
+from app.release.header import RELEASE_FORMAT, ReleaseHeader
 from app.storage.resimulation import Finding
 
 MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
 UNLISTED = {MANIFEST, SIGNATURE}
 
 
-def write_manifest(folder: Path, header: Header, rows: Mapping[str, int], key: Any) -> str:
-    """Return SHA-256 (hex) of the manifest, written and signed beside the release's other files.
+def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int], key: Any) -> str:
+    """Write and sign the manifest of a release, and return its SHA-256 (hex).
 
     rows  by file, where a file has rows
     """
@@ -28,8 +28,8 @@ def write_manifest(folder: Path, header: Header, rows: Mapping[str, int], key: A
         for name in listing(folder)
         if name not in UNLISTED
     }
-    told = {**header.to_dict(), "signer": signing.fingerprint((folder / PUBLIC_KEY).read_bytes()), "files": files}
-    data = json.dumps(told, indent=2, ensure_ascii=False).encode() + b"\n"
+    content = {**header.to_dict(), "signer": signing.fingerprint((folder / PUBLIC_KEY).read_bytes()), "files": files}
+    data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
     (folder / MANIFEST).write_bytes(data)
     (folder / SIGNATURE).write_bytes(key.sign(data))
     return hashlib.sha256(data).hexdigest()
@@ -44,14 +44,20 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
         raise ReleaseError(f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote") from error
     except ValueError as error:
         raise ReleaseError(f"{folder / MANIFEST} is damaged: {error}; get the release again") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT or not isinstance(manifest.get("files"), dict):
+    if (
+        not isinstance(manifest, dict)
+        or manifest.get("format") != RELEASE_FORMAT
+        or not isinstance(manifest.get("files"), dict)
+    ):
         found = manifest.get("format") if isinstance(manifest, dict) else None
-        raise ReleaseError(f"{folder / MANIFEST} has format {found!r}, this version reads {FORMAT!r}: update the software")
+        raise ReleaseError(
+            f"{folder / MANIFEST} has format {found!r}, this version reads {RELEASE_FORMAT!r}: update the software"
+        )
     return manifest, hashlib.sha256(data).hexdigest()
 
 
 def check_files(folder: Path, manifest: dict[str, Any], signer: str | None = None) -> Iterator[Finding]:
-    """Return what differs between a release's files, manifest and signature.
+    """Yield what differs between a release's files, manifest and signature.
 
     signer  fingerprint that the signing key must have; None takes the one in the release
     """
@@ -70,11 +76,11 @@ def check_files(folder: Path, manifest: dict[str, Any], signer: str | None = Non
     present = set(listing(folder)) - UNLISTED
     for name in sorted(present - set(manifest["files"])):
         yield Finding(f"file {name}", "it", "there", "not in the manifest")
-    for name, told in manifest["files"].items():
+    for name, listed in manifest["files"].items():
         if name not in present:
             yield Finding(f"file {name}", "it", "missing", "in the manifest")
-        elif (made := sha256(folder / name)) != told["sha256"]:
-            yield Finding(f"file {name}", "sha256", told["sha256"], made)
+        elif (made := sha256(folder / name)) != listed["sha256"]:
+            yield Finding(f"file {name}", "sha256", listed["sha256"], made)
 
 
 def listing(folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""A release's episodes as Minari datasets (HDF5): one of people's, one of scripts', so that nobody mixes them up.
+"""A release's episodes as Minari datasets (HDF5), people's and scripts' in separate ones.
 
 Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, kept as they are: Minari's picture
 compression would change them. Reference scores make Minari's normalized score the paper's.
@@ -22,9 +22,20 @@ from app.release.tables import ReleasedEpisode
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
-BATCH = 64
-KEPT = ("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "script", "config_hash", "core_version")
-TOTALS = ("outcome", "return", "score", "steps_to_99", "trajectory_hash")
+EPISODES_PER_WRITE = 64
+_CAUSE_METADATA = (
+    "participant",
+    "kind",
+    "phase",
+    "trial",
+    "terrain_index",
+    "episode",
+    "driver",
+    "script",
+    "config_hash",
+    "core_version",
+)
+_RESULT_METADATA = ("outcome", "return", "score", "steps_to_99", "trajectory_hash")
 
 
 def dataset_id(study: str, driver: str, version: int) -> str:
@@ -46,17 +57,17 @@ class MinariWriter:
         self.without_moves = 0
 
     def __call__(self, each: ReleasedEpisode) -> None:
-        """Take one episode; one without a move cannot be kept by Minari and is counted."""
+        """Add one episode; Minari cannot keep one without a move, so such an episode is only counted."""
         if not each.episode.actions:
             self.without_moves += 1
             return
         waiting = self._waiting.setdefault(each.header["driver"], [])
         waiting.append(each)
-        if len(waiting) >= BATCH:
+        if len(waiting) >= EPISODES_PER_WRITE:
             self._flush(each.header["driver"])
 
     def close(self) -> None:
-        """Return with everything written."""
+        """Write what is still waiting."""
         for driver in self._waiting:
             self._flush(driver)
 
@@ -125,12 +136,12 @@ def _buffer(minari: Any, each: ReleasedEpisode) -> Any:
 
 
 def _metadata(each: ReleasedEpisode) -> dict[str, Any]:
-    return {name: each.header[name] for name in (*KEPT, *TOTALS) if each.header[name] is not None}
+    return {name: each.header[name] for name in (*_CAUSE_METADATA, *_RESULT_METADATA) if each.header[name] is not None}
 
 
 @contextmanager
 def _datasets_in(root: Path) -> Iterator[None]:
-    """Return a block in which Minari writes below `root`."""
+    """Let Minari write below `root` inside the block."""
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())  # it looks below a relative one twice
     try:

@@ -1,4 +1,4 @@
-"""A study's rows written afresh into an empty database, every person, browser and board under a new pseudonym.
+"""A study's rows written into an empty database, every participant, player and session under a new pseudonym.
 
 Nothing is copied as a file. Identities, cookies' keys, completion codes and everything of other studies stay behind, and so
 do people who did not agree to the consent text, and episodes that were never finished.
@@ -46,8 +46,8 @@ class LeftOut:
     without_consent: int
 
 
-class Names:
-    """Pseudonyms drawn with one release's key; a name means nothing without it."""
+class Pseudonyms:
+    """Pseudonyms made with one release's key; without the key nobody can find the id of a pseudonym."""
 
     def __init__(self, key: bytes) -> None:
         self._key = key
@@ -62,21 +62,21 @@ class Names:
         return self.known[ident]
 
 
-def write_afresh(
+def write_pseudonymized(
     source: sqlite3.Connection, study: str, target: Path, key: bytes, closed: tuple[int | None, str | None]
 ) -> LeftOut:
-    """Return what was left out; the study's rows stand in a new database at `target`, sealed and in one file.
+    """Write the study's rows into a new database at `target`, with digests and in one file; return what was left out.
 
     source  a connection that reads one moment
     key     of this release's pseudonyms; forget it afterwards
     closed  (closed_ms, the secret in hex) of a closed study, (None, None) of an open one
     """
-    names = Names(key)
+    pseudonyms = Pseudonyms(key)
     conn: sqlite3.Connection = open_database(target).conn
     try:
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
-            for table, found in _rows(source, study, names, closed):
+            for table, found in _rows(source, study, pseudonyms, closed):
                 marks = ",".join("?" * len(found))
                 conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))
             digests.write_all(conn)
@@ -88,20 +88,20 @@ def write_afresh(
 
 
 def _rows(
-    source: sqlite3.Connection, study: str, names: Names, closed: tuple[int | None, str | None]
+    source: sqlite3.Connection, study: str, pseudonyms: Pseudonyms, closed: tuple[int | None, str | None]
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     row = rows(source, "SELECT * FROM studies WHERE name = ?", study)[0]
     yield "studies", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = rows(source, _PEOPLE, study)
-    yield from _boards(source, study, people, names)
+    yield from _players_and_sessions(source, study, people, pseudonyms)
     for person in people:
-        names.of("participants", person["id"])
-    cleaned = Cleaner(names, _identities(source, study))
+        pseudonyms.of("participants", person["id"])
+    pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
-        yield "participants", cleaned.row("participants", _without_traces(person))
+        yield "participants", pseudonymizer.row("participants", _without_traces(person))
     for table, sql in _SELECTS.items():
         for row in stream(source, sql, study):
-            yield table, cleaned.row(table, row)
+            yield table, pseudonymizer.row(table, row)
 
 
 def _without_traces(person: dict[str, Any]) -> dict[str, Any]:
@@ -111,28 +111,28 @@ def _without_traces(person: dict[str, Any]) -> dict[str, Any]:
     return {**person, "completion_code": None, "settings": json.dumps(kept, sort_keys=True)}
 
 
-def _boards(
-    source: sqlite3.Connection, study: str, people: list[dict[str, Any]], names: Names
+def _players_and_sessions(
+    source: sqlite3.Connection, study: str, people: list[dict[str, Any]], pseudonyms: Pseudonyms
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Return the players and sessions that the people and their episodes refer to."""
     played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODES})"
     used = {row["session_id"] for row in rows(source, played_on, study)}
     used |= {person["session_id"] for person in people if person["session_id"]}
-    boards = [row for ident in sorted(used) for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)]
-    players = {person["player_id"] for person in people} | {row[name] for row in boards for name in ("player_id", "owner_id")}
+    sessions = [row for ident in sorted(used) for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)]
+    players = {person["player_id"] for person in people} | {row[name] for row in sessions for name in ("player_id", "owner_id")}
     for ident in sorted(players - {None}):
         for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
-            yield "players", {**row, "id": names.of("players", ident)}
-    for row in sorted(boards, key=lambda row: row["created_ms"]):
-        owners = {name: names.of("players", row[name]) for name in ("player_id", "owner_id")}
-        yield "sessions", {**row, **owners, "id": names.of("sessions", row["id"]), "rival_of": None}
+            yield "players", {**row, "id": pseudonyms.of("players", ident)}
+    for row in sorted(sessions, key=lambda row: row["created_ms"]):
+        owners = {name: pseudonyms.of("players", row[name]) for name in ("player_id", "owner_id")}
+        yield "sessions", {**row, **owners, "id": pseudonyms.of("sessions", row["id"]), "rival_of": None}
 
 
-class Cleaner:
-    """Rows with every reference under its pseudonym, in columns of their own and inside free text."""
+class RowPseudonymizer:
+    """Replaces every id in a row by its pseudonym, in the columns for ids and inside free text."""
 
-    def __init__(self, names: Names, identities: Mapping[str, str]) -> None:
-        self._names = names
+    def __init__(self, pseudonyms: Pseudonyms, identities: Mapping[str, str]) -> None:
+        self._pseudonyms = pseudonyms
         self._identities = identities
         self._texts: dict[str, str] = {}
 
@@ -140,9 +140,9 @@ class Cleaner:
         """Return the row renamed; ReleaseError when its free text holds an identity."""
         for name, of in _REFERENCES.items():
             if name in row:
-                row[name] = self._names.of(of, row[name])
+                row[name] = self._pseudonyms.of(of, row[name])
         if table == "participants":
-            row["id"] = self._names.of("participants", row["id"])
+            row["id"] = self._pseudonyms.of("participants", row["id"])
         for name in FREE_TEXT.get(table, ()):
             if row[name] is not None:
                 row[name] = self._text(row[name], f"{table}.{name}")
@@ -154,14 +154,14 @@ class Cleaner:
                 if value in text:
                     raise ReleaseError(f"{place} holds somebody's {what}: nothing was written; correct that row and try again")
             made = text
-            for ident, pseudonym in self._names.known.items():
+            for ident, pseudonym in self._pseudonyms.known.items():
                 made = made.replace(ident, pseudonym)
             self._texts[text] = made
         return self._texts[text]
 
 
 def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
-    """Return the outside ids of a study's people that are long enough to be told from other text: value -> its name."""
+    """Return the outside ids of a study's people that are too long to be part of other text by chance: value -> its name."""
     sql = "SELECT name, value FROM identities WHERE participant_id IN (SELECT id FROM participants WHERE study = ?)"
     return {value: name for name, value in source.execute(sql, [study]) if len(value) >= 5}
 

@@ -1,4 +1,4 @@
-"""Ed25519 signatures: a key beside the database, its public half in every release.
+"""Ed25519 signatures: a key next to the database, its public half in every release.
 
 A valid signature proves that the holder of this key wrote exactly these files. That the key is a certain group's has to be
 learnt elsewhere: they publish its fingerprint, in their paper say.
@@ -20,7 +20,7 @@ def key_path(database: Path) -> Path:
 
 
 def signing_key(database: Path) -> Any:
-    """Return the Ed25519 key beside a database, drawn on first use and readable by its owner alone."""
+    """Return the Ed25519 key next to a database, made on first use and readable by its owner alone."""
     serialization, ed25519 = _libraries()
     path = key_path(database)
     if not path.exists():

@@ -1,4 +1,4 @@
-"""The tables of a release from its own database: Parquet, JSON Lines and CSV, each episode replayed on its way out."""
+"""The tables of a release, written from its own database as Parquet, JSON Lines and CSV; each episode is replayed."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from marsexplorer.episode import Episode, replay
 from marsexplorer.score import steps_to_target
 
 Row = dict[str, Any]
-_PLAYED = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index, p.id AS participant, p.kind, p.script
+_EPISODES = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index, p.id AS participant, p.kind, p.script
     FROM episodes e JOIN study_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
     ORDER BY e.started_ms, e.id"""
-GROUP = 20_000
-"""Rows that Parquet writes at a time."""
+ROWS_PER_GROUP = 20_000
+"""The rows of one group in a Parquet file."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class ReleasedEpisode:
         return [ACTIONS[action] for action in self.episode.actions]
 
 
-def played(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
+def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
     """Return every episode of a release's database, oldest first."""
-    for row in rows(conn, _PLAYED):
+    for row in rows(conn, _EPISODES):
         steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", row["id"])
         events = rows(conn, "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", row["id"])
         episode = replay(record_of(row, steps))
@@ -85,8 +85,8 @@ def _event(event: Row) -> Row:
     return {column.name: made[column.name] for column in INPUT_EVENTS if column.name in made}
 
 
-class Writers:
-    """Every table file of a release, open for one episode after another; `with Writers(folder) as write: write(played)`."""
+class TableWriters:
+    """Every table file of a release: `with TableWriters(folder) as write: write(episode)`, one episode after another."""
 
     def __init__(self, folder: Path) -> None:
         self._stack = ExitStack()
@@ -94,7 +94,7 @@ class Writers:
         self._folder = folder
         self.rows: dict[str, int] = {}
 
-    def __enter__(self) -> Writers:
+    def __enter__(self) -> TableWriters:
         folder = self._folder
         (folder / "parquet").mkdir()
         kinds: tuple[tuple[str, tuple[Column, ...], Callable[[ReleasedEpisode], list[Row]]], ...] = (
@@ -158,7 +158,7 @@ class ParquetTable:
         pa, pq = library("pyarrow"), library("pyarrow.parquet")
         kinds = {"text": pa.string(), "integer": pa.int64(), "real": pa.float64(), "boolean": pa.bool_()}
         fields = [
-            pa.field(column.name, kinds[column.kind], column.optional, {"description": column.meaning}) for column in columns
+            pa.field(column.name, kinds[column.type], column.optional, {"description": column.meaning}) for column in columns
         ]
         self._make = pa.Table.from_pylist
         self._schema = pa.schema(fields)
@@ -166,13 +166,13 @@ class ParquetTable:
         self._waiting: list[Row] = []
 
     def add(self, found: list[Row]) -> None:
-        """Return with the rows taken."""
+        """Add rows; they are written ROWS_PER_GROUP at a time."""
         self._waiting += found
-        if len(self._waiting) >= GROUP:
+        if len(self._waiting) >= ROWS_PER_GROUP:
             self._flush()
 
     def close(self) -> None:
-        """Return with everything written."""
+        """Write what is still waiting, and close the file."""
         self._flush()
         self._writer.close()
 

@@ -1,4 +1,4 @@
-"""The rows of a participant erased for good: nothing of theirs remains in the database or in its log.
+"""A participant erased for good: nothing of theirs remains in the database or in its log.
 
 What is kept are hashes of the person and of the erased trajectories (`app.storage.forgotten`), so that a merge or an import
 cannot bring them back.
@@ -10,14 +10,13 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.storage import digests
-from app.storage.connection import rows
+from app.storage.connection import reading, rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
 from app.storage.forgotten import TRAJECTORY, person_hashes, trajectory_hash
 from app.storage.releases import mark_outdated_releases
@@ -39,45 +38,66 @@ class Erasure:
     outdated: tuple[int, ...]
 
 
-def participants_named(conn: sqlite3.Connection, name: str, study: str | None) -> list[dict[str, Any]]:
-    """Return the rows of the participants with this id, label or outside id, of one study or (None) of all."""
-    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
-    conn.create_function("label", 1, participant_label, deterministic=True)
-    return rows(conn, sql, name, study)
+class ParticipantLookupError(StoreError):
+    """No participant is meant, or more than one; the message says which, and what to give instead."""
 
 
-@contextmanager
-def opened_for_erasure(database: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database for `erase`, with its lock taken; StoreError while a server has it."""
+def find_participant(database: Path, name: str, study: str | None = None) -> dict[str, Any]:
+    """Return the row of the one participant with this id, label or outside id, in one study or (None) in all.
+
+    ParticipantLookupError when there is none, or several.
+    """
+    with reading(database) as conn:
+        return _find(conn, database, name, study)
+
+
+def forget(database: Path, name: str, study: str | None = None) -> Erasure:
+    """Erase a participant, write the file anew and return what was erased.
+
+    name  a participant's id, the label their page shows, or an outside id of theirs
+
+    The database must not be in use: StoreError while a server, or any other program, has it open.
+    """
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = take_lock(database)
     try:
         conn: sqlite3.Connection = open_database(database).conn
         try:
-            yield conn
+            person = _find(conn, database, name, study)
+            _take_exclusively(conn, database)
+            with transaction(conn):
+                conn.execute("PRAGMA defer_foreign_keys = ON")
+                done = _erase_rows(conn, person)
+            conn.execute("VACUUM")
+            conn.execute("PRAGMA locking_mode = NORMAL")
+            conn.execute("PRAGMA journal_mode = WAL")
         finally:
             conn.close()
+        return done
     except sqlite3.Error as error:
         raise StoreError(f"the database {database} did not take the erasure: {error}; try again") from error
     finally:
         lock.close()
 
 
-def erase(conn: sqlite3.Connection, database: Path, person: dict[str, Any]) -> Erasure:
-    """Erase a participant and write the file anew; StoreError while another program has it open.
-
-    person  their row, as `participants_named` gives it
-    """
-    _take_exclusively(conn, database)
-    with transaction(conn):
-        conn.execute("PRAGMA defer_foreign_keys = ON")
-        done = _erase_rows(conn, person)
-    conn.execute("VACUUM")
-    conn.execute("PRAGMA locking_mode = NORMAL")
-    conn.execute("PRAGMA journal_mode = WAL")
-    return done
+def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
+    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
+    conn.create_function("label", 1, participant_label, deterministic=True)
+    found = rows(conn, sql, name, study)
+    if not found:
+        where = f"the study {study!r} of {database}" if study else str(database)
+        raise ParticipantLookupError(
+            f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
+        )
+    if len(found) > 1:
+        studies = ", ".join(sorted({person["study"] for person in found}))
+        raise ParticipantLookupError(
+            f"{name!r} stands for {len(found)} participants (studies: {studies}): give --study, or one participant's id; "
+            "nothing was erased"
+        )
+    return found[0]
 
 
 def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:

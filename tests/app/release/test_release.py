@@ -20,9 +20,9 @@ import pytest
 
 from app.cli.main import main
 from app.release import signing
-from app.release.build import Wanted, build
+from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
-from app.release.columns import TABLES, dictionary, json_schema, markdown
+from app.release.columns import BUNDLE_COLUMNS, dictionary, json_schema, markdown
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.storage import digests
@@ -46,7 +46,7 @@ def made(tmp_path_factory):
     field = Field(folder / "play.db", study)
     field.join(7, stage="withdrawn", consent=False)
     field.close()
-    built = build(Wanted(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",)))
+    built = build_release(ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",)))
     return folder, built
 
 
@@ -138,16 +138,16 @@ def test_rows_follow_their_schema_and_the_dictionary_names_every_column(made):
     for line in (out / "episodes.jsonl").read_text().splitlines():
         jsonschema.validate(json.loads(line), schema)
     assert json.loads((out / "schema/columns.json").read_text()) == dictionary()
-    for name, columns in TABLES.items():
+    for name, columns in BUNDLE_COLUMNS.items():
         if name != "scores":
             assert pq.read_schema(out / f"parquet/{name}.parquet").names == [column.name for column in columns]
     with (out / "scores.csv").open() as file:
-        assert next(csv.reader(file)) == [column.name for column in TABLES["scores"]]
+        assert next(csv.reader(file)) == [column.name for column in BUNDLE_COLUMNS["scores"]]
 
 
 def test_the_documentation_lists_the_columns_as_they_are():
     text = (ROOT / "docs/release.md").read_text()
-    for name in TABLES:
+    for name in BUNDLE_COLUMNS:
         assert markdown(name) in text, f"docs/release.md: the columns of {name} are not those of app/release/columns.py"
 
 
@@ -190,7 +190,7 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
     field = Field(tmp_path / "play.db", study)
     ident = field.play(field.join(0), "ranked", 0)
     field.close()
-    build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
     dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
     (about,), (episode,) = dataset.storage.get_episode_metadata([0]), dataset.iterate_episodes()
@@ -200,9 +200,9 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
     assert np.array_equal(np.stack(seen), episode.observations)
 
 
-def test_a_release_is_built_beside_a_running_server(copy):
+def test_a_release_is_built_while_a_server_runs(copy):
     field = Field(copy / "play.db", freeze(copy / "studies2", "unused"))
-    assert build(Wanted(copy / "play.db", "dunes", copy / "new")).header.version == 2
+    assert build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new")).header.version == 2
     field.play(field.join(9), "warm_up", 0)
     field.close()
     assert verify_database(copy / "play.db").findings == ()
@@ -214,7 +214,7 @@ def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
     field = Field(tmp_path / "play.db", study)
     field.play(field.join(0, stage="ranked"), "warm_up", 0, "open")
     field.close()
-    built = build(Wanted(tmp_path / "play.db", "dunes", tmp_path / "out"))
+    built = build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     assert (built.header.rows["participants"], built.header.rows["episodes"]) == (1, 0)
     assert built.header.left_out["open_episodes"] == 1
     assert verify_bundle(tmp_path / "out").verified.findings == ()
@@ -240,10 +240,10 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
     assert "Ada Lovelace" in (out / "CITATION.cff").read_text()
     assert "license: CC-BY-4.0" in (out / "CITATION.cff").read_text()
     assert "creativecommons.org/licenses/by/4.0" in (out / "LICENSE").read_text()
-    sheet = (out / "DATASHEET.md").read_text()
+    datasheet = (out / "DATASHEET.md").read_text()
     for heading in ("Motivation", "Composition", "Collection", "Privacy", "Uses", "Verify", "Maintenance", "Columns"):
-        assert f"## {heading}" in sheet
-    assert "openssl pkeyutl" in sheet
+        assert f"## {heading}" in datasheet
+    assert "openssl pkeyutl" in datasheet
 
 
 def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(made, tmp_path, monkeypatch):
@@ -299,7 +299,7 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
     joined = import_release(folder / "out", tmp_path / "again.db")
     assert joined.added["episodes"] == 18
     assert verify_database(tmp_path / "again.db").findings == ()
-    again = build(Wanted(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",)))
+    again = build_release(ReleaseRequest(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",)))
     assert nameless(folder / "out/study.sqlite") == nameless(tmp_path / "out2/study.sqlite")
     assert again.header.version == 2
     assert again.header.supersedes["manifest_sha256"] == built.manifest_hash
@@ -386,11 +386,11 @@ def test_a_changed_field_in_the_bundles_database_is_named(copy):
     assert any(finding.where == "file study.sqlite" for finding in found)
 
 
-def refused(folder, match, **wanted):
+def refused(folder, match, **changes):
     before = sorted(path.name for path in folder.iterdir())
-    given = Wanted(folder / "play.db", "dunes", folder / "new")
+    given = ReleaseRequest(folder / "play.db", "dunes", folder / "new")
     with pytest.raises(ReleaseError, match=match):
-        build(replace(given, **wanted))
+        build_release(replace(given, **changes))
     after = {path.name for path in folder.iterdir()} - {"play.db-signing-key", "play.db-wal", "play.db-shm"}
     assert after <= set(before)
 
@@ -428,7 +428,7 @@ def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret
     field.close()
     refused(tmp_path, "still open.*--interim")
     known = {study.name: (None, study.secret)}
-    built = build(Wanted(tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known))
+    built = build_release(ReleaseRequest(tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known))
     assert built.header.left_out == {"open_episodes": 1, "without_consent": 0}
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["interim"], manifest["secret"]) == (True, None)
@@ -467,7 +467,7 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
     (player,) = field.conn.execute("SELECT player_id FROM participants LIMIT 1").fetchone()
     field.store.add_session(SessionRow("own-board", player, "human", None, "follow", 2.0, field.tick()))
     field.close()
-    built = build(Wanted(copy / "play.db", "dunes", copy / "new"))
+    built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
     assert built.header.rows["episodes"] == 18
     assert {row[0] for row in table(copy / "new/study.sqlite", "studies", "name")} == {"dunes"}
     assert len(table(copy / "new/study.sqlite", "sessions", "id")) == 3
@@ -488,7 +488,7 @@ def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, cap
 def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ReleaseError, match=r"cannot write .*file/out.*choose another --out"):
-        build(Wanted(made[0] / "play.db", "dunes", tmp_path / "file" / "out"))
+        build_release(ReleaseRequest(made[0] / "play.db", "dunes", tmp_path / "file" / "out"))
 
 
 def run(capsys, *args):

@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.release.build import Wanted, build
+from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import verify_bundle
 from app.storage.merging import MergeError, merge
 from app.study.verification import verify_database
@@ -38,7 +38,7 @@ def test_two_servers_of_one_study_become_one(servers, tmp_path):
     assert (result.findings, result.episodes) == ((), 24)
     assert ask(tmp_path / "c.db", "SELECT count(*) FROM meta") == [(0,)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c.db"]
-    built = build(Wanted(tmp_path / "c.db", study.name, tmp_path / "out"))
+    built = build_release(ReleaseRequest(tmp_path / "c.db", study.name, tmp_path / "out"))
     assert built.header.rows["participants"] == 4
     assert verify_bundle(tmp_path / "out").verified.findings == ()
 
@@ -101,7 +101,7 @@ def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     assert verify_database(tmp_path / "c.db").findings == ()
 
 
-def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_told(servers, tmp_path, capsys):
+def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(servers, tmp_path, capsys):
     folder, study = servers
     field = Field(tmp_path / "live.db", study)
     field.play(field.join(0), "warm_up", 0)

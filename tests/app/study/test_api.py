@@ -295,7 +295,7 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
 
 
 def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
-    from app.study.erasure import forget
+    from app.storage.erasure import forget
 
     person, other = Person(server), Person(server)
     for each in (person, other):

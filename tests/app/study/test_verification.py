@@ -177,8 +177,8 @@ def test_several_processes_find_what_one_finds(copy, monkeypatch):
     monkeypatch.setattr(verification, "PARALLEL_FROM", 2)
     monkeypatch.setattr(verification, "EPISODES_PER_TASK", 9)
     monkeypatch.setattr(verification, "cores", lambda: 2)
-    told = []
-    together = verify_database(path, lambda done, total: told.append((done, total)))
+    progress = []
+    together = verify_database(path, lambda done, total: progress.append((done, total)))
     assert together.findings == alone.findings
     assert together.findings
-    assert told == [(9, 18), (18, 18)]
+    assert progress == [(9, 18), (18, 18)]

@@ -8,14 +8,14 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.release.build import Wanted, build
+from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release
 from app.release.manifest import MANIFEST
 from app.storage.database import open_read_only
+from app.storage.erasure import ParticipantLookupError, find_participant, forget
 from app.storage.merging import merge
 from app.storage.store import StoreError
 from app.storage.study_rows import participant_label
-from app.study.erasure import ParticipantLookupError, find_participant, forget
 from app.study.verification import verify_database
 from tests.support.recorded import play
 from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
@@ -62,19 +62,19 @@ def traces_of(path, person):
     return found
 
 
-def bytes_beside(path):
-    """Every byte of the database, its log and whatever else lies beside it."""
+def bytes_in_folder(path):
+    """Every byte of the database, its log and whatever else lies in its folder."""
     return b"".join(each.read_bytes() for each in path.parent.iterdir() if each.is_file())
 
 
 def test_nothing_remains_in_any_byte_and_the_others_are_as_they_were(copy):
     path, study, people = copy
     traces = traces_of(path, people[0])
-    before = bytes_beside(path)
+    before = bytes_in_folder(path)
     assert all(trace.encode() in before for trace in traces)
     done = forget(path, IDENTITIES["PROLIFIC_PID"].format(0))
     assert (done.study, done.episodes, done.keeps, done.outdated) == (study.name, 7, False, ())
-    after = bytes_beside(path)
+    after = bytes_in_folder(path)
     for trace in traces:
         assert trace.encode() not in after, trace
     assert ask(path, "SELECT count(*) FROM participants") == [(2,)]
@@ -83,7 +83,7 @@ def test_nothing_remains_in_any_byte_and_the_others_are_as_they_were(copy):
     assert ask(path, "PRAGMA journal_mode") == [("wal",)]
 
 
-def test_it_leaves_the_log_empty_beside_a_database_that_was_not_closed_well(copy):
+def test_it_leaves_the_log_empty_of_a_database_that_was_not_closed_well(copy):
     """Rows that are still in the log alone are gone as well."""
     path, _, people = copy
     writer = sqlite3.connect(path)
@@ -96,9 +96,9 @@ def test_it_leaves_the_log_empty_beside_a_database_that_was_not_closed_well(copy
     killed = path.with_name("killed.db")
     for each in path.parent.glob("play.db*"):
         each.unlink()
-    assert b"CODE-in-the-log" in bytes_beside(killed)
+    assert b"CODE-in-the-log" in bytes_in_folder(killed)
     forget(killed, people[0])
-    assert b"CODE-in-the-log" not in bytes_beside(killed)
+    assert b"CODE-in-the-log" not in bytes_in_folder(killed)
 
 
 def test_a_server_or_another_program_keeps_it_from_beginning(copy):
@@ -140,9 +140,9 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
 
 def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(copy, tmp_path):
     path, study, people = copy
-    first = build(Wanted(path, study.name, tmp_path / "out1"))
+    first = build_release(ReleaseRequest(path, study.name, tmp_path / "out1"))
     assert forget(path, people[0]).outdated == (1,)
-    second = build(Wanted(path, study.name, tmp_path / "out2"))
+    second = build_release(ReleaseRequest(path, study.name, tmp_path / "out2"))
     assert second.header.rows["participants"] == 2
     manifest = json.loads((tmp_path / "out2" / MANIFEST).read_text())
     assert manifest["version"] == 2
