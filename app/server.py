@@ -24,11 +24,11 @@ from app.play.sources import Sources
 from app.services import Services
 from app.settings import Settings
 from app.storage.store import Store
+from app.storage.studies import StudyStore
 from app.study.debrief import Debriefs
 from app.study.folder import Folder
-from app.study.participant_board import Participations
+from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
-from app.study.records import Records
 from app.viewer3d.viewer import Viewer
 from app.web import admin, api, api_docs, leaderboard, pages, results, sockets, study, viewer
 from app.web.errors import add_error_handlers
@@ -104,9 +104,9 @@ def _services(
     settings: Settings, store: Store, policies: PolicyCatalogue, sources: Sources, login: AdminLogin | None
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    folder, records = Folder(settings.studies), Records(store)
-    lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, records, sources).of_session)
-    progress = ParticipantProgress(lobby, folder, records)
+    folder, study_store = Folder(settings.studies), StudyStore(store)
+    lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session)
+    progress = ParticipantProgress(lobby, folder, study_store)
     return Services(
         store=store,
         lobby=lobby,

@@ -9,20 +9,20 @@ from typing import Any
 from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
+from app.storage.studies import StudyStore
 from app.storage.study_rows import participant_label
-from app.study.records import Records
 
 MAX_BOARDS = 60
 """Boards in a list."""
 
 
-def list_boards(lobby: Lobby, records: Records) -> list[dict[str, Any]]:
+def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
     """Return the boards that a person or a script plays now, those of participants first; no player's id."""
     found = []
     live = [session for session in lobby.sessions() if session.is_human and session.channel.subscribers]
     for session in sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]:
-        participant = records.seated_at(session.id)
-        trial = next((each for each in records.trials(participant.id)[::-1]), None) if participant else None
+        participant = study_store.participant_of_session(session.id)
+        trial = next((each for each in study_store.trials(participant.id)[::-1]), None) if participant else None
         found.append(
             {
                 "session": session.id,

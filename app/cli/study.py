@@ -141,14 +141,14 @@ def _tell_database(found: Any, database: Path) -> None:
     if not database.exists():
         return
     from app.storage.store import Store, StoreError
-    from app.study.records import Records
+    from app.storage.studies import StudyStore
 
     try:
         store = Store(database)
     except StoreError:
         return
     try:
-        Records(store).note_closed(found)
+        StudyStore(store).note_closed(found.row())
     finally:
         store.close()
 

@@ -8,7 +8,7 @@ from typing import Any
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.summaries import EpisodeSummary, coverage_curve, summary_of, visit_counts
 from app.storage.reader import Reader
-from app.study.data import StudyData, records
+from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.episode import replay
 
@@ -39,7 +39,7 @@ def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable
     groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
         own = []
-        for trial, record in records(reader, cohort.ranked[person]):
+        for trial, record in trial_records(reader, cohort.ranked[person]):
             if trial.core_version == CORE_VERSION:
                 own.append(summary_of(replay(record)))
             advance()

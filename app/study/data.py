@@ -121,7 +121,7 @@ def load(source: Reader | Path | str, study: str) -> StudyData:
         reader.close()
 
 
-def records(reader: Reader, trials: Iterable[StudyEpisode]) -> Iterator[tuple[StudyEpisode, Record]]:
+def trial_records(reader: Reader, trials: Iterable[StudyEpisode]) -> Iterator[tuple[StudyEpisode, Record]]:
     """Yield each finished trial with its cause, ready to be replayed."""
     for trial in trials:
         if trial.ended_ms is not None:

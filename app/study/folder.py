@@ -22,12 +22,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
+from app.storage.study_rows import StudyRow
 from app.study.protocol import (
     NAME,
     DraftStudyError,
     Protocol,
     StudyError,
     UnknownStudyError,
+    canonical,
     canonical_json,
     checked,
     protocol_hash,
@@ -61,6 +63,14 @@ class Study:
     def is_open(self) -> bool:
         """Whether people may still take part."""
         return self.closed_ms is None
+
+    def row(self) -> StudyRow:
+        """Return what the database keeps of the study."""
+        secret = None if self.is_open else self.secret.hex()
+        protocol = canonical(self.protocol).decode()
+        return StudyRow(
+            self.name, protocol, self.protocol_hash, self.commitment, self.frozen_ms, closed_ms=self.closed_ms, secret=secret
+        )
 
     def seed(self, label: Label, i: int) -> int:
         """Return the seed of a terrain of this study."""

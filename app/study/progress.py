@@ -1,4 +1,4 @@
-"""A participant's way through a study: consent, instructions, tutorial, questions, warm-up, ranked, debrief, completion code.
+"""A participant's progress through a study, from consent to completion code; the server decides what comes next.
 
 Everything is in the database before it is answered, so a reload, another tab or a killed server goes on exactly there.
 """
@@ -17,11 +17,11 @@ from weakref import WeakValueDictionary
 from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.store import EpisodeRow
+from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Folder, Study
-from app.study.participant_board import CLOSED, Participations
+from app.study.participation import CLOSED, Participations
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.records import Records
 from app.study.seeds import TUTORIAL_SEED, order
 from marsexplorer.config import CORE_VERSION
 
@@ -39,20 +39,20 @@ class NotJoinedError(LookupError):
 
 
 class ParticipantProgress:
-    """The way of every participant of one server's studies."""
+    """The progress of every participant of one server's studies."""
 
-    def __init__(self, lobby: Lobby, folder: Folder, records: Records) -> None:
-        self.lobby, self.folder, self.records = lobby, folder, records
+    def __init__(self, lobby: Lobby, folder: Folder, study_store: StudyStore) -> None:
+        self.lobby, self.folder, self.study_store = lobby, folder, study_store
         self._sources = lobby.sources
-        self._participations = Participations(folder, records, lobby.sources)
+        self._participations = Participations(folder, study_store, lobby.sources)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self.note_closed()
 
     def note_closed(self) -> None:
-        """Return with every study that was closed noted as such in the database."""
-        for name in self.records.open_names():
+        """Note in the database every study that was closed since."""
+        for name in self.study_store.open_names():
             try:
-                self.records.note_closed(self.folder.study(name))
+                self.study_store.note_closed(self.folder.study(name).row())
             except StudyError as error:
                 _log.warning("%s", error)
 
@@ -66,13 +66,13 @@ class ParticipantProgress:
             _log.warning("%s", error)
             raise StageError(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
         if not study.is_open:
-            self.records.note_closed(study)
+            self.study_store.note_closed(study.row())
         return study
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
         study = self.study(name)
-        if not study.is_open or self.records.was_closed(name):
+        if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED.format(name))
         if study.protocol.core_version != CORE_VERSION:
             _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
@@ -81,7 +81,7 @@ class ParticipantProgress:
 
     def participant(self, name: str, player_id: str | None) -> Participant:
         """Return who asks; NotJoinedError before joining."""
-        found = None if player_id is None else self.records.participant(name, player_id)
+        found = None if player_id is None else self.study_store.participant_of_player(name, player_id)
         if found is None:
             raise NotJoinedError(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
         return found
@@ -91,25 +91,21 @@ class ParticipantProgress:
         study = self.open_study(name)
         names = study.protocol.outside_ids
         kept = {each: outside_ids[each] for each in names if each in outside_ids}
-        found = self.records.participant(name, player_id)
+        found = self.study_store.participant_of_player(name, player_id)
         self._check_person(study, player_id, kept, found)
         if found is not None:
             if script is not None and found.script != script:
                 who = "a person" if found.script is None else f"the script {found.script!r}"
                 raise StageError(f"this browser takes part as {who} already; a script needs a cookie of its own")
             return found, False
-        try:
-            self.records.note_study(study)
-        except StudyError as error:
-            _log.warning("%s", error)
-            raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you") from error
+        self._add_study(study)
         new = Participant(
             id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
             kind="human" if script is None else "script", script=script, stage="consent",
             consent_version=None, consent_ms=None, joined_ms=self._now(), completed_ms=None, completion_code=None,
             settings="{}",
         )  # fmt: skip
-        self.records.join(new, kept)
+        self.study_store.add_participant(new, kept)
         return new, True
 
     def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
@@ -120,10 +116,10 @@ class ParticipantProgress:
                 f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page"
             )
         if not agree:
-            self.records.leave(participant, self._now())
+            self.study_store.withdraw(participant, self._now())
             return
         now = self._now()
-        self.records.advance(participant.id, now, "instructions", consent_version=version, consent_ms=now)
+        self.study_store.set_stage(participant.id, now, "instructions", consent_version=version, consent_ms=now)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -132,10 +128,10 @@ class ParticipantProgress:
         else:
             _, participant = self._at(name, player_id)
         if participant.stage != stage:
-            raise StageError(f"you are at {_said(participant.stage)}, not at {_said(stage)}; nothing has changed")
-        if stage == "tutorial" and not any(trial.ended_ms for trial in self.records.trials(participant.id)):
+            raise StageError(f"you are at {_describe(participant.stage)}, not at {_describe(stage)}; nothing has changed")
+        if stage == "tutorial" and not any(trial.ended_ms for trial in self.study_store.trials(participant.id)):
             raise StageError("play the tutorial to its end first, or give it up")
-        self.records.advance(participant.id, self._now(), _AFTER[stage])
+        self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
 
     def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
         """Return which answers were right; all of them: on to the warm-up."""
@@ -148,17 +144,17 @@ class ParticipantProgress:
                 raise ValueError(f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}")
         right = [choice == question.answer for choice, question in zip(answers, questions, strict=True)]
         with self.lobby.store.transaction():
-            self.records.note(participant.id, self._now(), "answers", {"answers": list(answers), "right": right})
+            self.study_store.add_stage_event(participant.id, self._now(), "answers", {"answers": list(answers), "right": right})
             if all(right):
                 stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
-                self.records.advance(participant.id, self._now(), stage)
+                self.study_store.set_stage(participant.id, self._now(), stage)
         return right
 
     async def begin_next(self, name: str, player_id: str | None) -> None:
         """Begin the next episode of the stage; nothing changes while one runs."""
         async with self._lock(self.participant(name, player_id).id):
             study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
-            trials = self.records.trials(participant.id)
+            trials = self.study_store.trials(participant.id)
             if any(trial.ended_ms is None for trial in trials):
                 return
             phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
@@ -171,10 +167,10 @@ class ParticipantProgress:
                 self._at(name, player_id, participant.stage)  # withdrawn in another tab, or closed, while the terrain grew
                 if participant.session_id is None:
                     self.lobby.store.add_session(board.row)
-                    self.records.participation(participant.id, board.id)
+                    self.study_store.set_session(participant.id, board.id)
                 self._note_break(study, participant, trials)
                 yield
-                self.records.add_trial(participant.id, row.id, phase, trial, terrain)
+                self.study_store.add_trial(participant.id, row.id, phase, trial, terrain)
 
             await self.lobby.begin(board, study.protocol.env_config, seed, within)
 
@@ -190,19 +186,19 @@ class ParticipantProgress:
         """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
         participant = self.participant(name, player_id)
         if participant.stage in ("complete", "withdrawn"):
-            raise StageError(f"you are at {_said(participant.stage)}: there is nothing to withdraw from")
+            raise StageError(f"you are at {_describe(participant.stage)}: there is nothing to withdraw from")
 
         session = await self.session(participant)
         if session is None or session.episode.ended or not self.study(name).is_open:
-            self.records.leave(participant, self._now())
+            self.study_store.withdraw(participant, self._now())
             return
-        note = partial(self.records.leave, participant, self._now())
+        note = partial(self.study_store.withdraw, participant, self._now())
         session.abandon(session.current.id, session.episode.steps, note)
 
     def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""
         participant = self.participant(name, player_id)
-        self.records.set_settings(participant.id, self._now(), {**json.loads(participant.settings), **changed})
+        self.study_store.set_settings(participant.id, self._now(), {**json.loads(participant.settings), **changed})
 
     async def session(self, participant: Participant) -> Session | None:
         """Return the participant's board; None before the first episode."""
@@ -212,20 +208,31 @@ class ParticipantProgress:
         """Return an open study and who asks; StageError at other stages than those named."""
         study, participant = self.open_study(name), self.participant(name, player_id)
         if stages and participant.stage not in stages:
-            wanted = " or ".join(map(_said, stages))
-            raise StageError(f"you are at {_said(participant.stage)}; this belongs to {wanted}, and nothing has changed")
+            wanted = " or ".join(map(_describe, stages))
+            raise StageError(f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed")
         return study, participant
+
+    def _add_study(self, study: Study) -> None:
+        """Add the study to the database; StageError when another study of its name is there."""
+        known = self.study_store.add_study(study.row())
+        if (known.protocol_hash, known.commitment) == (study.protocol_hash, study.commitment):
+            return
+        _log.warning(
+            "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",
+            self.study_store.path, study.name, known.protocol_hash[:12],
+        )  # fmt: skip
+        raise StageError(f"the study {study.name!r} cannot be played on this server now; tell whoever invited you")
 
     def _check_person(self, study: Study, player_id: str, kept: Mapping[str, str], found: Participant | None) -> None:
         """Return when the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids or (person := study.protocol.outside_ids[0]) not in kept:
             return
-        other = self.records.with_identity(study.name, person, kept[person])
+        other = self.study_store.player_with_identity(study.name, person, kept[person])
         if other is not None and other != player_id:
             raise StageError(
                 f"someone has joined with this {person} in another browser: go on there, or write to whoever invited you"
             )
-        if found is not None and other is None and self.records.identity(found.id, person) is not None:
+        if found is not None and other is None and self.study_store.identity(found.id, person) is not None:
             raise StageError(f"this browser takes part for another {person} already: use another browser or a private window")
 
     async def _board(self, participant: Participant) -> Session:
@@ -236,7 +243,7 @@ class ParticipantProgress:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
-            self.records.note(participant.id, self._now(), "break", {"after": done, "length_ms": length})
+            self.study_store.add_stage_event(participant.id, self._now(), "break", {"after": done, "length_ms": length})
 
     def _lock(self, participant_id: str) -> asyncio.Lock:
         lock = self._locks.get(participant_id)
@@ -265,6 +272,6 @@ def _terrain(study: Study, participant: Participant, phase: Phase, trial: int) -
     return terrain, study.seed("ranked", terrain)
 
 
-def _said(stage: str) -> str:
+def _describe(stage: str) -> str:
     words = {"questions": "the questions", "complete": "the end", "withdrawn": "the end (withdrawn)", "warm_up": "the warm-up"}
     return words.get(stage, "the ranked rounds" if stage == "ranked" else f"the {stage}")

@@ -119,7 +119,7 @@ async def overview(admin: Operator) -> dict[str, Any]:
     lobby = admin.progress.lobby
     return {
         "studies": await asyncio.to_thread(admin.studies),
-        "boards": live_boards.list_boards(lobby, admin.progress.records),
+        "boards": live_boards.list_boards(lobby, admin.progress.study_store),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
@@ -171,7 +171,7 @@ async def close(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]
         closed = await asyncio.to_thread(admin.progress.folder.close, name)
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
-    admin.progress.records.note_closed(closed)
+    admin.progress.study_store.note_closed(closed.row())
     return {"closed_ms": closed.closed_ms}
 
 

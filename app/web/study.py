@@ -110,7 +110,7 @@ Player = Annotated[str | None, Depends(player_of)]
 async def participant_state(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
     """Return where a participant stands: all that the page needs."""
     progress, protocol = _progress(request), study.protocol
-    trials = progress.records.trials(participant.id)
+    trials = progress.study_store.trials(participant.id)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session = await progress.session(participant)
     is_over = participant.stage in ("debrief", "complete")
@@ -281,7 +281,7 @@ async def debrief(request: Request, progress: ProgressOf, player: Player, name: 
         study, participant = progress.study(name), progress.participant(name, player)
         if participant.stage not in ("debrief", "complete"):
             raise StageError("the debrief comes after the last ranked round")
-        trials = progress.records.trials(participant.id)
+        trials = progress.study_store.trials(participant.id)
         try:
             replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, index)
         except LookupError as error:

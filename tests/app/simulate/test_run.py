@@ -258,7 +258,7 @@ def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
 
 def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatch):
     """The checks can fail: scores that are not hidden, and a route left open."""
-    from app.study.participant_board import StudyParticipation
+    from app.study.participation import StudyParticipation
 
     study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
     monkeypatch.setattr(StudyParticipation, "hides_scores", lambda self, episode: False)

@@ -7,7 +7,7 @@ import pytest
 from app.report.seeds import load_with_folder
 from app.storage.database import StoreError
 from app.storage.reader import Reader
-from app.study.data import load, records
+from app.study.data import load, trial_records
 from app.study.protocol import StudyError
 from marsexplorer.episode import replay
 from tests.support.stored_studies import IDENTITIES, Field, freeze, play_study
@@ -40,7 +40,7 @@ def test_a_trials_record_replays_to_what_the_trial_says(place):
     folder, _, _ = place
     reader = Reader.open(folder / "play.db")
     data = load(reader, "dunes")
-    for trial, record in records(reader, data.trials):
+    for trial, record in trial_records(reader, data.trials):
         episode = replay(record)
         assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, pytest.approx(trial.score))
     reader.close()

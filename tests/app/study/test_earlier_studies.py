@@ -7,7 +7,7 @@ import pytest
 from itsdangerous import Signer
 
 from app.storage.reader import Reader
-from app.study.data import load, records
+from app.study.data import load, trial_records
 from app.study.folder import Folder
 from marsexplorer.episode import replay
 from tests.support import earlier
@@ -44,7 +44,7 @@ def test_an_earlier_studys_participants_and_episodes_are_read_as_they_were(studi
     assert [(len(data.people),), (len(data.trials),)] == [*ask(path, people), *ask(path, trials)]
     assert data.secret == Folder(studies).study("dunes").secret.hex()
     with closing(Reader.open(path)) as reader:
-        for trial, record in records(reader, data.trials):
+        for trial, record in trial_records(reader, data.trials):
             episode = replay(record)
             assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, trial.score)
 
