@@ -187,9 +187,13 @@ class Session:
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""
+        second.join_as_second(self)
         self._paired_with = second
-        second._paired_with, second._is_second = self, True
         self.channel.notify()
+
+    def join_as_second(self, first: Session) -> None:
+        """Be shown as the second board of a pair, with `first`; `pair_with` calls it."""
+        self._paired_with, self._is_second = first, True
 
     def unpair(self) -> None:
         """Show no board with this one any more; the other board stays paired with it."""

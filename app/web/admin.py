@@ -114,7 +114,7 @@ async def logout(request: Request, response: Response) -> dict[str, Any]:
 
 @router.get("/api/admin/overview")
 async def overview(admin: Operator) -> dict[str, Any]:
-    """Studies, boards and the server's health."""
+    """Return the studies, the boards being played and the server's health."""
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
     return {
@@ -128,7 +128,7 @@ async def overview(admin: Operator) -> dict[str, Any]:
 
 @router.get("/api/admin/studies/{name}")
 async def study(admin: Operator, name: str) -> dict[str, Any]:
-    """A study as it stands: participants, figure, labels, exports."""
+    """Return a study as it stands: participants, figure, labels, exports."""
     found = _study(admin, name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
@@ -163,7 +163,7 @@ async def study(admin: Operator, name: str) -> dict[str, Any]:
 
 @router.post("/api/admin/studies/{name}/close")
 async def close(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
-    """End the study for good; 422 unless its name was typed."""
+    """Close the study for good; 422 unless its name was typed."""
     if given.name != name:
         raise HTTPException(422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}")
     _study(admin, name)
@@ -177,7 +177,7 @@ async def close(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]
 
 @router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
 async def begin_export(admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None) -> dict[str, Any]:
-    """Have the report or the release made; a release needs a closed study."""
+    """Begin to make the report or the release; a release needs a closed study."""
     found = _study(admin, name)
     if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
@@ -190,7 +190,7 @@ async def begin_export(admin: Operator, name: str, what: ExportKind, wanted: Rel
 
 @router.get("/api/admin/studies/{name}/files/{file}")
 async def download(admin: Operator, name: str, file: str) -> FileResponse:
-    """A file that was made."""
+    """Send a file that was made."""
     path = admin.exports.file(name, file)
     if path is None:
         raise HTTPException(404, f"no file {file!r} has been made; make the report or the release first")
@@ -199,7 +199,7 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
 
 @router.post("/api/admin/check")
 async def check(admin: Operator) -> dict[str, Any]:
-    """Have the database checked now."""
+    """Check the database now and return the health."""
     await asyncio.to_thread(admin.health.check)
     return await asyncio.to_thread(admin.health.state)
 

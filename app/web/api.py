@@ -71,14 +71,14 @@ def _counts(lobby: Lobby, session: Session) -> bool:
 
 @router.get("/health", tags=["server"], summary="Is the server well?")
 async def health(request: Request) -> dict[str, Any]:
-    """The core version fixes what a recorded episode replays to; `sessions` are those in memory."""
+    """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory."""
     database = services_of(request).store.path.name
     return {"status": "ok", "core_version": CORE_VERSION, "sessions": len(_lobby(request)), "database": database}
 
 
 @router.get("/levels", tags=["server"], summary="What can be played")
 async def levels() -> list[dict[str, Any]]:
-    """`random` is the paper's section 3.2, `t-m-b` the twelve of section 3.3."""
+    """List the levels: `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3."""
     return [
         {
             "name": level.name,
@@ -91,19 +91,19 @@ async def levels() -> list[dict[str, Any]]:
     ]
 
 
-@router.get("/policies", tags=["server"], summary="Who can be watched, or played beside")
+@router.get("/policies", tags=["server"], summary="The policies that can be watched or played against")
 async def policies(request: Request) -> list[dict[str, str]]:
-    """Each name can be given as `player` or as `rival`."""
+    """List the policies; each name can be given as `player` or as `rival`."""
     return [{"name": offer.name, "summary": offer.summary} for offer in _lobby(request).policies.offers()]
 
 
 @router.post("/sessions", status_code=201, tags=["play"], summary="Begin a session")
 async def create_session(request: Request, response: Response, wanted: NewSession | None = None) -> dict[str, Any]:
-    """All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
+    """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
 
-    `session` in the answer is unguessable: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
-    into the first act. A player cookie is set when you bring none. `counts` says whether the episode counts for the
-    human score so far: acts over HTTP are a script's and never do.
+    `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
+    into the first act. A player cookie is set when you send none. `counts` says whether the episode counts for the
+    human score so far: moves over HTTP are a script's and never count.
     """
     lobby = _lobby(request)
     player_id = player_of(request) or lobby.sources.player_id()
@@ -115,20 +115,20 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
 
 @router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
 async def get_frame(request: Request, session_id: str) -> Response:
-    """The same bytes as the session's socket sends."""
+    """Return the same bytes that the session's socket sends."""
     return _json((await authorized_session(request, session_id)).frame)
 
 
-@router.get("/sessions/{session_id}/about", tags=["play"], summary="What POST answered, as it stands now")
+@router.get("/sessions/{session_id}/about", tags=["play"], summary="The session as it stands now")
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
-    """A page that was reloaded begins here."""
+    """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
     session = await authorized_session(request, session_id)
     return session_summary(_lobby(request), session)
 
 
 @router.get("/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses={200: {"model": History}})
 async def get_history(request: Request, session_id: str) -> Response:
-    """Positions and discovered cells per step, the start first."""
+    """Return the position and the number of discovered cells after each step, the start first."""
     session = await authorized_session(request, session_id)
     return _json(encode_history(session.current.id, session.episode))
 
@@ -141,9 +141,9 @@ _ACT_ANSWERS: dict[int | str, dict[str, Any]] = {
 
 @router.post("/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=_ACT_ANSWERS)
 async def act(request: Request, session_id: str, wanted: Act) -> Response:
-    """The move must answer the current frame: its `episode` and its `step`.
+    """Make a move that answers the current frame: its `episode` and its `step`.
 
-    When it does not, 409 brings the current frame and nothing changes, so a repeat after a lost answer is harmless.
+    When it does not, 409 returns the current frame and nothing changes, so repeating a move after a lost answer is harmless.
     """
     session = await authorized_session(request, session_id)
     _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
@@ -156,7 +156,7 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
 
 @router.post("/sessions/{session_id}/episodes", status_code=201, tags=["play"], summary="Begin the next episode")
 async def create_episode(request: Request, session_id: str, wanted: NewEpisode | None = None) -> dict[str, Any]:
-    """One still running is abandoned: it counts at its return so far minus `r_invalid`. A rival begins anew as well."""
+    """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts."""
     lobby = _lobby(request)
     session = await authorized_session(request, session_id)
     _check_no_study(session, "its terrains are the study's", "POST /api/studies/{name}/next begins the next episode")
@@ -167,7 +167,7 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
 async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> Pace:
-    """For a session that a policy drives: exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only)."""
+    """Set exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only) where a policy drives."""
     session = await authorized_session(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with _bad_input():

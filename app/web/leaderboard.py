@@ -15,7 +15,7 @@ router = APIRouter(prefix="/api/leaderboard", tags=["results"])
 
 @router.get("", summary="What people and policies are compared on")
 async def get_boards(request: Request) -> list[dict[str, Any]]:
-    """One entry per closed study and per configuration; what people have played stands first."""
+    """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
     services.progress.note_closed()
     return [board.to_dict() for board in await asyncio.to_thread(services.leaderboard.boards)]
@@ -23,8 +23,11 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
 
 @router.get("/{board}", summary="People, policies and rules on one scale")
 async def get_board(request: Request, board: str) -> dict[str, Any]:
-    """Means with 95 % intervals: people's over players, policies' over held-out terrains, on which they are evaluated in
-    the background when first asked for. Until then `state` says waiting or computing, and `figure` is null."""
+    """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
+
+    Policies are evaluated in the background when they are first asked for; until then `state` is waiting or computing, and
+    `figure` is null.
+    """
     try:
         return await services_of(request).leaderboard.detail(board)
     except UnknownBoardError as error:

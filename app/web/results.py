@@ -27,7 +27,7 @@ def _reader(request: Request) -> Iterator[Reader]:
 
 @router.get("/human-level", tags=["results"], summary="How well people play")
 def get_human_level(request: Request) -> dict[str, Any]:
-    """Unassisted episodes on terrains neither chosen nor met before, one figure per configuration."""
+    """Return one figure per configuration, from unassisted episodes on terrains that were neither chosen nor met before."""
     with _reader(request) as reader:
         return human_level(reader)
 
@@ -39,14 +39,14 @@ def get_episodes(
     offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
     who: Who = "all",
 ) -> list[dict[str, Any]]:
-    """`who=human` gives those that count for the human score."""
+    """List finished episodes; `who=human` lists those that count for the human score."""
     with _reader(request) as reader:
         return reader.episodes(limit, offset, who)
 
 
 @router.get("/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times")
 def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
-    """404 while it runs: its seed would tell the terrain."""
+    """Return a finished episode; 404 while it runs, because its seed gives the terrain away."""
     with _reader(request) as reader:
         found = reader.episode(episode_id)
     if found is None:
@@ -58,7 +58,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
 async def export(
     request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"], who: Who = "all"
 ) -> StreamingResponse:
-    """Pseudonymous; `who=human` gives the counted ones."""
+    """Export every finished episode under pseudonyms; `who=human` exports those that count for the human score."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
     headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
     pieces = rows(services_of(request).store, table, fmt, who, public=True)

@@ -155,7 +155,7 @@ async def _present_state(request: Request, name: str) -> dict[str, Any]:
 
 @router.get("", summary="The studies of this server")
 async def list_studies(progress: ProgressOf) -> list[dict[str, str]]:
-    """Those whose protocol is frozen; `status` is "open" or "closed"."""
+    """List the studies whose protocol is frozen; `status` is "open" or "closed"."""
     found = []
     for name in progress.folder.names():
         try:
@@ -168,7 +168,7 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str]]:
 
 @router.get("/{name}", summary="What a study has published")
 async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
-    """Hash and commitment bind protocol and terrains before anybody has played; `secret` is null until it is closed."""
+    """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
     with answering_study_errors():
         study = progress.study(name)
     protocol, config = study.protocol, study.protocol.env_config
@@ -194,7 +194,7 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
 async def join(
     request: Request, response: Response, progress: ProgressOf, name: Name, wanted: Join | None = None
 ) -> dict[str, Any]:
-    """201 for a new participant, 200 for one who comes back. A player cookie is set: it is the participant from then on."""
+    """Join, or resume: 201 for a new participant, 200 for one who returns. The player cookie that is set identifies them."""
     wanted = wanted or Join()
     player_id = player_of(request) or progress.lobby.sources.player_id()
     with answering_study_errors():
@@ -207,13 +207,13 @@ async def join(
 
 @router.get("/{name}/me", summary="Where I stand")
 async def me(request: Request, name: Name) -> dict[str, Any]:
-    """404 before joining. A page that was reloaded begins here."""
+    """Return where the participant stands, 404 before joining; a page that was reloaded begins here."""
     return await _present_state(request, name)
 
 
 @router.post("/{name}/consent", summary="Agree to take part, or not")
 async def consent(request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
-    """`agree` false leaves the study."""
+    """Answer the consent text; `agree` false leaves the study."""
     with answering_study_errors():
         progress.consent(name, player, given.version, given.agree)
     return await _present_state(request, name)
@@ -221,7 +221,7 @@ async def consent(request: Request, progress: ProgressOf, player: Player, name: 
 
 @router.post("/{name}/advance", summary="Go on to the next stage")
 async def advance(request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
-    """From the instructions, from the tutorial once it was played, from the debrief to the end."""
+    """Leave the instructions, the tutorial once it was played, or the debrief."""
     with answering_study_errors():
         progress.advance(name, player, left.from_)
     return await _present_state(request, name)
@@ -229,7 +229,7 @@ async def advance(request: Request, progress: ProgressOf, player: Player, name: 
 
 @router.post("/{name}/answers", summary="Answer the questions")
 async def answers(request: Request, progress: ProgressOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
-    """`right` says which were, `why` explains the others; with all of them right the warm-up is next.
+    """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
 
     Every attempt is recorded.
     """
@@ -242,7 +242,7 @@ async def answers(request: Request, progress: ProgressOf, player: Player, name: 
 
 @router.post("/{name}/next", summary="Begin the next episode")
 async def begin_next(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
-    """Of the tutorial, the warm-up or the ranked rounds. While one runs nothing changes: no terrain can be drawn again."""
+    """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
     with answering_study_errors():
         await progress.begin_next(name, player)
     return await _present_state(request, name)
@@ -250,7 +250,7 @@ async def begin_next(request: Request, progress: ProgressOf, player: Player, nam
 
 @router.post("/{name}/give-up", summary="Give the running episode up")
 async def abandon(request: Request, progress: ProgressOf, player: Player, name: Name, given: AbandonEpisode) -> dict[str, Any]:
-    """It counts at its return so far minus `r_invalid`, and its terrain does not come again."""
+    """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
     with answering_study_errors():
         await progress.abandon(name, player, given.episode, given.step)
     return await _present_state(request, name)
@@ -260,7 +260,7 @@ async def abandon(request: Request, progress: ProgressOf, player: Player, name: 
 async def settings(
     request: Request, progress: ProgressOf, player: Player, name: Name, chosen: ParticipantSettings
 ) -> dict[str, Any]:
-    """Kept with the participant: how somebody played is part of the data."""
+    """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
         progress.set_settings(name, player, chosen.model_dump(exclude_none=True))
     return await _present_state(request, name)
@@ -268,15 +268,15 @@ async def settings(
 
 @router.post("/{name}/withdraw", summary="Leave the study")
 async def withdraw(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
-    """The running episode is abandoned; `note` says what is kept and how to have it erased."""
+    """Withdraw and abandon the running episode; `note` says what is kept and how to have it erased."""
     with answering_study_errors():
         await progress.withdraw(name, player)
     return await _present_state(request, name)
 
 
-@router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, beside a policy")
+@router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, with a policy")
 async def debrief(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
-    """Your own episode and the policy's on the same terrain, frame by frame; after the last ranked round, never of one."""
+    """Return your own warm-up episode and the policy's on the same terrain, frame by frame, once you are at the debrief."""
     with answering_study_errors():
         study, participant = progress.study(name), progress.participant(name, player)
         if participant.stage not in ("debrief", "complete"):

@@ -129,7 +129,7 @@ def test_a_policys_moves_are_its_own_offline(serve):
     assert last["outcome"] == episode.outcome
 
 
-def test_a_policy_that_remembers_goes_on_where_it_stood_after_sleeping(serve):
+def test_a_policy_that_remembers_goes_on_where_it_stood_after_a_restart(serve):
     server = serve()
     client = server.client()
     begun = client.post("/api/sessions", json={"player": "random", "size": 8, "seed": 3}).json()
@@ -148,7 +148,7 @@ def test_a_policy_that_remembers_goes_on_where_it_stood_after_sleeping(serve):
 
 
 class Broken:
-    """A policy that gives up on its third move."""
+    """A policy that fails on its third move."""
 
     name = "broken"
 
@@ -158,23 +158,23 @@ class Broken:
     def act(self, observation):
         self.moves += 1
         if self.moves == 3:
-            raise RuntimeError("out of ideas")
+            raise RuntimeError("the third move fails")
         return 2 if self.moves % 2 else 0
 
 
-class Offering(PolicyCatalogue):
+class CatalogueWithBroken(PolicyCatalogue):
     def load(self, name):
         return Broken() if name == "random" else super().load(name)
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_policy_that_fails_stops_and_says_so(serve):
-    server = serve(policies=Offering())
+    server = serve(policies=CatalogueWithBroken())
     client = server.client()
     begun = client.post("/api/sessions", json={"player": "random", "seed": 5}).json()
     with server.socket(begun["session"], client) as watcher:
         client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 30})
-        assert "out of ideas" in watcher.receive("error")["detail"]
+        assert "the third move fails" in watcher.receive("error")["detail"]
     assert steps(client, begun["session"]) == 2
     following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"seed": 6}).json()
     eventually(lambda: steps(client, following["session"]) == 2)

@@ -50,14 +50,14 @@ def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, act
 def test_one_move_over_http_makes_the_whole_episode_a_scripts(server):
     client = server.client()
     begun = client.post("/api/sessions").json()
-    way = "south" if begun["frame"]["grid"][1][0] == "." else "east"
-    body = {"episode": begun["frame"]["episode"], "step": 0, "action": way, "input": "key"}
+    action = "south" if begun["frame"]["grid"][1][0] == "." else "east"
+    body = {"episode": begun["frame"]["episode"], "step": 0, "action": action, "input": "key"}
     client.post(f"/api/sessions/{begun['session']}/act", json=body)
     assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is False
     with server.socket(begun["session"], client) as connection:
         frame = connection.receive("frame")
         while not frame["outcome"]:
-            connection.act(frame, "north" if way == "south" else "west", input="key")
+            connection.act(frame, "north" if action == "south" else "west", input="key")
             frame = connection.frame_after(frame["step"])
     assert client.get(f"/api/episodes/{frame['episode']}").json()["driver"] == "script"
 
@@ -76,10 +76,10 @@ def test_another_cookie_no_cookie_a_forged_cookie_or_no_origin_is_a_script(serve
         assert kept["driver"] == "script", whose
 
 
-def test_a_chosen_terrain_or_a_rival_beside_never_counts(server):
+def test_a_chosen_terrain_or_a_rival_never_counts(server):
     client = server.client()
-    for wish in ({"seed": 9}, {"rival": "frontier-cost"}):
-        begun = client.post("/api/sessions", json=wish).json()
+    for body in ({"seed": 9}, {"rival": "frontier-cost"}):
+        begun = client.post("/api/sessions", json=body).json()
         assert begun["counts"] is False
         kept = finish(server, begun, client, *KEYS)
         assert (kept["driver"], kept["counts"]) == ("human", False)

@@ -12,8 +12,8 @@ KINDS = ("human", "rival", "policy")
 
 
 def begin(client, kind, dice):
-    wish = {"human": {}, "rival": {"rival": "frontier-cost"}, "policy": {"player": "frontier-utility"}}[kind]
-    begun = client.post("/api/sessions", json={**wish, "size": [9, 13], "seed": dice.randrange(10**6)}).json()
+    body = {"human": {}, "rival": {"rival": "frontier-cost"}, "policy": {"player": "frontier-utility"}}[kind]
+    begun = client.post("/api/sessions", json={**body, "size": [9, 13], "seed": dice.randrange(10**6)}).json()
     if kind == "policy":
         client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": dice.uniform(20, 60)})
     return begun
@@ -53,7 +53,7 @@ def check(client, path, session, seen, is_exact):
     assert len(rows) >= frame["step"]
 
 
-def story(spawn, path, dice, sessions):
+def play_kill_and_check(spawn, path, dice, sessions):
     """Play, kill, start again, compare, and play on."""
     server = spawn()
     client = server.client()
@@ -94,10 +94,10 @@ def story(spawn, path, dice, sessions):
 
 @pytest.mark.parametrize("batch", range(10))
 def test_a_kill_right_after_the_last_step_of_five_sessions_loses_and_doubles_nothing(spawn, tmp_path, batch):
-    story(spawn, tmp_path / "playground.db", random.Random(batch), 5)
+    play_kill_and_check(spawn, tmp_path / "playground.db", random.Random(batch), 5)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("point", range(50))
 def test_a_kill_right_after_a_step_of_one_session_loses_and_doubles_nothing(spawn, tmp_path, point):
-    story(spawn, tmp_path / "playground.db", random.Random(1000 + point), 1)
+    play_kill_and_check(spawn, tmp_path / "playground.db", random.Random(1000 + point), 1)

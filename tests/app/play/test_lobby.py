@@ -1,4 +1,4 @@
-"""Sessions by id: sleeping and waking, restarts under way, ids and clocks from outside, a store that fails."""
+"""Sessions by id: unloading and resuming, restarts under way, ids and clocks from outside, a store that fails."""
 
 import asyncio
 import itertools
@@ -21,16 +21,16 @@ def policies():
 
 
 @pytest.fixture
-def story(tmp_path, policies):
-    """`story(tell)` runs `tell(lobby)` on a lobby of its own; again and again on the same database."""
+def run_in_lobby(tmp_path, policies):
+    """`run_in_lobby(scenario)` runs `scenario(lobby)` on a lobby of its own; again and again on the same database."""
 
-    def run(tell, idle_s=600.0, **sources):
+    def run(scenario, idle_s=600.0, **sources):
         async def whole():
             store = Store(tmp_path / "playground.db")
             lobby = Lobby(store, policies, Sources(**sources), idle_s)
             sweeper = asyncio.create_task(lobby.sweep())
             try:
-                return await tell(lobby)
+                return await scenario(lobby)
             finally:
                 sweeper.cancel()
                 lobby.close()
@@ -51,8 +51,8 @@ async def until(claim):
             await asyncio.sleep(0.005)
 
 
-def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
-    async def tell(lobby):
+def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(run_in_lobby):
+    async def scenario(lobby):
         session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
         rival = lobby.rival_of(session)
         with rival.channel.subscribe():
@@ -62,18 +62,18 @@ def test_what_nobody_follows_sleeps_and_wakes_where_it_stood(story):
             await asyncio.sleep(0.3)
             assert len(lobby) == 2
         await until(lambda: len(lobby) == 0)
-        woken, beside = await asyncio.gather(lobby.get(rival.id), lobby.get(session.id))
-        assert (beside.frame, woken.frame) == frames
-        assert lobby.rival_of(beside) is woken
-        assert beside is not session
-        with woken.channel.subscribe():
-            beside.act(move(beside))
-            await until(lambda: woken.episode.steps == 2)
+        resumed_rival, resumed = await asyncio.gather(lobby.get(rival.id), lobby.get(session.id))
+        assert (resumed.frame, resumed_rival.frame) == frames
+        assert lobby.rival_of(resumed) is resumed_rival
+        assert resumed is not session
+        with resumed_rival.channel.subscribe():
+            resumed.act(move(resumed))
+            await until(lambda: resumed_rival.episode.steps == 2)
 
-    story(tell, idle_s=0.1)
+    run_in_lobby(scenario, idle_s=0.1)
 
 
-def test_a_restarted_server_knows_players_rivals_and_paces(story):
+def test_a_restarted_server_knows_players_rivals_and_paces(run_in_lobby):
     async def before(lobby):
         session = await lobby.create(NewSession(rival="frontier-utility", size=[21, 19]), "me")
         rival = lobby.rival_of(session)
@@ -91,11 +91,11 @@ def test_a_restarted_server_knows_players_rivals_and_paces(story):
         await lobby.restart(session, NewEpisode())
         assert session.current.terrain == rival.current.terrain != terrain
 
-    session_id, rival_id, terrain, steps = story(before)
-    story(after)
+    session_id, rival_id, terrain, steps = run_in_lobby(before)
+    run_in_lobby(after)
 
 
-def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(story):
+def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(run_in_lobby):
     async def before(lobby):
         session = await lobby.create(NewSession(), "me")
         session.act(move(session, 0))
@@ -110,13 +110,13 @@ def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(story):
             await lobby.get(session_id)
         assert (await lobby.get(open_id)).frame == open_frame
 
-    session_id, frame, open_id, open_frame = story(before, clock_ms=lambda: 1000)
-    story(within, clock_ms=lambda: DAY_MS - 1000)
-    story(later, clock_ms=lambda: 3 * DAY_MS)
+    session_id, frame, open_id, open_frame = run_in_lobby(before, clock_ms=lambda: 1000)
+    run_in_lobby(within, clock_ms=lambda: DAY_MS - 1000)
+    run_in_lobby(later, clock_ms=lambda: 3 * DAY_MS)
 
 
-def test_a_step_the_store_does_not_take_did_not_happen(story, monkeypatch):
-    async def tell(lobby):
+def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch):
+    async def scenario(lobby):
         session = await lobby.create(NewSession(seed=5), "me")
         session.act(move(session))
         frame, codes = session.frame, session.episode.codes.copy()
@@ -136,11 +136,11 @@ def test_a_step_the_store_does_not_take_did_not_happen(story, monkeypatch):
     def broken(*_):
         raise StoreError("the disk is full")
 
-    story(tell)
+    run_in_lobby(scenario)
 
 
-def test_restarts_at_the_same_time_leave_one_running_episode_each(story):
-    async def tell(lobby):
+def test_restarts_at_the_same_time_leave_one_running_episode_each(run_in_lobby):
+    async def scenario(lobby):
         session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
         lobby.change_pace(session, ChangePace(moves_per_second=60))
         for _ in range(5):
@@ -153,17 +153,17 @@ def test_restarts_at_the_same_time_leave_one_running_episode_each(story):
         assert not session.fault
         assert not rival.fault
 
-    story(tell)
+    run_in_lobby(scenario)
 
 
-def test_ids_seeds_and_the_clock_come_from_outside(story):
-    async def tell(lobby):
+def test_ids_seeds_and_the_clock_come_from_outside(run_in_lobby):
+    async def scenario(lobby):
         session = await lobby.create(NewSession(), "me")
         return session.id, session.current.id, session.current.seed, session.current.started_ms
 
     count = itertools.count(1)
     sources = {name: lambda: f"id{next(count)}" for name in ("session_id", "episode_id")}
-    assert story(tell, seed=lambda: 77, clock_ms=lambda: 5, **sources) == ("id1", "id2", 77, 5)
+    assert run_in_lobby(scenario, seed=lambda: 77, clock_ms=lambda: 5, **sources) == ("id1", "id2", 77, 5)
 
 
 def test_seeds_and_ids_are_unguessable_by_default():
@@ -174,12 +174,12 @@ def test_seeds_and_ids_are_unguessable_by_default():
     assert len(sources.episode_id()) == 16
 
 
-def test_a_policys_rover_refuses_other_hands(story):
-    async def tell(lobby):
+def test_a_policys_rover_refuses_other_drivers(run_in_lobby):
+    async def scenario(lobby):
         session = await lobby.create(NewSession(player="random"), "me")
         lobby.change_pace(session, ChangePace(pause=True))
         for driver in ("human", "script"):
             with pytest.raises(RefusedError, match="driven by the policy 'random'"):
                 session.act(Move(session.current.id, session.episode.steps, 2, driver))
 
-    story(tell)
+    run_in_lobby(scenario)

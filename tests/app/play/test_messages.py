@@ -53,7 +53,7 @@ def test_an_act_and_a_request_for_history_are_understood():
         ('"\\ud800"', "JSON"),
     ],
 )
-def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
+def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, said):
     with pytest.raises(BadMessageError) as caught:
         parse_message(text)
     assert said in str(caught.value)
@@ -76,7 +76,7 @@ def test_a_bad_message_is_told_what_was_expected_and_what_came(text, said):
         ({"sed": 7}, "unknown field 'sed'; the fields are: level, size, seed, player, rival"),
     ],
 )
-def test_a_bad_wish_is_told_what_was_expected_and_what_came(body, said):
+def test_a_bad_request_is_answered_with_what_was_expected_and_what_came(body, said):
     with pytest.raises(ValidationError) as caught:
         NewSession.model_validate(body)
     assert said in describe_errors(caught.value.errors())

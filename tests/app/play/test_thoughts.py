@@ -1,4 +1,4 @@
-"""What a policy thinks is told about its own board alone, from its observation alone, and never about a person's."""
+"""A policy publishes thoughts about its own board alone, from its observation alone, and never about a person's."""
 
 import json
 
@@ -16,17 +16,17 @@ SIZE = [7, 9]
 
 
 @pytest.fixture(scope="module")
-def thinker(tmp_path_factory):
-    """A file with an untrained network, which thinks all the same."""
+def network_file(tmp_path_factory):
+    """A file with an untrained network, which has thoughts all the same."""
     torch.manual_seed(1)
     path = tmp_path_factory.mktemp("policies") / "thinker.safetensors"
-    save_network(Net(), path, {"summary": "Thinks."})
+    save_network(Net(), path, {"summary": "Reports thoughts."})
     return path
 
 
 @pytest.fixture
-def client_and_server(serve, thinker):
-    server = serve(policies=PolicyCatalogue([thinker]))
+def client_and_server(serve, network_file):
+    server = serve(policies=PolicyCatalogue([network_file]))
     return server.client(), server
 
 
@@ -34,22 +34,12 @@ def codes_of(frame):
     return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
 
 
-def heard(socket, count, kinds=("frame", "thought")):
-    """Return the next `count` messages of some kinds."""
-    found = []
-    while len(found) < count:
-        message = socket.receive()
-        if message["kind"] in kinds:
-            found.append(message)
-    return found
-
-
-def test_each_frame_of_a_network_is_followed_by_what_it_thinks_of_it_from_its_observation_alone(client_and_server, thinker):
+def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation_alone(client_and_server, network_file):
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
     client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
-    twin, frame = policies.load(thinker), None
+    twin, frame = policies.load(network_file), None
     with server.socket(session, client) as socket:
         while frame is None or (frame["step"] < 12 and not frame["outcome"]):
             frame, thought = socket.receive("frame"), socket.receive("thought")
@@ -66,7 +56,7 @@ def test_each_frame_of_a_network_is_followed_by_what_it_thinks_of_it_from_its_ob
             client.post(f"/api/sessions/{session}/pace", json={"step": True})
 
 
-def test_a_late_follower_hears_the_thought_about_the_newest_frame(client_and_server):
+def test_a_late_subscriber_receives_the_thought_about_the_newest_frame(client_and_server):
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker"}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
@@ -79,7 +69,7 @@ def test_a_late_follower_hears_the_thought_about_the_newest_frame(client_and_ser
         assert socket.receive("thought")["step"] == step
 
 
-def test_a_rule_says_nothing_of_what_it_thinks(client_and_server):
+def test_a_rule_publishes_no_thought(client_and_server):
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "frontier-cost"}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"moves_per_second": 60})
@@ -93,7 +83,7 @@ def test_a_rule_says_nothing_of_what_it_thinks(client_and_server):
 
 
 @pytest.mark.parametrize("rival", [None, "thinker"])
-def test_nothing_is_thought_about_a_persons_board(client_and_server, rival):
+def test_no_thought_is_published_about_a_persons_board(client_and_server, rival):
     client, server = client_and_server
     body = {"size": SIZE} | ({"rival": rival} if rival else {})
     about = client.post("/api/sessions", json=body).json()

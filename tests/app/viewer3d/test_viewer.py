@@ -190,7 +190,7 @@ def record(episode, actions=()):
     return asyncio.run(run())
 
 
-def test_the_scene_tells_nothing_of_what_is_hidden():
+def test_the_scene_shows_nothing_of_what_is_hidden():
     """Two terrains that agree on every cell seen so far give the same messages, byte for byte."""
     one, other = twins()
     actions = (2, 1, 1, 2, 0, 3)
@@ -248,19 +248,19 @@ def colour_of(message):
     return list(message["props"]["color"])
 
 
-def test_the_paths_meet_in_both_views_when_the_player_has_ended_and_not_before(server):
+def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before(server):
     client = server.client()
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
     mine, other = about["session"], about["rival"]["session"]
-    with open_view(server, mine) as view, open_view(server, other) as beside:
-        for each in (view, beside):
+    with open_view(server, mine) as view, open_view(server, other) as other_view:
+        for each in (view, other_view):
             each.send(CAMERA)
             read_until(each, is_named("/border"))
         for number, action in enumerate(("east", "west", "east"), 1):
             assert move(client, mine, action)["outcome"] is None
             eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] == number)  # noqa: B023
         assert move(client, mine, "north")["outcome"] == "out_of_bounds"
-        for each, colour in ((view, TEAL), (beside, AMBER)):
+        for each, colour in ((view, TEAL), (other_view, AMBER)):
             seen = read_until(each, is_paired_path)
             assert colour_of(seen[-1]) == colour
             ended = next(n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0)
@@ -288,19 +288,19 @@ def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_under_way(serve
     assert not any(is_paired_path(message) for message in seen)
 
 
-def test_a_policy_that_replays_an_ended_episode_wears_the_rival_s_colour_and_leaves_its_path_there(server):
+def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leaves_its_path_there(server):
     client = server.client()
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
-    wish = {"size": [9, 12], "seed": 3, "player": "frontier-cost", "replays": about["session"]}
-    assert client.post("/api/sessions", json=wish).status_code == 422, "it has not ended"
+    body = {"size": [9, 12], "seed": 3, "player": "frontier-cost", "replays": about["session"]}
+    assert client.post("/api/sessions", json=body).status_code == 422, "it has not ended"
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         seen = read_until(view, is_named("/border"))
         move(client, about["session"], "east")
         assert move(client, about["session"], "north")["outcome"] == "out_of_bounds"
-        assert client.post("/api/sessions", json={**wish, "player": "human"}).status_code == 422
-        assert client.post("/api/sessions", json={**wish, "replays": "none"}).status_code == 404
-        replay = client.post("/api/sessions", json=wish).json()
+        assert client.post("/api/sessions", json={**body, "player": "human"}).status_code == 422
+        assert client.post("/api/sessions", json={**body, "replays": "none"}).status_code == 404
+        replay = client.post("/api/sessions", json=body).json()
         seen += read_until(view, is_paired_path)
         assert colour_of(seen[-1]) == TEAL
     for session, colour, paired in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
@@ -316,8 +316,8 @@ def test_a_replay_on_another_terrain_leaves_no_path(server):
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
     move(client, about["session"], "east")
     move(client, about["session"], "north")
-    wish = {"size": [9, 12], "seed": 4, "player": "frontier-cost", "replays": about["session"]}
-    other = client.post("/api/sessions", json=wish).json()["session"]
+    body = {"size": [9, 12], "seed": 4, "player": "frontier-cost", "replays": about["session"]}
+    other = client.post("/api/sessions", json=body).json()["session"]
     eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > 2)
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
@@ -354,22 +354,22 @@ def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
     assert places[0][0] < places[1][0], "west is at the left"
 
 
-def test_a_mirror_that_breaks_says_so_and_closes_its_socket(server, board, monkeypatch, caplog):
+def test_a_scene_that_fails_is_logged_and_closes_its_socket(server, board, monkeypatch, caplog):
     _, about = board
 
     def fail(*_):
-        raise RuntimeError("no picture today")
+        raise RuntimeError("the scene cannot be drawn")
 
     monkeypatch.setattr("app.viewer3d.viewer.Scene.show", fail)
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         with pytest.raises(ConnectionClosed):
             read_until(view, lambda _: False)
-    assert "no picture today" in caplog.text
+    assert "the scene cannot be drawn" in caplog.text
     assert eventually(lambda: server.services.viewer.clients == 0)
 
 
-def test_a_closed_viewer_leaves_no_task_and_no_follower():
+def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()

@@ -67,15 +67,15 @@ def test_a_repeat_is_harmless(server):
     assert client.get(url).text == first.text
 
 
-def test_the_seed_of_an_unfinished_episode_is_told_to_nobody(server):
+def test_the_seed_of_an_unfinished_episode_is_given_to_nobody(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"rival": "random"}).json()
     url, episode = f"/api/sessions/{begun['session']}", begun["frame"]["episode"]
-    told = [
+    answers = [
         client.get(path).text for path in (url, f"{url}/about", f"{url}/history", "/api/episodes", "/api/export/episodes.csv")
     ]
     row = server.services.store.resume_session(begun["session"]).episode
-    assert not any(str(row.seed) in text or row.terrain.hex() in text for text in (json.dumps(begun), *told))
+    assert not any(str(row.seed) in text or row.terrain.hex() in text for text in (json.dumps(begun), *answers))
     assert client.get(f"/api/episodes/{episode}").status_code == 404
 
 
@@ -112,7 +112,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("body", "said"), BAD)
-def test_a_bad_wish_gets_422_and_nothing_begins(server, body, said):
+def test_a_bad_request_gets_422_and_nothing_begins(server, body, said):
     client = server.client()
     content = json.dumps(body)
     answer = client.post("/api/sessions", content=content, headers={"Content-Type": "application/json"})

@@ -84,7 +84,7 @@ class Tape:
 
 
 class Recorder:
-    """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every door of the server gives away."""
+    """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every route of the server gives away."""
 
     more = ()
 
@@ -97,8 +97,8 @@ class Recorder:
         self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
         self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
-            heard = 3 if number else 2  # frame, history, a rival's pace
-            self.tape.add(*(socket.recv(PATIENCE_S).encode() for _ in range(heard)))
+            count = 3 if number else 2  # frame, history, a rival's pace
+            self.tape.add(*(socket.recv(PATIENCE_S).encode() for _ in range(count)))
             self.tape.add(*view.read("/border", "ReplayDone"))
         self.ask_everything()
 
@@ -120,7 +120,7 @@ class Recorder:
         return response
 
     def ask_everything(self):
-        """Ask every door that has anything to do with the sessions."""
+        """Ask every route that has anything to do with the sessions."""
         for id_ in self.ids:
             for more in ("", "/about", "/history"):
                 self.answer("GET", f"/api/sessions/{id_}{more}")
@@ -144,7 +144,7 @@ class Recorder:
 
 
 class ParticipantRecorder(Recorder):
-    """Plays PATH in a phase of a study, over the participant's socket; asks the study's doors and a stranger's as well."""
+    """Plays PATH in a phase of a study, over the participant's socket; asks the study's routes and a stranger's as well."""
 
     more = ("studies", "studies/twins", "studies/twins/me", "studies/twins/debrief/0")
 
@@ -222,7 +222,7 @@ def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, riva
     for number in range(moves):
         assert len(first.tape.moments[number]) > 20
         assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so the tapes can tell"
+    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so tapes show differences"
     for recorder, seed in ((first, one), (second, other)):
         assert not [text for text in writings(seed) if text in recorder.tape.bytes]
 
@@ -253,13 +253,13 @@ def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(stu
     for number in range(moves):
         assert len(first.tape.moments[number]) > 20
         assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so the tapes can tell"
+    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so tapes show differences"
     for recorder, seed in ((first, one), (second, other)):
         assert not [text for text in writings(seed) if text in recorder.tape.bytes]
 
 
-def test_the_seed_is_told_once_the_episode_is_over_and_not_before(recorded):
-    """The search for a seed finds one where there is one: in what is told of a finished episode."""
+def test_the_seed_is_published_once_the_episode_is_over_and_not_before(recorded):
+    """The search for a seed finds one where there is one: in what is published of a finished episode."""
     recorder = recorded(FIRST_SEED, {"size": [9, 14]}, 2)
     assert str(FIRST_SEED).encode() not in recorder.tape.bytes
     recorder.client.post(f"/api/sessions/{recorder.ids[0]}/episodes")

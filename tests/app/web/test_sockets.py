@@ -1,4 +1,4 @@
-"""Journeys over the socket: joining, playing, refusals, bad messages, leaving."""
+"""Playing over the socket: joining, playing, refusals, bad messages, leaving."""
 
 import json
 
@@ -19,7 +19,7 @@ def board(server):
     return client, client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
 
 
-def last_words(socket):
+def rest_until_closed(socket):
     """Return what still comes until the socket is closed, and the code it is closed with."""
     messages = []
     try:
@@ -96,18 +96,18 @@ def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
         assert socket.frame_after(0)["step"] == 1
 
 
-def test_a_message_beyond_all_measure_closes_that_socket_alone(server, board):
+def test_a_message_that_is_far_too_long_closes_that_socket_alone(server, board):
     client, begun = board
     with server.socket(begun["session"], client) as socket, server.socket(begun["session"], client) as other:
         socket.send("x" * 2**21)
-        assert last_words(socket)[1] == 1009
+        assert rest_until_closed(socket)[1] == 1009
         assert other.receive("frame") == begun["frame"]
 
 
 @pytest.mark.parametrize("path", ["/ws/sessions/", "/viewer/"])
 def test_an_unknown_session_closes_with_4404(server, path):
     with server.socket("nobody", path=path) as socket:
-        messages, code = last_words(socket)
+        messages, code = rest_until_closed(socket)
     assert code == 4404
     assert all("no session 'nobody'" in message["detail"] for message in messages)
 
@@ -130,7 +130,7 @@ def test_a_proxys_own_name_is_no_foreign_page(server, board):
         assert socket.receive("frame") == begun["frame"]
 
 
-def test_followers_are_counted_and_leave(server, board):
+def test_subscribers_are_counted_and_leave(server, board):
     client, begun = board
     with server.socket(begun["session"], client) as socket:
         socket.receive("history")
@@ -149,7 +149,7 @@ def test_a_server_that_stops_says_so_to_its_sockets(server, board):
     assert caught.value.rcvd.code in (1001, 1012)
 
 
-def test_a_follower_that_does_not_read_skips_to_the_newest_frame(server):
+def test_a_subscriber_that_does_not_read_skips_to_the_newest_frame(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"size": 128, "seed": 5}).json()
     with server.socket(begun["session"]) as slow, server.socket(begun["session"], client) as socket:
