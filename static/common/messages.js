@@ -32,6 +32,8 @@
 
 export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"]);
 export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]);
+/** What the characters of a grid mean. */
+export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" });
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
   "reward", "return", "score", "outcome"];
 export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];

@@ -1,5 +1,6 @@
 // @ts-check
 // Numbers and endings in words; no document here, so node can test every sentence.
+import { CELL_STATES } from "./messages.js";
 
 /** @typedef {import("./messages.js").Frame} Frame */
 
@@ -80,7 +81,7 @@ export function compare(mine, theirs, rival, who = "You") {
 
 const AROUND = /** @type {const} */ ([["north", -1, 0], ["east", 0, 1], ["south", 1, 0], ["west", 0, -1]]);
 /** @type {Record<string, string>} */
-const CELLS = { "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" };
+const STATES = CELL_STATES;
 
 /**
  * Return the matrix in words: where the rover stands and what lies next to it.
@@ -89,7 +90,7 @@ const CELLS = { "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" };
  */
 export function describeBoard(frame, name) {
   const [row, col] = frame.position;
-  const around = AROUND.map(([word, down, right]) => `${word} ${CELLS[frame.grid[row + down]?.[col + right] ?? ""] ?? "edge"}`);
+  const around = AROUND.map(([word, down, right]) => `${word} ${STATES[frame.grid[row + down]?.[col + right] ?? ""] ?? "edge"}`);
   return `State matrix of ${name}: ${frame.rows} rows, ${frame.cols} columns. Rover at row ${row + 1}, column ${col + 1}. `
     + `${around.join(", ")}. ${percent(frame.coverage)} percent explored in ${many(frame.step, "step")}.`;
 }

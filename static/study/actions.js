@@ -16,7 +16,7 @@ import { goesOn, knowsTheEnd, screenOf } from "./state.js";
 export function startActions(page, { state, study, navigation, onPassed, resume, isBlocked }) {
   const by = elementsOf(page);
   const frame = () => state().game.player?.frame;
-  const stage = () => state().where?.stage;
+  const stage = () => state().participant?.stage;
 
   const goNext = () => navigation.go(() => study.next(), stage());
   const leaveTutorial = () => navigation.go(async () => {
@@ -28,10 +28,10 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   /** Leave the end card, for wherever the study goes from there. */
   function passEnd() {
     const ended = frame();
-    const { where } = state();
-    if (!ended || !where || !knowsTheEnd(state()) || navigation.isBusy()) return;
-    if (where.phase === "tutorial") return void leaveTutorial();
-    if (goesOn(where)) return void goNext();
+    const { participant } = state();
+    if (!ended || !participant || !knowsTheEnd(state()) || navigation.isBusy()) return;
+    if (participant.phase === "tutorial") return void leaveTutorial();
+    if (goesOn(participant)) return void goNext();
     onPassed(ended.episode);
   }
   function giveUp() {
@@ -41,8 +41,8 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   }
   function leave() {
     by("leave", HTMLDialogElement).close();
-    const { where } = state();
-    navigation.go(() => (where?.stage === "consent" ? study.consent(where.consent.version, false) : study.withdraw()), where?.stage);
+    const { participant } = state();
+    navigation.go(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
   }
   async function copyCode() {
     const isCopied = await navigator.clipboard?.writeText(by("code").textContent ?? "").then(() => true, () => false);
@@ -53,7 +53,7 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   /** @type {Record<string, () => unknown>} */
   const clicks = {
     retry: () => location.reload(),
-    agree: () => navigation.go(() => study.consent(state().where?.consent.version ?? "", true), "consent"),
+    agree: () => navigation.go(() => study.consent(state().participant?.consent.version ?? "", true), "consent"),
     "to-tutorial": () => navigation.go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
     begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume,
     finish: () => navigation.go(() => study.advance("debrief"), "debrief"),

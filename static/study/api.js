@@ -1,5 +1,5 @@
 // @ts-check
-// The study's API, and the type of what it answers: where a participant stands.
+// The study's API, and the types of its answers.
 
 /** @typedef {"consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn"} Stage */
 /** @typedef {"tutorial" | "warm_up" | "ranked"} Phase */
@@ -12,13 +12,13 @@
  *   completion_code: string | null, return_url: string | null}} Debrief
  */
 /**
- * Where a participant stands: what every request but `show` and `terrain` answers.
+ * What the server says of a participant: the answer to every request but `show` and `terrain`.
  * @typedef {{study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
  *   questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
  *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean}, break_due: boolean,
  *   pause_after_s: number, session: string | null, about: import("../common/messages.js").About | null, phase: Phase | null,
  *   settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: import("./keymap.js").KeyMap | null},
- *   debrief: Debrief | null, note?: string | null}} Where  note: a closed study, or what is kept of one who left
+ *   debrief: Debrief | null, note?: string | null}} Participant  note: a closed study, or what is kept of one who left
  */
 
 /**
@@ -49,43 +49,43 @@ export function createStudyApi(request, name) {
     show: () => request(path),
     /**
      * @param {Record<string, string>} outside_ids
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     join: (outside_ids) => request(`${path}/join`, { outside_ids }),
-    /** @returns {Promise<Where>} */
+    /** @returns {Promise<Participant>} */
     me: () => request(`${path}/me`, undefined, 5000),
     /**
      * @param {string} version
      * @param {boolean} agree
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     consent: (version, agree) => request(`${path}/consent`, { version, agree }),
     /**
      * @param {Stage} from
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     advance: (from) => request(`${path}/advance`, { from }),
     /**
      * @param {number[]} answers
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     answers: (answers) => request(`${path}/answers`, { answers }),
-    /** @returns {Promise<Where>} */
+    /** @returns {Promise<Participant>} */
     next: () => request(`${path}/next`, {}),
     /**
      * @param {string} episode
      * @param {number} step
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     giveUp: (episode, step) => request(`${path}/give-up`, { episode, step }),
     /**
      * Send the settings; the request outlives the page.
      * @param {Settings} settings
      * @param {AbortSignal} signal ends it
-     * @returns {Promise<Where>}
+     * @returns {Promise<Participant>}
      */
     settings: (settings, signal) => request(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
-    /** @returns {Promise<Where>} */
+    /** @returns {Promise<Participant>} */
     withdraw: () => request(`${path}/withdraw`, {}),
     /**
      * @param {number} index

@@ -112,9 +112,9 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
      * @param {State | null} before
      */
     paint(state, before) {
-      if (screenOf(state) !== "debrief" || !state.where?.debrief) return;
+      if (screenOf(state) !== "debrief" || !state.participant?.debrief) return;
       const isNew = before === null || screenOf(before) !== "debrief";
-      if (isNew || state.where !== before.where) paintFigures(state.where.debrief);
+      if (isNew || state.participant !== before.participant) paintFigures(state.participant.debrief);
       by("replay").hidden = state.replay === null;
       if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay);
     },

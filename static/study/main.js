@@ -71,8 +71,8 @@ const pages = createPages(document);
 const playScreen = createPlayScreen(document, { look, keys: () => ({ east: keyName(settings.get().keys.east[0], layout), south: keyName(settings.get().keys.south[0], layout) }) });
 const debrief = createDebrief(document, { look, terrain: study.terrain, dispatch, replay: () => state.replay });
 const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
-const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), channel, onJoined(where) {
-  if (where.settings.keys) settings.adopt(where.settings);
+const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), channel, onJoined(participant) {
+  if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
   pages.paintKeys(settings.get().keys, layout);
 } });
@@ -92,9 +92,9 @@ const connections = createConnections({
     dispatch({ kind: "link", link });
   },
   async beforeRetry(_, session) {
-    const where = await study.me();
-    dispatch({ kind: "where", where });
-    return where.session === session;
+    const participant = await study.me();
+    dispatch({ kind: "participant", participant });
+    return participant.session === session;
   },
 });
 const repaint = createRepaint((isWhole) => paint(isWhole ? null : painted));
@@ -114,9 +114,9 @@ function dispatch(event) {
     if (said && screenOf(state) === "play") by("announcer").textContent = said;
     if (is.episode !== was?.episode) begun(is);
     // another tab began an episode, or this one has ended: the server knows where that leads
-    if ((is.outcome && !knowsTheEnd(state)) || state.where?.about?.frame.episode !== is.episode) navigation.refresh();
+    if ((is.outcome && !knowsTheEnd(state)) || state.participant?.about?.frame.episode !== is.episode) navigation.refresh();
   }
-  if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.where?.debrief?.warm_up_terrains) debrief.load(0);
+  if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.participant?.debrief?.warm_up_terrains) debrief.load(0);
   repaint();
 }
 
@@ -132,13 +132,13 @@ function begun({ episode }) {
 
 /** @param {import("./state.js").State | null} before what is painted; null paints everything */
 function paint(before) {
-  const { where, game } = painted = state;
+  const { participant, game } = painted = state;
   pages.paint(state, before);
-  if (where && screenOf(state) === "questions" && before?.where !== where) quiz.paint(where);
+  if (participant && screenOf(state) === "questions" && before?.participant !== participant) quiz.paint(participant);
   playScreen.paint(state, before);
   debrief.paint(state, before);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));
-  paintLink(by("link"), game.link === "connecting" && where && !where.session ? "open" : game.link, "connected");
+  paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, "connected");
 }
 
 const actions = startActions(document, { state: () => state, study, navigation, resume: () => pause.set(false), isBlocked: dialogs.isOpen,
@@ -168,7 +168,7 @@ startHeartbeat({
 });
 setInterval(() => {
   telemetry.flush();
-  if (isDriving(state) && !state.isPaused && idle.isOver(state.where?.pause_after_s ?? 60)) pause.set(true);
+  if (isDriving(state) && !state.isPaused && idle.isOver(state.participant?.pause_after_s ?? 60)) pause.set(true);
 }, 1000);
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
 window.addEventListener("online", () => connections.restart());

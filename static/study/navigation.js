@@ -1,9 +1,9 @@
 // @ts-check
-// Steps through the study's stages: one request at a time, each answered by where the participant stands; other tabs are notified.
+// Steps through the study's stages: one request at a time, each answered by the participant's stage and board; other tabs are notified.
 import { ApiError } from "../common/api.js";
 
 /**
- * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./api.js").Participant} Participant
  * @typedef {import("./state.js").Event} Event
  */
 
@@ -13,7 +13,7 @@ import { ApiError } from "../common/api.js";
  *   ids         ids of another site, from the address
  *   channel     to other tabs of this study; null where there is none
  * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Event) => void, ids: Record<string, string>,
- *   channel: BroadcastChannel | null, onJoined: (where: Where) => void}} how
+ *   channel: BroadcastChannel | null, onJoined: (participant: Participant) => void}} how
  */
 export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
   /** @type {Promise<unknown>} */
@@ -29,8 +29,8 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
     queue = done.catch(() => {});
     return /** @type {Promise<void>} */ (done);
   }
-  /** @param {Where} where */
-  const arrive = (where) => dispatch({ kind: "where", where });
+  /** @param {Participant} participant */
+  const arrive = (participant) => dispatch({ kind: "participant", participant });
   const refresh = () => inTurn(async () => {
     try {
       arrive(await study.me());
@@ -47,9 +47,9 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
   async function refused(error, stage) {
     if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
     if (error.status === 0) dispatch({ kind: "link", link: "lost" });
-    const where = error.status === 409 ? await study.me().catch(() => null) : null;
-    if (where) arrive(where);
-    if (!where || where.stage === stage) dispatch({ kind: "notice", text: error.message });
+    const participant = error.status === 409 ? await study.me().catch(() => null) : null;
+    if (participant) arrive(participant);
+    if (!participant || participant.stage === stage) dispatch({ kind: "notice", text: error.message });
   }
   return {
     refresh,
@@ -57,7 +57,7 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
     isBusy: () => isBusy,
     /**
      * Make a request that moves the participant on, unless one is being answered.
-     * @param {() => Promise<Where>} ask
+     * @param {() => Promise<Participant>} ask
      * @param {string} [stage] the step is taken from
      */
     async go(ask, stage) {
@@ -76,9 +76,9 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
     /** Join the study or go on in it; try again while there is no server. */
     async join() {
       try {
-        const where = await study.join(ids);
-        onJoined(where);
-        arrive(where);
+        const participant = await study.join(ids);
+        onJoined(participant);
+        arrive(participant);
       } catch (error) {
         const { status, message } = /** @type {ApiError} */ (error);
         if (status === 0) {
@@ -87,8 +87,8 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
           return;
         }
         const about = status === 409 ? await study.show().catch(() => null) : null;
-        const where = about?.status === "closed" ? await study.me().catch(() => null) : null;
-        if (where) arrive(where);
+        const participant = about?.status === "closed" ? await study.me().catch(() => null) : null;
+        if (participant) arrive(participant);
         else dispatch({ kind: "problem", text: message ?? String(error) });
       }
     },

@@ -7,7 +7,7 @@ import * as words from "./words.js";
 
 /**
  * @typedef {import("./state.js").State} State
- * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./api.js").Participant} Participant
  */
 
 /** @param {string[]} lines */
@@ -35,21 +35,21 @@ export function createPages(page) {
     if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
     page.defaultView?.scrollTo(0, 0);
   }
-  /** @param {Where} where */
+  /** @param {Participant} participant */
   function paintConsent({ title, consent }) {
     put(by("consent-title"), title);
     by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
     put(by("consent-version"), consent.version);
   }
-  /** @param {Where} where */
-  function paintReady(where) {
-    const { title, lines, go } = words.readyText(where);
-    put(by("ready-step"), words.progress(where, false));
+  /** @param {Participant} participant */
+  function paintReady(participant) {
+    const { title, lines, go } = words.readyText(participant);
+    put(by("ready-step"), words.progress(participant, false));
     put(by("ready-title"), title);
     put(by("begin"), go);
     by("ready-lines").replaceChildren(...paragraphs(lines));
   }
-  /** @param {Where} where */
+  /** @param {Participant} participant */
   function paintComplete({ debrief, participant }) {
     put(by("code"), debrief?.completion_code ?? "");
     by("return-line").hidden = !debrief?.return_url;
@@ -62,22 +62,22 @@ export function createPages(page) {
      * @param {State | null} before
      */
     paint(state, before) {
-      const { where, problem } = state;
+      const { participant, problem } = state;
       const screen = screenOf(state);
-      if (where !== before?.where || screen !== (before && screenOf(before))) {
-        if (where) {
-          put(by("title"), where.title);
-          put(by("progress"), words.progress(where, screen === "play" && !state.game.player?.frame.outcome));
-          by("progress-bar").style.width = `${(100 * words.share(where)).toFixed(1)}%`;
-          page.title = `${where.title} \u00b7 ${words.progress(where, false)}`;
-          if (where.note) put(by("withdrawn-note"), where.note);
+      if (participant !== before?.participant || screen !== (before && screenOf(before))) {
+        if (participant) {
+          put(by("title"), participant.title);
+          put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
+          by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
+          page.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
+          if (participant.note) put(by("withdrawn-note"), participant.note);
         }
-        if (where && screen === "consent") paintConsent(where);
-        if (where && screen === "ready") paintReady(where);
-        if (where && screen === "break") put(by("break-line"), words.breakLine(where));
-        if (where && screen === "complete") paintComplete(where);
+        if (participant && screen === "consent") paintConsent(participant);
+        if (participant && screen === "ready") paintReady(participant);
+        if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));
+        if (participant && screen === "complete") paintComplete(participant);
         if (screen === "problem") put(by("problem"), problem ?? "");
-        by("open-leave").hidden = !where || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
+        by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
         show(screen);
       }
     },

@@ -32,7 +32,7 @@ export function createPlayScreen(page, { look, keys }) {
   }
   /**
    * @param {import("../common/messages.js").Frame} frame
-   * @param {import("./api.js").Where} where
+   * @param {import("./api.js").Participant} participant
    */
   function paintNumbers(frame, { phase }) {
     put(by("moves"), String(frame.step));
@@ -55,12 +55,12 @@ export function createPlayScreen(page, { look, keys }) {
    */
   function paintEnd(state) {
     const frame = state.game.player?.frame;
-    const { where } = state;
+    const { participant } = state;
     const card = by("end");
     const wasHidden = card.hidden;
-    card.hidden = !where || !frame?.outcome;
-    if (!where || !frame?.outcome) return false;
-    const { title, line, figures, note, go } = words.endCard(frame, where);
+    card.hidden = !participant || !frame?.outcome;
+    if (!participant || !frame?.outcome) return false;
+    const { title, line, figures, note, go } = words.endCard(frame, participant);
     put(by("end-title"), title);
     put(by("end-line"), line);
     by("end-figures").replaceChildren(...figures.map(([name, value]) => {
@@ -72,7 +72,7 @@ export function createPlayScreen(page, { look, keys }) {
     put(by("end-note"), isKnown ? note : "");
     put(by("next-text"), isKnown ? go : "One moment");
     by("next").setAttribute("aria-disabled", String(!isKnown));
-    by("again").hidden = where.phase !== "tutorial" || !isKnown;
+    by("again").hidden = participant.phase !== "tutorial" || !isKnown;
     return wasHidden;
   }
   return {
@@ -81,17 +81,17 @@ export function createPlayScreen(page, { look, keys }) {
      * @param {State | null} before
      */
     paint(state, before) {
-      const { game, where, isPaused } = state;
+      const { game, participant, isPaused } = state;
       const { player } = game;
       page.body.dataset.paused = String(isPaused);
-      if (screenOf(state) !== "play" || !player || !where) return;
+      if (screenOf(state) !== "play" || !player || !participant) return;
       const isNew = before === null || screenOf(before) !== "play";
       if (isNew || player !== before.game.player) paintBoard(by("board", HTMLCanvasElement), player, { ...look(), ...room(by("matrix")), dpr: dpr() });
-      if (isNew || player !== before.game.player || where !== before.where) {
-        paintNumbers(player.frame, where);
+      if (isNew || player !== before.game.player || participant !== before.participant) {
+        paintNumbers(player.frame, participant);
         paintCurve(player, look());
         page.body.dataset.ended = String(player.frame.outcome !== null);
-        page.body.dataset.phase = where.phase ?? "";
+        page.body.dataset.phase = participant.phase ?? "";
       }
       const pause = by("pause");
       if (pause.hidden === isPaused) {

@@ -3,7 +3,7 @@
 
 import { create, elementsOf } from "../common/page.js";
 
-/** @typedef {import("./api.js").Where} Where */
+/** @typedef {import("./api.js").Participant} Participant */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 
 /**
@@ -50,7 +50,7 @@ export function createQuiz(page, onAnswers) {
     /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
     by("quiz-status").textContent = "";
   });
-  /** @param {Where} where */
+  /** @param {Participant} participant */
   function showVerdicts({ right, why }) {
     if (!right || right === shown) return;
     shown = right;
@@ -66,15 +66,15 @@ export function createQuiz(page, onAnswers) {
     /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
   }
   return {
-    /** @param {Where} where */
-    paint(where) {
-      if (JSON.stringify(asked) !== JSON.stringify(where.questions)) {
-        asked = where.questions;
+    /** @param {Participant} participant */
+    paint(participant) {
+      if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
+        asked = participant.questions;
         by("quiz-list").replaceChildren(...asked.map(item));
         by("quiz-title").textContent = asked.length === 1 ? "One short question" : asked.length === 3 ? "Three short questions" : "A few short questions";
         if (asked.length === 0) onAnswers([]);
       }
-      showVerdicts(where);
+      showVerdicts(participant);
     },
   };
 }

@@ -123,7 +123,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     paint,
     /**
      * Take over what the server keeps, in place of what this browser kept.
-     * @param {import("./api.js").Where["settings"]} stored
+     * @param {import("./api.js").Participant["settings"]} stored
      */
     adopt(stored) {
       if (!stored.keys || !stored.palette) return;

@@ -4,40 +4,40 @@ import * as gameState from "../common/game_state.js";
 import * as replays from "./replay.js";
 
 /**
- * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./api.js").Participant} Participant
  * @typedef {import("./replay.js").Replay} Replay
  */
 /**
  * @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen
  */
 /**
- *   game    the board, the line and the notices: the playground's own state, its rival's seat empty
+ *   game    the board, the connection and the notices: the playground's own state without a rival
  *   problem  one sentence when the study cannot be taken part in
  *   passed   the finished episode whose end card was passed by
  *   isPaused the board waits for a key
  *   replay   the debrief's, null until one is loaded
- * @typedef {{game: import("../common/game_state.js").State, where: Where | null, problem: string | null, passed: string | null, isPaused: boolean,
+ * @typedef {{game: import("../common/game_state.js").State, participant: Participant | null, problem: string | null, passed: string | null, isPaused: boolean,
  *   replay: Replay | null}} State
  */
 /**
- * @typedef {import("../common/game_state.js").Event | {kind: "where", where: Where} | {kind: "problem", text: string} | {kind: "passed", episode: string}
+ * @typedef {import("../common/game_state.js").Event | {kind: "participant", participant: Participant} | {kind: "problem", text: string} | {kind: "passed", episode: string}
  *   | {kind: "paused", isPaused: boolean} | {kind: "replay-loaded", index: number, runs: import("./replay.js").Runs}
  *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number}} Event
  */
 
 /** @returns {State} */
 export function initialState() {
-  return { game: gameState.initialState(), where: null, problem: null, passed: null, isPaused: false, replay: null };
+  return { game: gameState.initialState(), participant: null, problem: null, passed: null, isPaused: false, replay: null };
 }
 
 /**
  * @param {State} state
- * @param {Where} where
+ * @param {Participant} participant
  * @returns {State}
  */
-function arrived(state, where) {
-  const game = where.about ? gameState.apply(state.game, { kind: "begun", about: where.about }) : { ...state.game, player: null };
-  return settled({ ...state, where, game, problem: where.stage === "withdrawn" ? null : where.note ?? null });
+function arrived(state, participant) {
+  const game = participant.about ? gameState.apply(state.game, { kind: "begun", about: participant.about }) : { ...state.game, player: null };
+  return settled({ ...state, participant, game, problem: participant.stage === "withdrawn" ? null : participant.note ?? null });
 }
 
 /**
@@ -59,7 +59,7 @@ function settled(state) {
 export function apply(state, event) {
   const { replay } = state;
   switch (event.kind) {
-    case "where": return arrived(state, event.where);
+    case "participant": return arrived(state, event.participant);
     case "problem": return { ...state, problem: event.text };
     case "passed": return { ...state, passed: event.episode };
     case "paused": return state.isPaused === event.isPaused ? state : settled({ ...state, isPaused: event.isPaused });
@@ -79,24 +79,24 @@ const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
 /**
  * Return whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one
  * before.
- * @param {Where} where
+ * @param {Participant} participant
  */
 function endsHere({ stage, phase }) {
   return phase !== null && (stage === phase || stage === FOLLOWS[phase]);
 }
 
 /**
- * Return the screen of a state: where the server says one is, and what was seen of it.
+ * Return the screen of a state: the participant's stage, or the board that belongs to it.
  * @param {State} state
  * @returns {Screen}
  */
-export function screenOf({ where, game, passed, problem }) {
+export function screenOf({ participant, game, passed, problem }) {
   if (problem !== null) return "problem";
-  if (!where) return "loading";
-  const { stage } = where;
+  if (!participant) return "loading";
+  const { stage } = participant;
   const frame = game.player?.frame;
-  if (frame && endsHere(where) && (!frame.outcome || frame.episode !== passed)) return "play";
-  if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && where.break_due ? "break" : "ready";
+  if (frame && endsHere(participant) && (!frame.outcome || frame.episode !== passed)) return "play";
+  if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && participant.break_due ? "break" : "ready";
   return stage;
 }
 
@@ -109,16 +109,16 @@ export function isDriving(state) {
 }
 
 /**
- * Return whether the server has told where one stands after the end of the episode on the board.
+ * Return whether the server's answer knows the end of the episode on the board.
  * @param {State} state
  */
-export function knowsTheEnd({ where, game }) {
+export function knowsTheEnd({ participant, game }) {
   const frame = game.player?.frame;
-  return Boolean(frame?.outcome && where?.about?.frame.episode === frame.episode && where.about.frame.outcome);
+  return Boolean(frame?.outcome && participant?.about?.frame.episode === frame.episode && participant.about.frame.outcome);
 }
 
 /**
  * Return whether the next episode follows at once: the same stage goes on and no break is due.
- * @param {Where} where
+ * @param {Participant} participant
  */
-export const goesOn = (where) => where.stage === where.phase && !where.break_due;
+export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due;

@@ -1,20 +1,22 @@
 // @ts-check
 // The study's sentences; no document here, so node can test every one.
+import { runs } from "../common/board.js";
+import { CELL_STATES } from "../common/messages.js";
 import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
 
 /**
- * @typedef {import("./api.js").Where} Where
+ * @typedef {import("./api.js").Participant} Participant
  * @typedef {import("../common/messages.js").Frame} Frame
  */
 
 /**
- * Return where one stands, for the bar.
- * @param {Where} where
+ * Return the participant's progress, for the bar.
+ * @param {Participant} participant
  * @param {boolean} isPlaying while an episode runs its number counts as begun
  */
-export function progress(where, isPlaying) {
-  const { stage } = where;
-  const part = stage === "warm_up" || stage === "ranked" ? where[stage] : null;
+export function progress(participant, isPlaying) {
+  const { stage } = participant;
+  const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
   const name = stage === "ranked" ? "Ranked" : "Warm-up";
   if (part) return isPlaying ? `${name}: terrain ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
   return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: "Three questions", debrief: "Debrief",
@@ -23,7 +25,7 @@ export function progress(where, isPlaying) {
 
 /**
  * Return the share of the whole study, 0..1: each terrain weighs the same, the rest a little.
- * @param {Where} where
+ * @param {Participant} participant
  */
 export function share({ stage, warm_up, ranked }) {
   const terrains = warm_up.of + ranked.of;
@@ -33,7 +35,7 @@ export function share({ stage, warm_up, ranked }) {
 
 /**
  * Return the screen before the first episode of a phase.
- * @param {Where} where
+ * @param {Participant} participant
  */
 export function readyText({ stage, warm_up, ranked }) {
   if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
@@ -53,7 +55,7 @@ export function readyText({ stage, warm_up, ranked }) {
 
 /**
  * Return the break screen.
- * @param {Where} where
+ * @param {Participant} participant
  */
 export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
@@ -61,18 +63,18 @@ export const breakLine = ({ ranked }) =>
 /**
  * Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
  * @param {Frame} frame
- * @param {Where} where
+ * @param {Participant} participant
  */
-export function endCard(frame, where) {
-  const { phase } = where;
+export function endCard(frame, participant) {
+  const { phase } = participant;
   const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
   if (frame.score !== null) figures.push(["Score", score(frame.score)]);
-  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome), figures, note: endNote(frame, where), go: endGo(where, phase) };
+  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome), figures, note: endNote(frame, participant), go: endGo(participant, phase) };
 }
 
 /**
  * @param {Frame} frame
- * @param {Where} where
+ * @param {Participant} participant
  */
 function endNote({ outcome, score: scored }, { phase, stage }) {
   if (phase === "tutorial") {
@@ -84,12 +86,12 @@ function endNote({ outcome, score: scored }, { phase, stage }) {
 }
 
 /**
- * @param {Where} where
- * @param {Where["phase"]} phase
+ * @param {Participant} participant
+ * @param {Participant["phase"]} phase
  */
-function endGo(where, phase) {
+function endGo(participant, phase) {
   if (phase === "tutorial") return "Go on to three questions";
-  return where.stage === where.phase && !where.break_due ? "Next terrain" : "Go on";
+  return participant.stage === participant.phase && !participant.break_due ? "Next terrain" : "Go on";
 }
 
 /**
@@ -124,9 +126,8 @@ export function debriefLine({ policy }) {
  * @param {Frame} frame
  */
 export function mapInWords({ grid }) {
-  const names = { "?": "unknown", ".": "free", "#": "rock", "@": "rover" };
-  return grid.map((line) => (line.match(/(.)\1*/g) ?? []).map((run) => {
-    const name = names[/** @type {"?"} */ (run[0])];
-    return name === "rover" ? name : `${run.length} ${name}`;
+  return grid.map((line) => runs(line).map(([, length, mark]) => {
+    const name = CELL_STATES[/** @type {keyof typeof CELL_STATES} */ (mark)];
+    return name === "rover" ? name : `${length} ${name === "obstacle" ? "rock" : name}`;
   }).join(", "));
 }

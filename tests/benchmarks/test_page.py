@@ -19,7 +19,7 @@ SLOW_WITHOUT_A_GPU = pytest.mark.xfail(
 
 @pytest.mark.parametrize(
     ("drawn", "flags"),
-    [("matrix alone", NO_3D), pytest.param("3-D by the processor beside it", SOFTWARE_3D, marks=SLOW_WITHOUT_A_GPU)],
+    [("matrix alone", NO_3D), pytest.param("matrix and 3-D by the processor", SOFTWARE_3D, marks=SLOW_WITHOUT_A_GPU)],
 )
 def test_keydown_to_repaint(spawn, drawn, flags):
     from playwright.sync_api import sync_playwright

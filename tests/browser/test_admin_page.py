@@ -12,7 +12,7 @@ from tests.support.study import Person, freeze
 
 PASSWORD = "red-planet-4"
 IDLE_WORK_MS = 600_000
-"""Reports and evaluations have the lowest priority: beside other jobs they take their time."""
+"""Reports and evaluations have the lowest priority: while other jobs run they take their time."""
 pytestmark = pytest.mark.timeout(1500)
 SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
 COUNT = "[data-testid=stage-{}] td:nth-child(3)"

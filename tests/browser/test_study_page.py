@@ -111,7 +111,7 @@ class Participant:
         while self.frame["outcome"] is None:
             self.press(self.next_action())
         self.page.get_by_test_id("end-card").wait_for(state="visible")
-        self.wait("window.marsStudy.state.where.about.frame.outcome")
+        self.wait("window.marsStudy.state.participant.about.frame.outcome")
         return self.frame
 
     def driving(self):
@@ -398,7 +398,7 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     me.wait("window.marsStudy.state.game.player.frame.outcome === 'abandoned'")
     assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [("abandoned",)]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.marsStudy.state.where.about.frame.outcome")
+    me.wait("window.marsStudy.state.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
     me.driving()
     assert me.frame["step"] == 0

@@ -21,7 +21,7 @@ test("people and scripts are counted apart", () => {
   assert.match(summary(study({ participants })), /2 people of 10 planned, 1 through, and 1 script outside of every human figure\.$/);
 });
 
-test("what is worth a look: damage and silence first, labels after, nothing of scripts", () => {
+test("what needs attention: damage and silence first, labels after, nothing of scripts", () => {
   assert.deepEqual(attention(study(), well), []);
   const participants = [person("A", { stage: "withdrawn", left_at: "warm_up" }), person("B", { is_quiet: true }), person("C", { deviations: 1 }),
     person("S", { kind: "script", is_quiet: true, deviations: 3, stage: "withdrawn" })];

@@ -10,7 +10,7 @@ const about = (changes = {}) => ({ session: "s1", player: "human", level: "rando
 const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });
 const receive = (state, message, role = "player") => apply(state, { kind: "received", role, message });
 
-test("a session beside a policy fills both seats", () => {
+test("a session with a policy fills both boards", () => {
   const state = begun();
   assert.equal(state.mode, "practice");
   assert.equal(state.player.name, "You");
@@ -19,7 +19,7 @@ test("a session beside a policy fills both seats", () => {
   assert.deepEqual(state.player.trail, [[0, 0]]);
 });
 
-test("the mode is told by who plays and who stands beside", () => {
+test("the mode follows from who plays and whether there is a rival", () => {
   assert.equal(modeOf(about({ rival: null })), "ranked");
   assert.equal(modeOf(about({ player: "frontier-cost" })), "watch");
 });
@@ -73,7 +73,7 @@ test("a refusal repaints what the server holds", () => {
   assert.equal(state.player.frame.step, 1);
 });
 
-test("a policy's run stays beside a ranked episode until the next one begins, told by either role first", () => {
+test("a policy's run stays next to a ranked episode until the next one begins, whichever board reports that first", () => {
   const ended = receive(begun({ rival: null }), frame({ step: 1, outcome: "collided" }));
   const replay = apply(ended, { kind: "replay", about: about({ session: "p1", player: "ppo", rival: null }) });
   assert.equal(replay.rival.isReplay, true);

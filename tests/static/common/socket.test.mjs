@@ -3,10 +3,10 @@ import test from "node:test";
 import { backoff_ms, follow } from "../../../static/common/socket.js";
 
 /** The browser's WebSocket, opened and closed by hand; `all` are those made so far. */
-class Line {
+class FakeSocket {
   static OPEN = 1;
   static all = [];
-  constructor() { this.readyState = 0; this.sent = []; Line.all.push(this); }
+  constructor() { this.readyState = 0; this.sent = []; FakeSocket.all.push(this); }
   open() { this.readyState = 1; this.onopen(); }
   close() { if (this.readyState === 3) return; this.readyState = 3; this.onclose(); }
   send(text) { this.sent.push(text); }
@@ -15,40 +15,40 @@ const soon = (ms) => new Promise((done) => { setTimeout(done, ms); });
 
 /** A follower whose server is asked by hand: `answers` take what each question before a new attempt is told. */
 function following() {
-  globalThis.WebSocket = Line;
-  Line.all = [];
+  globalThis.WebSocket = FakeSocket;
+  FakeSocket.all = [];
   const answers = [], links = [];
   const follower = follow({ url: "ws://here", onMessage: () => {}, onLink: (link) => links.push(link),
     beforeRetry: () => new Promise((answer, fail) => { answers.push({ answer, fail }); }) });
   return { follower, answers, links };
 }
 
-test("a lost line is asked about, then opened again", async () => {
+test("after a lost connection the server is asked, then the connection is opened again", async () => {
   const { follower, answers, links } = following();
-  Line.all[0].open();
-  Line.all[0].close();
+  FakeSocket.all[0].open();
+  FakeSocket.all[0].close();
   assert.equal(follower.send({}), false);
   await soon(300);
   answers[0].answer(true);
   await soon(0);
-  Line.all[1].open();
+  FakeSocket.all[1].open();
   assert.equal(follower.send({ kind: "act" }), true);
   assert.deepEqual(links, ["open", "lost", "open"]);
   follower.close();
 });
 
-test("a restart while the server is being asked leaves one line, which stays", async () => {
+test("a restart while the server is being asked leaves one connection, which stays", async () => {
   const { follower, answers, links } = following();
-  Line.all[0].open();
-  Line.all[0].close();
+  FakeSocket.all[0].open();
+  FakeSocket.all[0].close();
   await soon(300); // asked, and no answer yet
   follower.restart();
   await soon(300); // asked again
   answers[0].answer(true);
   answers[1].answer(true);
   await soon(0);
-  assert.equal(Line.all.length, 2, "the first line and one more");
-  Line.all[1].open();
+  assert.equal(FakeSocket.all.length, 2, "the first connection and one more");
+  FakeSocket.all[1].open();
   await soon(600);
   assert.equal(follower.send({ kind: "act" }), true);
   assert.equal(links.at(-1), "open");
@@ -58,12 +58,12 @@ test("a restart while the server is being asked leaves one line, which stays", a
 test("a session that is gone for good is not asked for again, a server that does not answer is", async () => {
   for (const [answer, questions] of [["answer", 1], ["fail", 2]]) {
     const { follower, answers } = following();
-    Line.all[0].close();
+    FakeSocket.all[0].close();
     await soon(300);
     answers[0][answer](false);
     await soon(600);
     assert.equal(answers.length, questions);
-    assert.equal(Line.all.length, 1);
+    assert.equal(FakeSocket.all.length, 1);
     follower.close();
   }
 });

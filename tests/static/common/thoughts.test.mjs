@@ -52,7 +52,7 @@ test("ghosts appear on both boards when the player's episode is over, and not be
   assert.equal(ghostOf({ ...state, rival: null }, "player"), null);
 });
 
-test("values span from the lowest to the highest that was heard", () => {
+test("values span from the lowest to the highest that came", () => {
   assert.equal(span([]), null);
   assert.equal(span([null, undefined]), null);
   assert.deepEqual(span([3, null, -1]), [-1, 3]);

@@ -26,7 +26,7 @@ test("only an explored terrain has steps to 99 %", () => {
   assert.equal(words.stepsToGoal(frame({ outcome: "timed_out" })), null);
 });
 
-test("the matrix in words tells the four neighbours, edges too", () => {
+test("the matrix in words names the four neighbours, edges too", () => {
   const said = words.describeBoard(frame(), "You");
   assert.match(said, /3 rows, 4 columns/);
   assert.match(said, /north edge, east free, south obstacle, west edge/);
@@ -39,7 +39,7 @@ test("a screen reader hears tenths, endings and new terrains, not every step", (
   assert.match(words.announcement(null, frame()), /^New terrain/);
 });
 
-test("an empty seat says whether the episode counts and what follows", () => {
+test("an empty board says whether the episode counts and what follows", () => {
   assert.equal(words.emptyBoardText({ player: null, counts: false }, ""), "Preparing a terrain.");
   assert.match(words.emptyBoardText({ player: {}, counts: true }, "ppo"), /^This episode counts .* ppo explores/);
   assert.match(words.emptyBoardText({ player: {}, counts: false }, ""), /does not count .* a policy explores/);

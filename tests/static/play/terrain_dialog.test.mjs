@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { favourite, MAX_SEED, readWish } from "../../../static/play/terrain_dialog.js";
 
-test("a filled sheet is a wish, a wrong one a sentence", () => {
+test("a filled form is a wish, a wrong one a sentence", () => {
   const fields = { level: "1-1-1", side: "42", rows: "9", cols: "11", seed: " ", rival: "ppo", player: "random" };
   assert.deepEqual(readWish(fields), { level: "1-1-1", size: 42, seed: null, rival: "ppo", player: "random" });
   assert.deepEqual(readWish({ ...fields, side: "custom", seed: "7" }).size, [9, 11]);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { actionOf, assign, DEFAULT_KEYS, keyName, mayDrive, readKeys } from "../../../static/study/keymap.js";
 
-test("a key drives one way: a taken one changes places", () => {
+test("a key drives in one direction: one that is taken changes places", () => {
   assert.equal(actionOf(DEFAULT_KEYS, "KeyW"), "north");
   assert.equal(actionOf(DEFAULT_KEYS, "KeyQ"), undefined);
   const keys = assign(DEFAULT_KEYS, "north", 1, "KeyI");

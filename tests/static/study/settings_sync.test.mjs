@@ -21,7 +21,7 @@ async function until(claim) {
   while (!claim()) await pass(1);
 }
 
-test("choices made while a call is on its way wait for its end and are told as they are then", async () => {
+test("choices made during a request wait for its end and are sent as they are then", async () => {
   const { requests, choose } = saving();
   choose("keys");
   await until(() => requests.length === 1);
@@ -37,7 +37,7 @@ test("choices made while a call is on its way wait for its end and are told as t
   assert.deepEqual(requests.map(({ value }) => value), ["keys", "colour-blind"]);
 });
 
-test("what did not get through is told again, what was declined is not, and an answer that never comes is not waited for", async () => {
+test("what failed is sent again, what was declined is not, and an answer that never comes is not waited for", async () => {
   for (const [status, times] of [[0, 2], [503, 2], [422, 1]]) {
     const { requests, choose } = saving();
     choose("keys");
@@ -56,7 +56,7 @@ test("what did not get through is told again, what was declined is not, and an a
   assert.equal(asked, 2);
 });
 
-test("a page that goes tells at once what waits, in place of a call on its way, and nothing twice", async () => {
+test("a page that goes sends at once what waits, in place of a request without an answer, and nothing twice", async () => {
   const { requests, choose, settingsSync } = saving({ settle_ms: 1e6 });
   settingsSync.flush();
   assert.equal(requests.length, 0);

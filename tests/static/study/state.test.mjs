@@ -5,10 +5,10 @@ import { apply, goesOn, initialState, isDriving, knowsTheEnd, screenOf } from ".
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
 const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
-const where = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
+const participant = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
   right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, session: null, about: null,
   phase: null, settings: {}, debrief: null, ...changes });
-const standing = (changes) => apply(initialState(), { kind: "where", where: where(changes) });
+const standing = (changes) => apply(initialState(), { kind: "participant", participant: participant(changes) });
 const playing = (changes = {}, of = {}) => standing({ session: "s1", phase: "ranked", about: about(changes), ...of });
 const receive = (state, changes) => apply(state, { kind: "received", role: "player", message: frame(changes) });
 
@@ -33,15 +33,15 @@ test("an ended episode keeps its card until it is passed, over the change of sta
 });
 
 test("the next terrain follows at once only within a stage and without a break", () => {
-  assert.equal(goesOn(where({ phase: "ranked" })), true);
-  assert.equal(goesOn(where({ phase: "ranked", break_due: true })), false);
-  assert.equal(goesOn(where({ phase: "warm_up" })), false);
+  assert.equal(goesOn(participant({ phase: "ranked" })), true);
+  assert.equal(goesOn(participant({ phase: "ranked", break_due: true })), false);
+  assert.equal(goesOn(participant({ phase: "warm_up" })), false);
 });
 
-test("the end is known once the server has told where it leads", () => {
+test("the end is known once the server's answer holds it", () => {
   const ended = receive(playing(), { step: 1, outcome: "collided" });
   assert.equal(knowsTheEnd(ended), false);
-  assert.equal(knowsTheEnd(apply(ended, { kind: "where", where: where({ phase: "ranked", about: about({ step: 1, outcome: "collided" }) }) })), true);
+  assert.equal(knowsTheEnd(apply(ended, { kind: "participant", participant: participant({ phase: "ranked", about: about({ step: 1, outcome: "collided" }) }) })), true);
 });
 
 test("another tab's frames drive this board as well", () => {
@@ -60,12 +60,12 @@ test("a pause ends with its episode", () => {
 test("apply leaves the state before as it was", () => {
   const before = Object.freeze(playing());
   Object.freeze(before.game);
-  apply(before, { kind: "where", where: where({ stage: "complete" }) });
+  apply(before, { kind: "participant", participant: participant({ stage: "complete" }) });
   assert.equal(screenOf(before), "play");
 });
 
 test("a closed study says so in the place of the screen, and one who left reads what is kept", () => {
   assert.equal(screenOf(standing({ note: "closed" })), "problem");
   assert.equal(screenOf(standing({ stage: "withdrawn", note: "kept" })), "withdrawn");
-  assert.equal(screenOf(apply(standing({ note: "closed" }), { kind: "where", where: where() })), "ready");
+  assert.equal(screenOf(apply(standing({ note: "closed" }), { kind: "participant", participant: participant() })), "ready");
 });

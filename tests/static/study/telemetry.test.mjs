@@ -6,17 +6,17 @@ import { createTelemetry, BATCH_SIZE, MAX_WAITING } from "../../../static/study/
 function telemetry(isOpen, stored) {
   const sent = [];
   const on = { episode: "e1", step: 4, round_trip_ms: 7.5 };
-  const line = { isOpen };
+  const connection = { isOpen };
   const store = { kept: undefined };
   let answers = 0;
   const kept = createTelemetry({ context: () => on, now_ms: () => 100.04, stored, store: (batches) => { store.kept = JSON.parse(JSON.stringify(batches)); },
-    send: (message) => line.isOpen && sent.push(message) > 0 });
-  return { kept, sent, on, line, store,
+    send: (message) => connection.isOpen && sent.push(message) > 0 });
+  return { kept, sent, on, connection, store,
     answer(how = {}) {
       const { episode, events } = sent[answers++];
       kept.answered({ kind: "kept", episode, count: events.length, reason: null, ...how });
     },
-    reconnect() { answers = sent.length; line.isOpen = true; kept.reconnected(); } };
+    reconnect() { answers = sent.length; connection.isOpen = true; kept.reconnected(); } };
 }
 const times = (batches) => batches.map(({ events }) => events.map(({ client_ms }) => client_ms));
 
@@ -34,7 +34,7 @@ test("an event carries its key, the step on screen and the round trip, in its ep
   assert.equal(kept.waiting(), 0);
 });
 
-test("without a line events wait; then they leave in order, 200 at a time, the oldest lost beyond the most", () => {
+test("without a connection events wait; then they leave in order, 200 at a time, the oldest lost beyond the most", () => {
   const { kept, sent, answer, reconnect } = telemetry(false);
   for (let k = 0; k < MAX_WAITING + 5; k++) kept.note("keydown", { at_ms: k });
   kept.flush();
@@ -73,11 +73,11 @@ test("one batch is under way at a time; what a flush asked for meanwhile follows
   assert.equal(kept.waiting(), 0);
 });
 
-test("a batch under way when the line broke is sent again, the very same, before anything newer", () => {
-  const { kept, sent, answer, line, reconnect } = telemetry(true);
+test("a batch under way when the connection broke is sent again, the very same, before anything newer", () => {
+  const { kept, sent, answer, connection, reconnect } = telemetry(true);
   kept.note("keydown", { at_ms: 1 });
   kept.flush();
-  line.isOpen = false;
+  connection.isOpen = false;
   kept.note("keyup", { at_ms: 2 });
   kept.flush();
   reconnect();
@@ -126,7 +126,7 @@ test("a page that goes sends everything and stores what no answer came for; the 
   assert.deepEqual([next.kept.waiting(), next.store.kept], [0, []]);
 });
 
-test("without a line a page that goes stores all it has, and goes on in the same batches when it stays after all", () => {
+test("without a connection a page that goes stores all it has, and goes on in the same batches when it stays after all", () => {
   const { kept, sent, store, answer, reconnect } = telemetry(false);
   kept.note("keydown", { at_ms: 1 });
   kept.leave();

@@ -6,29 +6,29 @@ import * as words from "../../../static/study/words.js";
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
 const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
-const where = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
+const participant = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
   right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, session: null, about: null,
   phase: null, settings: {}, debrief: null, ...changes });
 
-test("no sentence of a ranked terrain tells a score", () => {
-  const { figures, go } = words.endCard(frame({ outcome: "explored", step: 30 }), where({ phase: "ranked" }));
+test("no sentence of a ranked terrain contains a score", () => {
+  const { figures, go } = words.endCard(frame({ outcome: "explored", step: 30 }), participant({ phase: "ranked" }));
   assert.deepEqual(figures.map(([name]) => name), ["Moves", "Coverage"]);
   assert.equal(go, "Next terrain");
-  assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), where({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
-  assert.equal(words.endCard(frame({ outcome: "explored" }), where({ phase: "ranked", break_due: true })).go, "Go on");
+  assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), participant({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "ranked", break_due: true })).go, "Go on");
 });
 
-test("nothing said of a ranked terrain tells a score", () => {
+test("no announcement of a ranked terrain contains a score", () => {
   assert.doesNotMatch(announcement(frame({ coverage: 0.4 }), frame({ coverage: 0.6, step: 9 })), /score/);
   assert.doesNotMatch(announcement(frame(), frame({ outcome: "explored", step: 9 })), /score/);
   assert.match(announcement(frame(), frame({ outcome: "explored", step: 9, score: 0.9 })), /score 0.900/);
 });
 
-test("progress counts the running terrain, and the whole way ends at one", () => {
-  assert.equal(words.progress(where(), true), "Ranked: terrain 1 of 2");
-  assert.equal(words.progress(where({ ranked: { done: 2, of: 2 } }), true), "Ranked: terrain 2 of 2");
-  assert.equal(words.progress(where({ stage: "debrief" }), false), "Debrief");
-  assert.equal(words.share(where({ stage: "complete", ranked: { done: 2, of: 2 } })), 1);
+test("progress counts the running terrain, and the share of the whole study ends at one", () => {
+  assert.equal(words.progress(participant(), true), "Ranked: terrain 1 of 2");
+  assert.equal(words.progress(participant({ ranked: { done: 2, of: 2 } }), true), "Ranked: terrain 2 of 2");
+  assert.equal(words.progress(participant({ stage: "debrief" }), false), "Debrief");
+  assert.equal(words.share(participant({ stage: "complete", ranked: { done: 2, of: 2 } })), 1);
 });
 
 test("the map in words names runs of cells", () => {
