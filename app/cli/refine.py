@@ -60,7 +60,7 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
       marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
     """
     from marsexplorer.config import EnvConfig
-    from marsexplorer.evaluation.play import cores
+    from marsexplorer.evaluation.episodes import cores
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
     from marsexplorer.policies.network.model import load_net
@@ -107,7 +107,7 @@ def _refine(
     run: RefineRun, rounds: int, processes: int, output: _RefineOutput, advance: Callable[[float, str | None], None]
 ) -> None:
     """Make the rounds, with the episodes played in processes of their own."""
-    from marsexplorer.evaluation.play import one_thread
+    from marsexplorer.evaluation.episodes import one_thread
 
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn, one_thread) as pool:

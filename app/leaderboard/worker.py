@@ -14,7 +14,7 @@ from typing import Any
 from app.statistics.summaries import EpisodeSummary, summarize, summary_of
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.play import drive
+from marsexplorer.evaluation.episodes import play_episode
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def evaluate(job: dict[str, Any]) -> dict[str, Any]:
     policy = policies.load(job["policy"], config.sensor_radius)
     groups: list[list[EpisodeSummary]] = []
     for seed in job["seeds"]:
-        groups.append([summary_of(drive(policy, config, seed))])
+        groups.append([summary_of(play_episode(policy, config, seed))])
         send({"done": len(groups)})
     return summarize(config, groups)
 

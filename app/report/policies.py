@@ -11,8 +11,8 @@ import numpy as np
 from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import Result, make_chunks, play_chunks
 from marsexplorer.evaluation.intervals import Floats
-from marsexplorer.evaluation.play import Result, chunks_of, played
 
 Progress = Callable[[int, int], None]
 
@@ -45,7 +45,7 @@ def run_policies(
     index_of = {seed: index for index, seed in seeds.items()}
     found: dict[str, dict[int, Result]] = {name: {} for name in chosen}
     done = 0
-    for part in played(chunks_of(chosen, [config], list(seeds.values()), traces=True), None):
+    for part in play_chunks(make_chunks(chosen, [config], list(seeds.values()), traces=True), None):
         for result in part:
             found[result.policy][index_of[result.seed]] = result
         done += len(part)

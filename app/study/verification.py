@@ -22,7 +22,7 @@ from app.storage.resimulation import Finding
 from app.study.checks import check_studies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.play import cores, one_thread
+from marsexplorer.evaluation.episodes import cores, one_thread
 
 PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""

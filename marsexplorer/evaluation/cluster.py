@@ -1,6 +1,6 @@
-"""The same work on a Ray cluster: episodes played there, and a session with the cluster for whoever else needs one.
+"""Episodes on a Ray cluster, and a connection to the cluster for other work.
 
-Every machine of the cluster needs this package; policy files need not be there, they travel with the work.
+Every machine of the cluster needs this package. Policy files need not be there: they are sent with the work.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from marsexplorer.config import CORE_VERSION
-from marsexplorer.evaluation.play import Chunk, Result, play
+from marsexplorer.evaluation.episodes import EpisodeChunk, Result, play_chunk
 
 LOCAL = "local"
-"""The address that stands for a cluster of this machine alone, started for the occasion."""
+"""The address of a cluster of this machine alone, which is started for the work and stopped after it."""
 
-
-PATIENCE_S = 10.0
-"""Seconds to wait for a cluster's machine to answer."""
+CONNECT_TIMEOUT_S = 10.0
+"""Seconds to wait for a cluster's machine to accept a connection."""
 
 
 class ClusterError(RuntimeError):
@@ -33,7 +32,7 @@ class ClusterError(RuntimeError):
 
 @contextmanager
 def session(address: str, workers: int | None = None) -> Iterator[Any]:
-    """Yield the module `ray`, connected to the cluster at an address; a connection that was there before is used and left.
+    """Connect to the cluster at an address and yield the module `ray`; a connection that exists already is used and kept.
 
     address  LOCAL, "auto" (the one running on this machine), HOST:PORT or ray://HOST:PORT
     workers  processes of a LOCAL one; None takes one per core
@@ -43,8 +42,8 @@ def session(address: str, workers: int | None = None) -> Iterator[Any]:
         ray: Any = import_module("ray")
     except ImportError as error:
         raise ClusterError("ray is not installed; install it with: pip install 'marsexplorer-playground[ray]'") from error
-    mine = not ray.is_initialized()
-    if mine:
+    is_ours = not ray.is_initialized()
+    if is_ours:
         _check_reachable(address)
         local = {"num_cpus": workers, "include_dashboard": False} if address == LOCAL else {}
         try:
@@ -54,7 +53,7 @@ def session(address: str, workers: int | None = None) -> Iterator[Any]:
     try:
         yield ray
     finally:
-        if mine:
+        if is_ours:
             ray.shutdown()
 
 
@@ -63,39 +62,39 @@ def _no_cluster(address: str) -> ClusterError:
 
 
 def _check_reachable(address: str) -> None:
-    """Return when something listens at HOST:PORT or ray://HOST:PORT: Ray itself would go on trying for ten minutes."""
+    """Raise ClusterError when nothing listens at HOST:PORT or ray://HOST:PORT: Ray itself would try for ten minutes."""
     if address in (LOCAL, "auto"):
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
         raise ClusterError(f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), PATIENCE_S).close()
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:
         raise _no_cluster(address) from error
 
 
-def played_on_ray(chunks: Sequence[Chunk], address: str) -> Iterator[list[Result]]:
-    """Yield the results chunk by chunk, in any order, as `play.played` does."""
+def play_chunks_on_ray(chunks: Sequence[EpisodeChunk], address: str) -> Iterator[list[Result]]:
+    """Yield the results chunk by chunk, in any order, as `episodes.play_chunks` does."""
     with session(address) as ray:
-        task = ray.remote(_play_there)
+        task = ray.remote(_play_remotely)
         files = {chunk.policy: Path(chunk.policy) for chunk in chunks if Path(chunk.policy).is_file()}
-        held = {name: ray.put(path.read_bytes()) for name, path in files.items()}
-        waiting = [task.remote(chunk, held.get(chunk.policy)) for chunk in chunks]
-        while waiting:
-            ready, waiting = ray.wait(waiting)
+        stored = {name: ray.put(path.read_bytes()) for name, path in files.items()}
+        pending = [task.remote(chunk, stored.get(chunk.policy)) for chunk in chunks]
+        while pending:
+            ready, pending = ray.wait(pending)
             version, results = ray.get(ready[0])
             if version != CORE_VERSION:
                 raise ClusterError(f"a machine of the cluster has core version {version}, this one has {CORE_VERSION}")
             yield results
 
 
-def _play_there(chunk: Chunk, file: bytes | None) -> tuple[str, list[Result]]:
-    """Return (core version, results) of a chunk; the policy's file is laid under its own name first when it came along."""
+def _play_remotely(chunk: EpisodeChunk, file: bytes | None) -> tuple[str, list[Result]]:
+    """Play a chunk and return (core version, results); the content of its policy's file is written to a file first."""
     if file is None:
-        return CORE_VERSION, play(chunk)
+        return CORE_VERSION, play_chunk(chunk)
     with TemporaryDirectory() as folder:
         path = Path(folder) / Path(chunk.policy).name
         path.write_bytes(file)
-        results = play(replace(chunk, policy=str(path)))
+        results = play_chunk(replace(chunk, policy=str(path)))
     return CORE_VERSION, [replace(result, policy=chunk.policy) for result in results]

@@ -1,6 +1,7 @@
-"""Pictures of an evaluation: coverage against steps (figure 7 of Koutras et al. 2021) and heat maps (its figure 6).
+"""Plots of an evaluation: coverage against steps (figure 7 of Koutras et al. 2021) and heat maps (its figure 6).
 
-Figures are made without pyplot, so nothing is global; the same table gives the same picture. They need results with traces.
+Figures are made without pyplot, so they share no global state; the same table gives the same bytes. They need results with
+traces.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.play import Result, Trace
+from marsexplorer.evaluation.episodes import EpisodeTrace, Result
 from marsexplorer.evaluation.table import Table
 from marsexplorer.files import replace_whole
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
-"""Told apart by the colour-blind: Okabe and Ito."""
+"""Colours that colour-blind people can tell apart (Okabe and Ito)."""
 
 STYLES = ("-", "--", "-.", ":")
-SHOWN = 0.99
+SHOWN_SHARE = 0.99
 """Share of the explored episodes that have ended at the right edge of a coverage plot."""
 
 
@@ -36,7 +37,7 @@ def save_plots(table: Table, folder: Path) -> list[Path]:
 
 
 def coverage_figure(table: Table, config: EnvConfig) -> Figure:
-    """Return coverage against moves: each policy's mean over terrains, the band from the 5th to the 95th percentile."""
+    """Plot coverage against moves: each policy's mean over terrains, and the band from the 5th to the 95th percentile."""
     policies = dict.fromkeys(result.policy for result in table.results)
     groups = {policy: _results(table, config, policy) for policy in policies}
     figure = Figure(figsize=(7.2, 4.5), layout="constrained")
@@ -57,7 +58,7 @@ def coverage_figure(table: Table, config: EnvConfig) -> Figure:
 
 
 def heat_figure(table: Table, policy: str) -> Figure:
-    """Return a panel per configuration: blue how often each cell was stood on, green how often an obstacle was found there."""
+    """Plot a panel for each configuration: blue for visits to each cell, green for obstacles found there."""
     configs = [config for config in table.configs if _results(table, config, policy)]
     columns = min(4, len(configs))
     lines = -(-len(configs) // columns)
@@ -75,14 +76,14 @@ def heat_figure(table: Table, policy: str) -> Figure:
 
 
 def _shown_moves(results: Sequence[Result]) -> int:
-    """Return where the plot ends: what never explores its terrain does not squeeze the others."""
+    """Return the moves at which the plot ends: episodes that never explore their terrain do not compress the others."""
     explored = [result.steps for result in results if result.outcome == "explored"]
     ends = sorted(explored or [result.steps for result in results])
-    return max(1, ends[min(len(ends) - 1, int(SHOWN * len(ends)))])
+    return max(1, ends[min(len(ends) - 1, int(SHOWN_SHARE * len(ends)))])
 
 
 def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.int64]:
-    """Return cells discovered after 0..moves moves, int64[episodes, moves + 1]; an episode that has ended stays as it is."""
+    """Return cells discovered after 0..moves moves, int64[episodes, moves + 1]; a curve stays level after its episode."""
     curves = np.zeros((len(results), moves + 1), np.int64)
     for curve, result in zip(curves, results, strict=True):
         own = _trace(result).discovered[: moves + 1]
@@ -103,7 +104,7 @@ def heat_maps(results: Sequence[Result], config: EnvConfig) -> tuple[NDArray[np.
 
 
 def _draw_heat(axes: Axes, visits: NDArray[np.int64], obstacles: NDArray[np.int64]) -> None:
-    """Draw both maps over each other; the square root lets seldom visited cells be seen."""
+    """Draw both maps over each other; the square root keeps seldom visited cells visible."""
     for counts, colour in ((visits, (0.03, 0.19, 0.55)), (obstacles, (0.0, 0.43, 0.17))):
         layer = np.zeros((*counts.shape, 4))
         layer[..., :3] = colour
@@ -119,7 +120,7 @@ def _save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _trace(result: Result) -> Trace:
+def _trace(result: Result) -> EpisodeTrace:
     if result.trace is None:
         raise ValueError("plots need traces: evaluate(..., traces=True)")
     return result.trace

@@ -1,4 +1,4 @@
-"""`evaluate`: any policies on any configurations and the same seeds, as a table."""
+"""The function `evaluate`: any policies on any configurations and the same seeds, as a table."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import EnvConfig, check_seed
+from marsexplorer.evaluation.episodes import INFORMED, Result, make_chunks, play_chunks
 from marsexplorer.evaluation.informed import check_size
-from marsexplorer.evaluation.play import INFORMED, Result, chunks_of, played
 from marsexplorer.evaluation.table import Table, tabulate
 
 Progress = Callable[[int, int], None]
@@ -25,15 +25,17 @@ def evaluate(
     traces: bool = False,
     ray: str | None = None,
 ) -> Table:
-    """Return the table of policies over `episodes` terrains from `seed` on, or over the terrains of `seeds`.
+    """Play policies on `episodes` terrains from `seed` on, or on the terrains of `seeds`, and return the table of figures.
 
     policies  names or paths; "informed" stands for the planner that is shown the true map
     configs   one configuration or several; every policy plays the terrains of the same seeds in each
     seeds     in place of episodes and seed: at least two different ones
     progress  called with (episodes played, episodes in all)
-    workers   processes; None takes one per core. The table is the same for any number.
+    workers   processes; None takes one for each core. The table is the same for any number.
     traces    keep each episode's path and coverage after every move in `Result.trace`
     ray       address of a Ray cluster to play on instead ("auto", "local", HOST:PORT, ray://HOST:PORT)
+
+    ValueError for arguments out of range, PolicyNotFoundError and PolicyFileError for policies that cannot be loaded.
     """
     if not policies:
         raise ValueError("there must be at least one policy to evaluate, got none")
@@ -44,29 +46,29 @@ def evaluate(
     if not configs:
         raise ValueError("there must be at least one configuration to evaluate on, got none")
     names = list(dict.fromkeys(str(policy) for policy in policies))
-    for config in configs:  # what cannot be played is refused before anything is
+    for config in configs:  # refuse what cannot be played before anything is played
         for name in names:
             if name == INFORMED:
                 check_size(config)
             else:
                 policy_files.load(name, config.sensor_radius)
-    chunks, total = chunks_of(names, configs, chosen_seeds, traces), len(names) * len(configs) * len(chosen_seeds)
+    chunks, total = make_chunks(names, configs, chosen_seeds, traces), len(names) * len(configs) * len(chosen_seeds)
     if ray is not None:
-        from marsexplorer.evaluation.cluster import played_on_ray
+        from marsexplorer.evaluation.cluster import play_chunks_on_ray
 
-        parts = played_on_ray(chunks, ray)
+        parts = play_chunks_on_ray(chunks, ray)
     else:
-        parts = played(chunks, workers)
-    found: list[Result] = []
+        parts = play_chunks(chunks, workers)
+    results: list[Result] = []
     for part in parts:
-        found += part
+        results += part
         if progress:
-            progress(len(found), total)
-    return tabulate(configs, names, chosen_seeds, found)
+            progress(len(results), total)
+    return tabulate(configs, names, chosen_seeds, results)
 
 
 def _seeds(episodes: int | None, seed: int, seeds: Sequence[int] | None) -> list[int]:
-    """Return the seeds to play; ValueError when there are fewer than two or one comes twice."""
+    """Return the seeds to play; raise ValueError when there are fewer than two or one comes twice."""
     if (episodes is None) == (seeds is None):
         raise ValueError("give either episodes (and seed) or seeds")
     if seeds is None:

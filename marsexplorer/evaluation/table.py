@@ -1,4 +1,4 @@
-"""From episodes to figures: a row for each policy and configuration, and paired comparisons on the same terrains.
+"""Figures of episodes: a row for each policy and configuration, and paired comparisons on the same terrains.
 
 All intervals are 95 % Student's t intervals over terrains. docs/evaluation.md defines every figure.
 """
@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.evaluation.episodes import INFORMED, Result, horizon
 from marsexplorer.evaluation.intervals import Floats, t_interval, t_quantile
-from marsexplorer.evaluation.play import INFORMED, Result, horizon
 
 RULES = ("frontier-cost", "frontier-utility")
-"""The rules of thumb among which the best is sought."""
+"""The rule policies; the one of the fewest mean steps is the reference of the comparisons."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Table:
-    """What `evaluate` found: a row per configuration and policy, in the order given, and every episode behind it."""
+    """The result of `evaluate`: a row for each configuration and policy, in the order given, and every episode."""
 
     configs: tuple[EnvConfig, ...]
     seeds: tuple[int, ...]
@@ -85,7 +85,7 @@ class Table:
     results: tuple[Result, ...]
 
     def compared(self, row: Row, against: str) -> Comparison | None:
-        """Return how a row's policy stands against "rule" or "informed", None when it was not compared."""
+        """Return the comparison of a row's policy with "rule" or "informed", None when there is none."""
         key = (row.policy, row.level, row.rows, row.cols, against)
         found = (each for each in self.comparisons if (each.policy, each.level, each.rows, each.cols, each.against) == key)
         return next(found, None)
@@ -140,39 +140,61 @@ def summarize(results: Sequence[Result]) -> Row:
     scores, steps, areas = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
     outcomes = [result.outcome for result in results]
     first = results[0]
+    (score_low, score_high), (steps_low, steps_high), (auc_low, auc_high) = map(_interval, (scores, steps, areas))
     return Row(
-        first.policy,
-        first.level,
-        first.rows,
-        first.cols,
-        len(results),
-        float(scores.mean()),
-        *_interval(scores),
-        outcomes.count("explored") / len(results),
-        float(steps.mean()),
-        *_interval(steps),
-        outcomes.count("collided") + outcomes.count("out_of_bounds"),
-        float(_column(results, "coverage").mean()),
-        float(areas.mean()),
-        *_interval(areas),
+        policy=first.policy,
+        level=first.level,
+        rows=first.rows,
+        cols=first.cols,
+        episodes=len(results),
+        score_mean=float(scores.mean()),
+        score_low=score_low,
+        score_high=score_high,
+        completion=outcomes.count("explored") / len(results),
+        steps_mean=float(steps.mean()),
+        steps_low=steps_low,
+        steps_high=steps_high,
+        collisions=outcomes.count("collided") + outcomes.count("out_of_bounds"),
+        coverage_mean=float(_column(results, "coverage").mean()),
+        auc_mean=float(areas.mean()),
+        auc_low=auc_low,
+        auc_high=auc_high,
     )
 
 
 def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
-    """Return every policy against the best rule and the informed planner, where these were played; all on the same seeds."""
+    """Return the comparisons of every policy with the best rule and with the informed planner, where these were played.
+
+    by_policy   name -> results, all on the same seeds in the same order
+    """
     steps = {name: _column(results, "steps_to_99") for name, results in by_policy.items()}
     rules = sorted((name for name in RULES if name in steps), key=lambda name: float(steps[name].mean()))
     references = [("rule", name) for name in rules[:1]] + [(INFORMED, INFORMED)] * (INFORMED in steps)
-    found = []
+    comparisons = []
     for against, reference in references:
         for name, results in by_policy.items():
             if name == reference:
                 continue
             first, differences = results[0], steps[name] - steps[reference]
-            where = (first.level, first.rows, first.cols, len(results))
-            paired = (float(differences.mean()), *_interval(differences), *ratio_interval(steps[name], steps[reference]))
-            found.append(Comparison(name, against, reference, *where, *paired))
-    return found
+            difference_low, difference_high = _interval(differences)
+            ratio, ratio_low, ratio_high = ratio_interval(steps[name], steps[reference])
+            comparison = Comparison(
+                policy=name,
+                against=against,
+                reference=reference,
+                level=first.level,
+                rows=first.rows,
+                cols=first.cols,
+                episodes=len(results),
+                difference_mean=float(differences.mean()),
+                difference_low=difference_low,
+                difference_high=difference_high,
+                ratio_mean=ratio,
+                ratio_low=ratio_low,
+                ratio_high=ratio_high,
+            )
+            comparisons.append(comparison)
+    return comparisons
 
 
 def _interval(values: Floats) -> tuple[float, float]:

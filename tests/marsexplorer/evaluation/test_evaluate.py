@@ -11,8 +11,8 @@ from scipy import stats
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate, horizon
+from marsexplorer.evaluation.episodes import area_under_coverage
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.evaluation.play import area_under_coverage
 from marsexplorer.evaluation.table import compare, ratio_interval
 from marsexplorer.policies import PolicyNotFoundError, load
 from marsexplorer.terrain import generate

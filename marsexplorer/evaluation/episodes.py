@@ -1,7 +1,7 @@
-"""Episodes played for measurement: in this process, in as many as there are cores, or on a Ray cluster.
+"""Episodes of policies, played for measurement in this process or in as many processes as there are cores.
 
-An episode is a function of (policy, config, seed): the terrain is the seed's and the policy is reset with the seed. So what
-is found does not depend on where or in how many pieces it was played.
+An episode is a function of (policy, config, seed): the seed fixes the terrain, and the policy is reset with it. So the results
+do not depend on where, or in how many chunks, the episodes were played. `cluster` plays the same chunks on a Ray cluster.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from marsexplorer.policies import Policy
 from marsexplorer.score import steps_to_target
 
 INFORMED = "informed"
-"""The name under which the informed planner stands in results. It is shown the true map and is never a policy."""
+"""The informed planner's name in results. It is shown the true map and is not a policy."""
 
-CHUNK = 5
-"""Episodes a process plays before it reports."""
+EPISODES_PER_CHUNK = 5
+"""Episodes that a process plays before it reports."""
 
-AHEAD = 4
-"""Chunks handed out for each process: a long evaluation does not lie in the queue whole."""
+QUEUED_CHUNKS_PER_PROCESS = 4
+"""Chunks that are submitted ahead, so that a long evaluation is not pickled at once."""
 
-INLINE = 20
-"""Up to so many episodes in all are played in this process: starting others costs seconds."""
+MAX_INLINE_EPISODES = 20
+"""Up to so many episodes in all are played in this process, because starting others takes seconds."""
 
 
 @dataclass(frozen=True)
-class Trace:
-    """How an episode went, cells flat as row * cols + col.
+class EpisodeTrace:
+    """The course of an episode, cells flat as row * cols + col.
 
     discovered  cells known after 0, 1, 2, ... moves
-    path        cells stood on after 0, 1, 2, ... moves (a move off the grid stands still)
+    path        the rover's cell after 0, 1, 2, ... moves (it stays where it was after a move off the grid)
     obstacles   obstacle cells known at the end
     """
 
@@ -52,14 +52,14 @@ class Trace:
 
 @dataclass(frozen=True)
 class Result:
-    """One episode of one policy; docs/evaluation.md defines every figure.
+    """The figures of one episode of one policy; docs/evaluation.md defines each.
 
     seed         of the terrain, and of the policy's own draws
     score        normalized (section 3.2); total is the return
     steps        moves made; steps_to_99 is `max_steps` for any outcome but `explored`
     coverage     discovered cells over all cells at the end, 0..1
     auc          mean coverage after 1, 2, ... `horizon(config)` moves, 0..1
-    trace        the way there, when it was asked for
+    trace        the course of the episode, None unless it was asked for
     """
 
     policy: str
@@ -75,12 +75,12 @@ class Result:
     steps_to_99: int
     coverage: float
     auc: float
-    trace: Trace | None = None
+    trace: EpisodeTrace | None = None
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """Some episodes to play: a policy's name or path, or INFORMED, on the terrains of some seeds."""
+class EpisodeChunk:
+    """Episodes to play in one go: of a policy (its name or path, or INFORMED), on the terrains of some seeds."""
 
     policy: str
     config: EnvConfig
@@ -103,8 +103,8 @@ def area_under_coverage(config: EnvConfig, discovered: Sequence[int]) -> float:
     return (sum(within) + discovered[-1] * (moves - len(within))) / (moves * config.n)
 
 
-def play(chunk: Chunk) -> list[Result]:
-    """Return the episodes of a chunk."""
+def play_chunk(chunk: EpisodeChunk) -> list[Result]:
+    """Play the episodes of a chunk and return their results in the order of its seeds."""
     results = []
     policy = None if chunk.policy == INFORMED else policy_files.load(chunk.policy, chunk.config.sensor_radius)
     for seed in chunk.seeds:
@@ -113,13 +113,13 @@ def play(chunk: Chunk) -> list[Result]:
             for action in informed_walk(chunk.config, episode.terrain, seed):
                 episode.step(action)
         else:
-            episode = drive(policy, chunk.config, seed)
+            episode = play_episode(policy, chunk.config, seed)
         results.append(result_of(chunk.policy, episode, seed, chunk.traces))
     return results
 
 
-def drive(policy: Policy, config: EnvConfig, seed: int) -> Episode:
-    """Return a policy's episode on the terrain of a seed, played to its end; the policy draws from the same seed."""
+def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
+    """Play a policy on the terrain of a seed to the end of the episode; the policy is reset with the same seed."""
     episode = Episode.begin(config, seed=seed)
     policy.reset(seed)
     while not episode.ended:
@@ -128,7 +128,10 @@ def drive(policy: Policy, config: EnvConfig, seed: int) -> Episode:
 
 
 def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) -> Result:
-    """Return the figures of an episode that has ended (a `running` one counts as not explored)."""
+    """Return the figures of an episode that has ended (a `running` one counts as not explored).
+
+    policy  the name or path to put into the result
+    """
     config = episode.config
     return Result(
         policy=policy,
@@ -148,18 +151,22 @@ def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) ->
     )
 
 
-def _trace(episode: Episode) -> Trace:
+def _trace(episode: Episode) -> EpisodeTrace:
     path = (row * episode.config.cols + col for row, col in episode.path)
-    return Trace(tuple(episode.discoveries), tuple(path), tuple(np.flatnonzero(episode.codes == OBSTACLE).tolist()))
+    return EpisodeTrace(tuple(episode.discoveries), tuple(path), tuple(np.flatnonzero(episode.codes == OBSTACLE).tolist()))
 
 
-def chunks_of(policies: Sequence[str], configs: Sequence[EnvConfig], seeds: Sequence[int], traces: bool) -> list[Chunk]:
-    """Return everything to play in pieces, the slow ones (the informed planner's) singly."""
+def make_chunks(
+    policies: Sequence[str], configs: Sequence[EnvConfig], seeds: Sequence[int], traces: bool
+) -> list[EpisodeChunk]:
+    """Return chunks of all episodes to play; those of the informed planner, which is slow, hold one episode each."""
     chunks = []
     for config in configs:
         for name in policies:
-            size = 1 if name == INFORMED else CHUNK
-            chunks += [Chunk(name, config, tuple(seeds[at : at + size]), traces) for at in range(0, len(seeds), size)]
+            size = 1 if name == INFORMED else EPISODES_PER_CHUNK
+            chunks += [
+                EpisodeChunk(name, config, tuple(seeds[start : start + size]), traces) for start in range(0, len(seeds), size)
+            ]
     return chunks
 
 
@@ -168,28 +175,28 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def played(chunks: Sequence[Chunk], workers: int | None) -> Iterator[list[Result]]:
+def play_chunks(chunks: Sequence[EpisodeChunk], workers: int | None) -> Iterator[list[Result]]:
     """Yield the results chunk by chunk, in any order; processes are spawned, so no lock or thread is inherited.
 
-    workers  processes; None takes one per core, and this process alone for little
+    workers  processes; None takes one for each core, and this process alone for MAX_INLINE_EPISODES or fewer
     """
     processes = min(workers or cores(), len(chunks))
-    if processes == 1 or (workers is None and sum(len(chunk.seeds) for chunk in chunks) <= INLINE):
-        yield from map(play, chunks)
+    if processes == 1 or (workers is None and sum(len(chunk.seeds) for chunk in chunks) <= MAX_INLINE_EPISODES):
+        yield from map(play_chunk, chunks)
         return
     with ExitStack() as stack:
         spawn = multiprocessing.get_context("spawn")
         pool = stack.enter_context(ProcessPoolExecutor(processes, spawn, one_thread))
         stack.callback(pool.shutdown, cancel_futures=True)
-        left = iter(chunks)
-        waiting = {pool.submit(play, chunk) for chunk in islice(left, AHEAD * processes)}
-        while waiting:
-            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            waiting |= {pool.submit(play, chunk) for chunk in islice(left, len(done))}
+        remaining = iter(chunks)
+        pending = {pool.submit(play_chunk, chunk) for chunk in islice(remaining, QUEUED_CHUNKS_PER_PROCESS * processes)}
+        while pending:
+            done, pending = wait(pending, return_when=FIRST_COMPLETED)
+            pending |= {pool.submit(play_chunk, chunk) for chunk in islice(remaining, len(done))}
             for future in done:
                 yield future.result()
 
 
 def one_thread() -> None:
-    """Keep libraries that a process will load from starting threads of their own: the processes share the cores already."""
+    """Set OpenMP to one thread in this process and those it starts: the processes share the cores already."""
     os.environ["OMP_NUM_THREADS"] = "1"
