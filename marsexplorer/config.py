@@ -21,6 +21,9 @@ ACTIONS = ("north", "east", "south", "west")
 OUTCOMES = ("running", "explored", "collided", "out_of_bounds", "timed_out", "abandoned")
 """Outcome codes 0..5 in words; everything but `running` ends the episode."""
 
+RUNNING, EXPLORED, COLLIDED, OUT_OF_BOUNDS, TIMED_OUT, ABANDONED = range(6)
+"""The outcome codes by name."""
+
 UNKNOWN, FREE, ROVER, OBSTACLE = range(4)
 """Codes of the occupancy grid as the rover knows it."""
 

@@ -10,13 +10,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from marsexplorer.config import MAX_SEED, OUTCOMES, VALUES, EnvConfig
-from marsexplorer.rules import NO_SEED, OUTCOME, RUNNING, TIMED_OUT
+from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.observation import STATE_VALUES, action_masks
+from marsexplorer.rules import NO_SEED, OUTCOME
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, check_action, positions
 
-STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
 COLOURS: NDArray[np.uint8] = np.array([[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8)
 GLYPHS = "?.@#"
 CELL_PIXELS = 12
@@ -73,7 +73,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         if "terrain" in options:
             self._worlds.start_on(0, options["terrain"], tuple(options.get("start", (0, 0))))
         elif "start" in options:
-            raise ValueError("a start needs a terrain beside it: options={'terrain': ..., 'start': (row, col)}")
+            raise ValueError("a start needs a terrain: options={'terrain': ..., 'start': (row, col)}")
         else:
             self._seed = following(self._seed) if seed is None else seed
             self._worlds.start_one(0, self._seed)
@@ -98,8 +98,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[4]: which moves stay on the grid and off known obstacles."""
-        masks: NDArray[np.bool_] = valid_moves(self._worlds.codes, positions(self._worlds.scalars))[0]
-        return masks
+        mask: NDArray[np.bool_] = action_masks(self._worlds.codes, positions(self._worlds.scalars))[0]
+        return mask
 
     def render(self) -> Any:
         """Return what the rover knows as an RGB picture (12 pixels a cell) or as text, or None without a render mode."""
@@ -112,7 +112,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     def _observe(self) -> NDArray[Any]:
         codes = self._worlds.codes[0]
-        observation: NDArray[Any] = codes.copy() if self._raw else STATE[codes]
+        observation: NDArray[Any] = codes.copy() if self._raw else STATE_VALUES[codes]
         return observation
 
     def _info(self) -> dict[str, Any]:
@@ -139,15 +139,3 @@ def observation_space(config: EnvConfig, observation: str) -> spaces.Box:
 def following(seed: int | None) -> int:
     """Return the seed that follows the last one, or a fresh one from the operating system when there was none."""
     return secrets.randbelow(MAX_SEED + 1) if seed is None else next_seed(seed)
-
-
-def valid_moves(codes: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return bool[num, 4]: which moves stay on the grid and off known obstacles.
-
-    codes   uint8[num, rows, cols]
-    places  int64[num, 2], (row, col) of each rover
-    """
-    padded = np.pad(codes, ((0, 0), (1, 1), (1, 1)), constant_values=3)
-    which, row, col = np.arange(len(codes)), places[:, 0] + 1, places[:, 1] + 1
-    steps = ((-1, 0), (0, 1), (1, 0), (0, -1))
-    return np.stack([padded[which, row + down, col + right] != 3 for down, right in steps], axis=1)

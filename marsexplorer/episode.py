@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import ACTIONS, CORE_VERSION, OUTCOMES, VALUES, EnvConfig
+from marsexplorer.config import ABANDONED, ACTIONS, CORE_VERSION, OUTCOMES, RUNNING, EnvConfig
+from marsexplorer.observation import STATE_VALUES
 from marsexplorer.rules import DISCOVERED, NO_SEED, POSITION, SEED, STEPS
 from marsexplorer.score import score
 from marsexplorer.world import Worlds, check_action
-
-STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
-ABANDONED = OUTCOMES.index("abandoned")
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Episode:
         self.rewards: list[float] = []
         self.reward = 0.0
         self.total = 0.0
-        self.outcome = OUTCOMES[0]
+        self.outcome = OUTCOMES[RUNNING]
         self._packed = np.packbits(self.terrain).tobytes()
         cause = f"{self.config.hash}|{start[0]},{start[1]}|{self.discoveries[0]}|".encode()
         self._hash = hashlib.sha256(cause + self._packed)
@@ -132,7 +130,7 @@ class Episode:
 
     def observation(self) -> NDArray[np.float32]:
         """Return the state matrix of eq. 6: float32[rows, cols] of 0 unknown, 0.3 free, 0.6 rover, 1 obstacle."""
-        observation: NDArray[np.float32] = STATE[self._worlds.codes[0]]
+        observation: NDArray[np.float32] = STATE_VALUES[self._worlds.codes[0]]
         return observation
 
     @property
@@ -169,7 +167,7 @@ class Episode:
     @property
     def ended(self) -> bool:
         """Whether the episode has an outcome."""
-        return self.outcome != OUTCOMES[0]
+        return self.outcome != OUTCOMES[RUNNING]
 
     def record(self) -> Record:
         """Return the episode's cause and totals as they stand."""

@@ -13,8 +13,11 @@ A window is the square of 2 radius + 1 cells a side round the rover, stored as r
     [0]                         lane
     [1]                         words in a window
     [2 : 2 + words]             the disc: cells within the radius
-    [2 + words : 2 + 3 words]   room for the compiled scan to work in
-    [2 + 3 words : ]            for each window cell, row-major, the window of cells it hides when it is an obstacle
+    [2 + words : 2 + 2 words]   scratch for the compiled scan, which has a copy of the table for each stack of worlds
+    [2 + 2 words : ]            for each window cell, row-major, the window of cells it hides when it is an obstacle
+
+`find_visible` is the only line of sight of this package: the rules scan with it, and policies estimate with it what a scan
+would show. Its maps are rows of bits with a margin of `radius` cells all round, so that no window needs a bounds test.
 """
 
 from __future__ import annotations
@@ -24,9 +27,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined
+from marsexplorer.compiled import inlined, lowest, popcount
 
 HEADER = 2
+"""Words of a table before the disc."""
+
+ONE = np.uint64(1)
 
 
 def hides(br: int, bc: int, dr: int, dc: int) -> bool:
@@ -52,7 +58,7 @@ def sight_table(radius: int) -> NDArray[np.uint64]:
     per_word = 64 // lane
     offsets = range(-radius, radius + 1)
     disc = [(dr, dc) for dr in offsets for dc in offsets if dr * dr + dc * dc <= radius * radius]
-    table = [0] * (HEADER + 3 * words + side * side * words)
+    table = [0] * (HEADER + 2 * words + side * side * words)
     table[0], table[1] = lane, words
 
     def mark(base: int, dr: int, dc: int) -> None:
@@ -64,8 +70,13 @@ def sight_table(radius: int) -> NDArray[np.uint64]:
         for br in range(min(0, dr), max(0, dr) + 1):
             for bc in range(min(0, dc), max(0, dc) + 1):
                 if hides(br, bc, dr, dc):
-                    mark(HEADER + 3 * words + ((br + radius) * side + bc + radius) * words, dr, dc)
+                    mark(HEADER + 2 * words + ((br + radius) * side + bc + radius) * words, dr, dc)
     return np.array(table, np.uint64)
+
+
+def row_words(cols: int, radius: int) -> int:
+    """Return the uint64 words that a row of `cols` bits takes with a margin of `radius` bits on both sides."""
+    return (cols + 2 * radius + 63) // 64
 
 
 @inlined
@@ -75,5 +86,55 @@ def window_row(bits, base, col, side):  # uint64[:], uint64, uint64, uint64
     shift = col & np.uint64(63)
     found = bits[at] >> shift
     if shift + side > np.uint64(64):
-        found |= bits[at + np.uint64(1)] << (np.uint64(64) - shift)
+        found |= bits[at + ONE] << (np.uint64(64) - shift)
     return found
+
+
+@inlined
+def find_visible(unknown, unknown_at, flip, obstacles, obstacles_at, stride, col, radius, sight, visible, visible_at):
+    """Write the window of unknown cells that the lidar sees to visible[visible_at:] and return their number (eq. 4).
+
+    unknown, unknown_at      uint64[:] and the place of the window's first row in it; bits that differ from `flip` are unknown
+    flip                     0 where a set bit means unknown, all ones where it means known
+    obstacles, obstacles_at  uint64[:] and the place of the window's first row: a set bit is an obstacle
+    stride, col              words of a row; the window's first column, counted from the margin: the rover's own column
+    sight                    `sight_table(radius)`
+    """
+    lane, words = np.int64(sight[0]), np.int64(sight[1])
+    side, per_word = 2 * radius + 1, 64 // lane
+    row_mask = (ONE << np.uint64(side)) - ONE
+    first, width = np.uint64(col), np.uint64(side)
+
+    # 1. Cut the window out of the map, several of its rows to a word, and keep the unknown cells of the disc: what is
+    #    known already cannot be discovered again, and what is farther than the radius is not seen.
+    anything = np.uint64(0)
+    i = 0
+    for k in range(words):
+        packed = np.uint64(0)
+        for j in range(min(per_word, side - i)):
+            found = (window_row(unknown, np.uint64(unknown_at + (i + j) * stride), first, width) ^ flip) & row_mask
+            packed |= found << np.uint64(j * lane)
+        i += per_word
+        packed &= sight[HEADER + k]
+        visible[visible_at + k] = packed
+        anything |= packed
+
+    # 2. Where nothing is unknown there is nothing to hide: most scans of a late episode end here.
+    count = np.int64(0)
+    if anything != np.uint64(0):
+        # 3. Clear the shadow of every obstacle in the window. The shadows were computed exactly, once for the radius, so
+        #    no ray is cast: a few words are combined for each obstacle.
+        shadows = HEADER + 2 * words
+        for i in range(side):
+            found = window_row(obstacles, np.uint64(obstacles_at + i * stride), first, width) & row_mask
+            while found != np.uint64(0):
+                c = np.int64(lowest(found))
+                found &= found - ONE
+                shadow = shadows + (i * side + c) * words
+                for k in range(words):
+                    visible[visible_at + k] &= ~sight[shadow + k]
+
+        # 4. What is left is seen.
+        for k in range(words):
+            count += np.int64(popcount(visible[visible_at + k]))
+    return count

@@ -22,9 +22,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined, kernel, lowest, popcount
-from marsexplorer.config import FREE, ROVER, EnvConfig
-from marsexplorer.lidar import HEADER, window_row
+from marsexplorer.compiled import inlined, kernel, lowest
+from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.lidar import HEADER, ONE, find_visible, window_row
 from marsexplorer.terrain import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, grow, next_state, shape_of
 
 POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
@@ -32,14 +32,11 @@ POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
 terrain), outcome code of `config.OUTCOMES`."""
 
 NO_SEED = 2**64 - 1
-RUNNING, EXPLORED, COLLIDED, OUT_OF_BOUNDS, TIMED_OUT = range(5)
 LIMIT, BONUS = SHAPE, SHAPE + 1
 """Places in the rules array, after those of terrain.shape_of: max_steps and r_bonus (= r_invalid)."""
 
 R_MOVE = 0.5
 """r_move, section 2.4."""
-
-ONE = np.uint64(1)
 
 
 def rules_of(config: EnvConfig) -> NDArray[np.int64]:
@@ -52,56 +49,38 @@ def scan(state, base, codes, cbase, sight, rules, row, col):
     """Make every cell the lidar sees from (row, col) known and return how many were new (eq. 4 and 5)."""
     radius, words, cols = rules[RADIUS], rules[WORDS], rules[COLS]
     side = 2 * radius + 1
-    size = (rules[ROWS] + 2 * radius) * words
     lane, masks = np.int64(sight[0]), np.int64(sight[1])
-    per_word = 64 // lane
-    row_mask = (ONE << np.uint64(side)) - ONE
+
+    # 1. Find the cells that are seen and were unknown. With margins of `radius` all round, the window's first row and
+    #    column in the padded map have the rover's own numbers. The map holds what is known, hence the flip.
+    size = (rules[ROWS] + 2 * radius) * words
     obstacles = base + HEAD + row * words
     known = obstacles + size
-    at_col, width = np.uint64(col), np.uint64(side)
+    visible = HEADER + masks
+    new = find_visible(
+        state, known, ~np.uint64(0), state, obstacles, words, col, radius, sight, sight, visible,
+    )  # fmt: skip
 
-    unknown, hidden = HEADER + masks, HEADER + 2 * masks
-    anything = np.uint64(0)
-    i = 0
-    for k in range(masks):
-        packed = np.uint64(0)
-        for j in range(min(per_word, side - i)):
-            found = ~window_row(state, np.uint64(known + (i + j) * words), at_col, width) & row_mask
-            packed |= found << np.uint64(j * lane)
-        i += per_word
-        packed &= sight[HEADER + k]
-        sight[unknown + k] = packed
-        sight[hidden + k] = np.uint64(0)
-        anything |= packed
-    if anything == np.uint64(0):
-        return 0
-
-    shadows = HEADER + 3 * masks
-    for i in range(side):
-        found = window_row(state, np.uint64(obstacles + i * words), at_col, width) & row_mask
-        while found != np.uint64(0):
-            c = lowest(found)
-            found &= found - ONE
-            shadow = shadows + (i * side + np.int64(c)) * masks
-            for k in range(masks):
-                sight[hidden + k] |= sight[shadow + k]
-
-    new = 0
+    # 2. Take them row by row of the window: a word of it holds 64 / lane rows.
+    per_word = 64 // lane
     lane_mask = (ONE << np.uint64(lane)) - ONE if lane < 64 else ~np.uint64(0)
-    for k in range(masks):
-        seen = sight[unknown + k] & ~sight[hidden + k]
-        new += np.int64(popcount(seen))
+    for k in range(masks if new > 0 else 0):
+        seen = sight[visible + k]
         while seen != np.uint64(0):
             j = np.int64(lowest(seen)) // lane
             bits = (seen >> np.uint64(j * lane)) & lane_mask
             seen &= ~(lane_mask << np.uint64(j * lane))
             i = k * per_word + j
+
+            # 3. Mark the row's cells as known. The window may straddle two words of the map.
             at = known + i * words + (col >> 6)
             shift = np.uint64(col & 63)
             state[at] |= bits << shift
             if (col & 63) + side > 64:
                 state[at + 1] |= bits >> (np.uint64(64) - shift)
-            blocked = window_row(state, np.uint64(obstacles + i * words), at_col, width)
+
+            # 4. Write the codes of the new cells alone: 1 where the terrain is free, 1 + 2 where it is blocked.
+            blocked = window_row(state, np.uint64(obstacles + i * words), np.uint64(col), np.uint64(side))
             cell = cbase + (row + i - radius) * cols + col - radius
             while bits != np.uint64(0):
                 c = lowest(bits)

@@ -25,17 +25,13 @@ from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel, popcount
 from marsexplorer.config import LEVELS, EnvConfig, check_seed
+from marsexplorer.lidar import row_words
+from marsexplorer.random_numbers import finalize, numbered, numbered_below
 
 MAX_DRAWS = 1000
-GAMMA = np.uint64(0x9E3779B97F4A7C15)
 
 ROWS, COLS, RADIUS, WORDS, TOPOLOGY, MORPHOLOGY, TARGET, SHAPE = range(8)
 """Places in the int64 array of `shape_of`."""
-
-
-def row_words(config: EnvConfig) -> int:
-    """Return the uint64 words that a row of bits with its margins takes."""
-    return (config.cols + 2 * config.sensor_radius + 63) // 64
 
 
 def shape_of(config: EnvConfig) -> NDArray[np.int64]:
@@ -46,7 +42,7 @@ def shape_of(config: EnvConfig) -> NDArray[np.int64]:
             config.rows,
             config.cols,
             config.sensor_radius,
-            row_words(config),
+            row_words(config.cols, config.sensor_radius),
             level.topology,
             level.morphology,
             config.target,
@@ -56,23 +52,10 @@ def shape_of(config: EnvConfig) -> NDArray[np.int64]:
     )
 
 
-@inlined
-def mix(z):  # uint64 -> uint64
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
 @kernel
 def next_state(seed):  # uint64 -> uint64
-    """The seed that follows a seed, compiled."""
-    return mix(np.uint64(seed) + GAMMA) >> np.uint64(11)
-
-
-@inlined
-def below(key, k, m):  # uint64, int64, int64 -> int64
-    word = mix(key + np.uint64(k) * GAMMA)
-    return np.int64(((word >> np.uint64(32)) * np.uint64(m)) >> np.uint64(32))
+    """Return the seed that follows a seed, compiled."""
+    return numbered(np.uint64(seed), 1) >> np.uint64(11)
 
 
 @inlined
@@ -94,20 +77,20 @@ def draw(bits, base, shape, key):
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
         for _ in range(count):
-            height = 1 + below(key, k + 1, 3)
-            width = 1 + below(key, k + 2, 3)
-            top = below(key, k + 3, rows - height + 1)
-            left = below(key, k + 4, cols - width + 1)
+            height = 1 + numbered_below(key, k + 1, 3)
+            width = 1 + numbered_below(key, k + 2, 3)
+            top = numbered_below(key, k + 3, rows - height + 1)
+            left = numbered_below(key, k + 4, cols - width + 1)
             fill_rectangle(bits, base, shape, top, left, height, width)
             k += 4
         return
     shift, sides = shape[TOPOLOGY], 2 if shape[MORPHOLOGY] == 1 else 4
     for at_row in range(3, rows, 7):
         for at_col in range(3, cols, 7):
-            row = at_row + below(key, k + 1, 2 * shift + 1) - shift
-            col = at_col + below(key, k + 2, 2 * shift + 1) - shift
-            height = 1 + below(key, k + 3, sides)
-            width = 1 + below(key, k + 4, sides)
+            row = at_row + numbered_below(key, k + 1, 2 * shift + 1) - shift
+            col = at_col + numbered_below(key, k + 2, 2 * shift + 1) - shift
+            height = 1 + numbered_below(key, k + 3, sides)
+            width = 1 + numbered_below(key, k + 4, sides)
             fill_rectangle(bits, base, shape, row - (height - 1) // 2, col - (width - 1) // 2, height, width)
             k += 4
 
@@ -214,11 +197,11 @@ def solvable(bits, base, reach, lag, shape, masks):
 def grow(bits, base, reach, lag, shape, masks, seed):
     """Draw terrains into bits[base:] until one is solvable; return how many draws it took, 0 after MAX_DRAWS."""
     size = (shape[ROWS] + 2 * shape[RADIUS]) * shape[WORDS]
-    start = mix(np.uint64(seed) + GAMMA)
+    start = numbered(np.uint64(seed), 1)
     for attempt in range(MAX_DRAWS):
         for at in range(base, base + size):
             bits[at] = np.uint64(0)
-        draw(bits, base, shape, mix(start + np.uint64(attempt)))
+        draw(bits, base, shape, finalize(start + np.uint64(attempt)))
         if solvable(bits, base, reach, lag, shape, masks):
             return attempt + 1
     return 0
@@ -232,7 +215,7 @@ def grow_alone(bits, reach, shape, masks, seed):
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
     """Return uint64[words]: the bits of a row that are cells of the grid."""
     shape = shape_of(config)
-    return np.array([inside_of(shape, word) for word in range(row_words(config))], np.uint64)
+    return np.array([inside_of(shape, word) for word in range(row_words(config.cols, config.sensor_radius))], np.uint64)
 
 
 @kernel
@@ -242,7 +225,7 @@ def inside_of(shape, word):
 
 def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
     """Return bool[rows, cols] from rows of bits with margins."""
-    radius, words = config.sensor_radius, row_words(config)
+    radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     stacked = bits.reshape(config.rows + 2 * radius, words)[radius : radius + config.rows]
     flat = np.unpackbits(np.ascontiguousarray(stacked).astype("<u8").view(np.uint8), axis=1, bitorder="little")
     return flat[:, radius : radius + config.cols].astype(np.bool_)
@@ -250,14 +233,14 @@ def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
 
 def pack(cells: NDArray[np.bool_], config: EnvConfig) -> NDArray[np.uint64]:
     """Return rows of bits with margins from bool[rows, cols]."""
-    radius, words = config.sensor_radius, row_words(config)
+    radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     wide = np.zeros((config.rows + 2 * radius, words * 64), np.uint8)
     wide[radius : radius + config.rows, radius : radius + config.cols] = cells
     return np.packbits(wide, axis=1, bitorder="little").view("<u8").astype(np.uint64).reshape(-1)
 
 
 def _grow(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
-    bits = np.zeros((config.rows + 2 * config.sensor_radius) * row_words(config), np.uint64)
+    bits = np.zeros((config.rows + 2 * config.sensor_radius) * row_words(config.cols, config.sensor_radius), np.uint64)
     attempts = int(grow_alone(bits, np.zeros_like(bits), shape_of(config), row_masks(config), np.uint64(check_seed(seed))))
     return bits, attempts
 

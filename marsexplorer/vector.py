@@ -10,8 +10,9 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
-from marsexplorer.env import STATE, following, observation_space, valid_moves
+from marsexplorer.config import ACTIONS, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.env import following, observation_space
+from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import DISCOVERED, OUTCOME, SEED
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
@@ -92,16 +93,16 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise ValueError(f"actions must be {self.num_envs} numbers in 0..3, got {actions!r}")
         rewards = self._worlds.step_on(given).copy()
         outcomes = self._worlds.outcomes
-        terminated, truncated = (outcomes > 0) & (outcomes < 4), outcomes == 4
+        terminated, truncated = (outcomes > RUNNING) & (outcomes < TIMED_OUT), outcomes == TIMED_OUT
         info = self._info(self._worlds.scalars)
-        ended = outcomes > 0
+        ended = outcomes > RUNNING
         if ended.any():
             info |= self._finals(ended)
         return self._observe(self._worlds.codes), rewards, terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[num_envs, 4]: which moves stay on the grid and off known obstacles."""
-        return valid_moves(self._worlds.codes, positions(self._worlds.scalars))
+        return action_masks(self._worlds.codes, positions(self._worlds.scalars))
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return copies of everything that changes with a step."""
@@ -117,7 +118,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self._worlds.terrain(index)
 
     def _observe(self, codes: NDArray[np.uint8]) -> NDArray[Any]:
-        return codes if self._raw else STATE[codes]
+        return codes if self._raw else STATE_VALUES[codes]
 
     def _info(self, scalars: NDArray[np.uint64]) -> dict[str, Any]:
         discovered = scalars[:, DISCOVERED].astype(np.int64)

@@ -8,19 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from marsexplorer import terrain as terrains
-from marsexplorer.config import ACTIONS, EnvConfig, check_seed
-from marsexplorer.lidar import sight_table
+from marsexplorer.config import ACTIONS, COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, EnvConfig, check_seed
+from marsexplorer.lidar import row_words, sight_table
 from marsexplorer.rules import (
     AT_START,
-    COLLIDED,
     DISCOVERED,
-    EXPLORED,
     HEAD,
-    OUT_OF_BOUNDS,
     OUTCOME,
     POSITION,
     R_MOVE,
-    RUNNING,
     SEED,
     STEPS,
     rules_of,
@@ -44,7 +40,7 @@ class Worlds:
     def __init__(self, config: EnvConfig, num: int = 1) -> None:
         self.config = config
         self.num = num
-        words = terrains.row_words(config)
+        words = row_words(config.cols, config.sensor_radius)
         self._size = (config.rows + 2 * config.sensor_radius) * words
         self._record = HEAD + 3 * self._size
         self._state = np.zeros(num * self._record, np.uint64)
@@ -162,8 +158,8 @@ def totals(config: EnvConfig, scalars: NDArray[np.uint64]) -> NDArray[np.float64
     outcome = scalars[:, OUTCOME]
     invalid = (outcome == COLLIDED) | (outcome == OUT_OF_BOUNDS)
     moves = counts[:, STEPS] - invalid
-    paid = np.where(invalid, -config.r_invalid, np.where(outcome == EXPLORED, config.r_bonus, 0))
-    return np.asarray(counts[:, DISCOVERED] - counts[:, AT_START] - R_MOVE * moves + paid)
+    bonuses = np.where(invalid, -config.r_invalid, np.where(outcome == EXPLORED, config.r_bonus, 0))
+    return np.asarray(counts[:, DISCOVERED] - counts[:, AT_START] - R_MOVE * moves + bonuses)
 
 
 def check_terrain(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]) -> NDArray[np.bool_]:

@@ -142,7 +142,7 @@ class _RefineOutput:
 
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
-        from marsexplorer.policies.network.model import save_network
+        from marsexplorer.policies.files.weights import save_network
 
         run, card = self._run, self._card
         seconds = self._lines[-1]["seconds"]

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.evaluation.tours import FAR16, anneal, sights, survey, walk
-from marsexplorer.lidar import sight_table
-from marsexplorer.policies.base import mix
-from marsexplorer.policies.kernels.visibility import board_shape, fill_boards
+from marsexplorer.policies.kernels.visibility import VisibilityMap
+from marsexplorer.random_numbers import mix
 
 MAX_CELLS = 128 * 128
 """Distances between all pairs of cells are held: half a gigabyte for so many."""
@@ -53,20 +52,18 @@ class Ground:
 
     def __init__(self, config: EnvConfig, terrain: NDArray[np.bool_]) -> None:
         check_size(config)
-        n, radius, self.words = config.n, config.sensor_radius, (config.n + 63) // 64
+        n, self.words = config.n, (config.n + 63) // 64
         self.near = np.zeros((n, 4), np.int32)
         self.distance = np.zeros((n, n), np.uint16)
         survey(terrain, self.near, self.distance, np.zeros(n, np.int32))
         self.free = np.flatnonzero(self.distance[0] != FAR16).astype(np.int32)
-        boards = [np.zeros(board_shape(config.rows, config.cols, radius), np.uint64) for _ in range(3)]
-        fill_boards(np.where(terrain, np.uint8(OBSTACLE), np.uint8(FREE)), radius, boards[1], boards[2])
-        fill_boards(np.full(terrain.shape, UNKNOWN, np.uint8), radius, boards[0], boards[1])
+        known, unknown = (VisibilityMap(terrain.shape, config.sensor_radius) for _ in range(2))
+        known.fill(np.where(terrain, np.uint8(OBSTACLE), np.uint8(FREE)))
+        unknown.fill(np.full(terrain.shape, UNKNOWN, np.uint8))
         self.views = np.zeros((n, self.words), np.uint64)
         self.low, self.high = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        sight = sight_table(radius)
-        sights(
-            boards[0], boards[2], radius, sight, np.zeros(int(sight[1]), np.uint64), terrain, self.views, self.low, self.high
-        )
+        view = (unknown.view[0], known.view[1], *unknown.view[2:])
+        sights(view, terrain, self.views, self.low, self.high)
 
 
 def informed_walk(config: EnvConfig, terrain: NDArray[np.bool_], seed: int, search: Search | None = None) -> bytes:

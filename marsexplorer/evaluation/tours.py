@@ -16,8 +16,8 @@ import numpy as np
 
 from marsexplorer.compiled import inlined, kernel, popcount
 from marsexplorer.policies.kernels.grid import neighbour
-from marsexplorer.policies.kernels.visibility import look
-from marsexplorer.policies.planner import below, uniform
+from marsexplorer.policies.kernels.visibility import count_visible
+from marsexplorer.random_numbers import below, uniform
 
 LEANS = 6
 """0..3: try the four directions from that one on; 4: turn whenever possible; 5: go straight on whenever possible."""
@@ -61,8 +61,9 @@ def survey(terrain, near, distance, queue):
 
 
 @kernel
-def sights(unknown, blocked, radius, sight, seen, terrain, views, low, high):
-    """Fill views, low and high from bit boards of which every cell of the grid is unknown and the obstacles are blocked."""
+def sights(view, terrain, views, low, high):
+    """Fill views, low and high from a `visibility` view in which every cell is unknown and the obstacles are blocked."""
+    _, _, sight, visible, _, radius = view
     rows, cols = terrain.shape
     side = 2 * radius + 1
     lane = np.int64(sight[0])
@@ -72,11 +73,11 @@ def sights(unknown, blocked, radius, sight, seen, terrain, views, low, high):
         low[cell] = high[cell] = 0
         if terrain[row, col]:
             continue
-        look(unknown, blocked, row, col, radius, sight, seen)
+        count_visible(view, row, col)
         low[cell] = views.shape[1]
         for i in range(side):
             r = row + i - radius
-            bits = seen[i // per_word] >> U((i % per_word) * lane)
+            bits = visible[i // per_word] >> U((i % per_word) * lane)
             for j in range(side):
                 c = col + j - radius
                 if (bits >> U(j)) & ONE and 0 <= r < rows and 0 <= c < cols:

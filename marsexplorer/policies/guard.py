@@ -1,43 +1,81 @@
-"""A way out of loops: a policy that decides from the map alone may go round in circles for ever.
+"""The loop guard: a policy that decides from the map alone may go round in circles for ever.
 
 When the pair (position, cells known) comes up a second time in an episode, the guard follows the nearest frontier
-until something new has been seen, and for at least 8 moves. The frontier rule always ends in something new where
+until something new has been seen, and for at least GUARD_STEPS moves. The frontier rule always ends in something new where
 there is anything, so a guarded policy finishes every terrain that can be finished.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from marsexplorer.compiled import kernel
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.frontier import FrontierCost
 
-MOVES = 8
+GUARD_STEPS = 8
+"""Fewest moves that the guard makes once it has taken over."""
+
+
+@kernel
+def update_guard(
+    cells: NDArray[np.int64],
+    known: NDArray[np.int64],
+    known_before: NDArray[np.int64],
+    steps_left: NDArray[np.int64],
+    known_at_start: NDArray[np.int64],
+    is_guarded: NDArray[np.bool_],
+) -> None:
+    """Bring the guard of a stack of episodes up to date with their newest observations; call it once a move.
+
+    cells           int64[num], row * cols + col of each rover
+    known           int64[num], cells known
+    known_before    int64[num, rows * cols], how many were known when the rover last stood on a cell, -1 before that
+    steps_left      int64[num], moves that the guard still makes
+    known_at_start  int64[num], cells known when it took over
+    is_guarded      bool[num], written: whether the guard makes this move
+    """
+    for i in range(cells.shape[0]):
+        # 1. What is known never shrinks, so the pair was met before exactly when the cell's last count is today's.
+        if steps_left[i] == 0 and known_before[i, cells[i]] == known[i]:
+            steps_left[i], known_at_start[i] = GUARD_STEPS, known[i]
+        known_before[i, cells[i]] = known[i]
+
+        # 2. The last of its moves is repeated until something new has been seen.
+        is_guarded[i] = steps_left[i] > 0
+        if steps_left[i] > 1 or (steps_left[i] == 1 and known[i] != known_at_start[i]):
+            steps_left[i] -= 1
 
 
 class LoopGuard:
-    """Watches an episode's memory and takes over when it repeats itself."""
+    """Watches one episode's memory and takes over when it repeats itself.
+
+    overruled   moves the guard has made in this episode
+    """
 
     def __init__(self, sensor_radius: int = 6) -> None:
         self._frontier = FrontierCost(sensor_radius)
+        self._is_guarded: NDArray[np.bool_] = np.zeros(1, np.bool_)
         self.reset()
 
     def reset(self) -> None:
         """Forget the last episode."""
-        self._met: set[tuple[int, int, int]] = set()
-        self._left, self._stuck_at = 0, -1
+        self._known_before: NDArray[np.int64] = np.zeros((1, 0), np.int64)
+        self._steps_left: NDArray[np.int64] = np.zeros(1, np.int64)
+        self._known_at_start: NDArray[np.int64] = np.full(1, -1)
         self.overruled = 0
 
     def overrule(self, memory: Memory) -> int | None:
-        """Return the action to take instead of the policy's, or None; call it once for every observation taken in."""
-        known = int(np.count_nonzero(memory.codes))
-        here = (*memory.position, known)
-        if self._left == 0 and here in self._met:
-            self._left, self._stuck_at = MOVES, known
-        self._met.add(here)
-        if self._left == 0:
+        """Return the action to take instead of the policy's, or None; call it once for every observation."""
+        rows, cols = memory.codes.shape
+        if self._known_before.shape[1] != rows * cols:
+            self._known_before = np.full((1, rows * cols), -1)
+        cell, known = memory.position[0] * cols + memory.position[1], int(np.count_nonzero(memory.codes))
+        update_guard(
+            np.array([cell]), np.array([known]), self._known_before, self._steps_left, self._known_at_start, self._is_guarded
+        )
+        if not self._is_guarded[0]:
             return None
-        if self._left > 1 or known != self._stuck_at:
-            self._left -= 1
         self.overruled += 1
         return self._frontier.decide(memory)

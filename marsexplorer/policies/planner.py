@@ -1,9 +1,9 @@
 """A planner that imagines whole tours: unknown cells are taken to be free, so a tour can be walked to its end.
 
 At every move it makes some tours from where the rover stands and takes the first step of the shortest. A tour goes,
-until 99 % of the grid is known, to the cell of the highest gain / way^p (1 + noise u), looking round at every cell
+until 99 % of the grid is known, to the cell of the highest new / distance^p (1 + noise u), scanning at every cell
 passed. The first tour is plain (p = 1, no noise); the others draw p, the noise and how corners are cut. No cell that
-the rover has stood on is a goal. Re-planning could in principle go round in circles, so the loop guard stands behind
+the rover has stood on is a goal. Planning anew could in principle go round in circles, so the loop guard stands behind
 it.
 """
 
@@ -14,52 +14,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined, kernel
-from marsexplorer.policies.base import Memory, mix, valid_moves
+from marsexplorer.compiled import kernel
+from marsexplorer.observation import valid_actions
+from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import LoopGuard
-from marsexplorer.policies.kernels.grid import FAR, Ground, enough, neighbour, open_cells
-from marsexplorer.policies.kernels.visibility import Outlook, fill_boards, learn, look
+from marsexplorer.policies.kernels.grid import UNREACHABLE, GridScratch, completion_target, find_open_cells, neighbour
+from marsexplorer.policies.kernels.visibility import VisibilityMap, count_visible, fill_bitboards, mark_discovered
+from marsexplorer.random_numbers import below, mix, uniform
 
 TOURS = 16
 FULL_TOURS_CELLS = 42 * 42
 """Larger grids get fewer tours, in proportion and at least 2: a move at 84x84 takes 25 ms with 4 tours, 80 ms with 16."""
 
 POWERS = 9
-"""Weights way^-(k/4) for k = 0..8."""
-
-
-@inlined
-def random_bits(state):
-    """Return 64 random bits; state is uint64[1] (splitmix64)."""
-    state[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = state[0]
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
-@inlined
-def below(state, limit):
-    """Return a random whole number in 0..limit-1."""
-    return np.int64(((random_bits(state) >> np.uint64(32)) * np.uint64(limit)) >> np.uint64(32))
-
-
-@inlined
-def uniform(state):
-    """Return a random float64 in [0, 1)."""
-    return np.float64(random_bits(state) >> np.uint64(11)) / 9007199254740992.0
+"""Weights distance^-(k/4) for k = 0..8."""
 
 
 @kernel
-def next_goal(
-    cell, rows, cols, visited, imagined, blocked, radius, sight, seen, is_open, distance, queue, weight, noise, largest, state
-):
+def next_goal(cell, rows, cols, visited, imagined, scratch, weight, noise, largest, state):
     """Return the goal of the highest noisy utility from a cell, or -1; `distance` is right wherever it is nearer.
 
-    weight   float64[n + 1], the value of a way's length
-    largest  cells in the lidar's disc: once largest * weight cannot beat the best, farther cells are not looked at
+    visited   uint8[rows * cols]; imagined: a view in which the tour's discoveries are known (see `visibility`)
+    scratch   (is_open, distance, queue), see `grid`
+    weight    float64[n + 1], what a distance makes of a new cell
+    noise     0..1, the most that a utility is raised at random; state: uint64[1], of `random_numbers`
+    largest   cells in the lidar's disc: once largest * weight cannot beat the best, farther cells are not considered
     """
-    distance[:] = FAR
+    # A breadth-first search that judges each cell as it is taken from the queue, so that it can stop early.
+    is_open, distance, queue = scratch
+    distance[:] = UNREACHABLE
     distance[cell] = 0
     queue[0] = cell
     head, tail = 0, 1
@@ -67,75 +50,70 @@ def next_goal(
     while head < tail:
         here = queue[head]
         head += 1
-        way = distance[here]
-        if largest * weight[way] * (1.0 + noise) <= best_value:
+        moves = distance[here]
+        # 1. Cells come nearest first: when even a full disc of new cells would not be enough, nothing farther is.
+        if largest * weight[moves] * (1.0 + noise) <= best_value:
             break
-        if way > 0 and visited[here] == 0:
+        # 2. Judge the cell by what it is imagined to show.
+        if moves > 0 and visited[here] == 0:
             row = here // cols
-            gain = look(imagined, blocked, row, here - row * cols, radius, sight, seen)
-            if gain > 0:
-                value = gain * weight[way]
+            new = count_visible(imagined, row, here - row * cols)
+            if new > 0:
+                value = new * weight[moves]
                 if noise > 0.0:
                     value *= 1.0 + noise * uniform(state)
                 if value > best_value:
                     best, best_value = here, value
+        # 3. Go on to its neighbours.
         for action in range(4):
             near = neighbour(here, action, rows, cols)
-            if near >= 0 and is_open[near] and distance[near] == FAR:
-                distance[near] = way + 1
+            if near >= 0 and is_open[near] and distance[near] == UNREACHABLE:
+                distance[near] = moves + 1
                 queue[tail] = near
                 tail += 1
     return best
 
 
 @kernel
-def walk_back(goal, lean, rows, cols, visited, imagined, blocked, radius, sight, seen, distance, first):
-    """Return how many cells are newly known on the way to a goal, walked from its end; first[0] becomes its first action.
+def walk_back(goal, preferred, rows, cols, visited, imagined, distance, first):
+    """Return how many cells are newly known on the path to a goal, walked from its end; first[0] becomes its first action.
 
-    lean  0..3, the action preferred when several steps back are as short
+    preferred  0..3, the action taken when several steps back are as short; imagined: a view, brought up to date
     """
     known = 0
     cell = goal
     while distance[cell] > 0:
         if visited[cell] == 0:
             row = cell // cols
-            found = look(imagined, blocked, row, cell - row * cols, radius, sight, seen)
-            if found > 0:
-                learn(imagined, row, cell - row * cols, radius, sight, seen)
-                known += found
+            new = count_visible(imagined, row, cell - row * cols)
+            if new > 0:
+                mark_discovered(imagined, row, cell - row * cols)
+                known += new
         for k in range(4):
-            back = (lean + k) & 3
+            back = (preferred + k) & 3
             near = neighbour(cell, back, rows, cols)
             if near >= 0 and distance[near] == distance[cell] - 1:
                 cell = near
-                first[0] = (back + 2) & 3
+                first[0] = (back + 2) & 3  # walked forwards, this step is the opposite action
                 break
     return known
 
 
 @kernel
-def plan(
-    codes,
-    visited,
-    start,
-    target,
-    tours,
-    radius,
-    unknown,
-    blocked,
-    imagined,
-    sight,
-    seen,
-    is_open,
-    distance,
-    queue,
-    weights,
-    state,
-):
-    """Return the first action of the shortest of `tours` imagined tours, or -1 when there is nothing to go for."""
+def plan(codes, visited, start, target, tours, view, imagined, scratch, weights, state):
+    """Return the first action of the shortest of `tours` imagined tours, or -1 when there is nothing to go for.
+
+    codes, visited   uint8[rows, cols] and uint8[rows * cols]; start: the rover's cell; target: cells to be known
+    view, imagined   of `visibility`: what is known, and room for what a tour imagines; they share all but `unknown`
+    weights          float64[POWERS, n + 1], see `distance_weights`; state: uint64[1], of `random_numbers`
+    """
     rows, cols = codes.shape
-    fill_boards(codes, radius, unknown, blocked)
-    open_cells(codes, True, is_open)
+    is_open, distance, queue = scratch
+    radius = view[5]
+
+    # 1. Set out what is known. Unknown cells count as open: a tour walks through them.
+    fill_bitboards(codes, view)
+    find_open_cells(codes, True, is_open)
     at_start = np.int64(0)
     for row in range(rows):
         for col in range(cols):
@@ -144,36 +122,39 @@ def plan(
     for d_row in range(-radius, radius + 1):
         for d_col in range(-radius, radius + 1):
             largest += d_row * d_row + d_col * d_col <= radius * radius
-    best_length, best_action = np.int64(FAR), np.int64(-1)
+
+    best_length, best_action = np.int64(UNREACHABLE), np.int64(-1)
     first = queue[rows * cols :]
     for tour in range(tours):
+        # 2. Draw how this tour judges; the first is plain. Every tour imagines anew from what is known.
+        unknown, of_tour = view[0], imagined[0]
         for i in range(unknown.shape[0]):
-            for w in range(unknown.shape[1]):
-                imagined[i, w] = unknown[i, w]
+            of_tour[i] = unknown[i]
         power = 4 if tour == 0 else 2 + below(state, 7)
         noise = 0.0 if tour == 0 else 0.6 * uniform(state)
+
+        # 3. Go from goal to goal until enough is known, or until the tour is no shorter than the best.
         cell, known, length, action = start, at_start, np.int64(0), np.int64(-1)
         while known < target and length < best_length:
-            lean = below(state, 4)
-            goal = next_goal(
-                cell, rows, cols, visited, imagined, blocked, radius, sight, seen, is_open, distance, queue,
-                weights[power], noise, largest, state,
-            )  # fmt: skip
+            preferred = below(state, 4)
+            goal = next_goal(cell, rows, cols, visited, imagined, scratch, weights[power], noise, largest, state)
             if goal < 0:
                 length += rows * cols  # the target is out of reach: worse than any tour that gets there
                 break
             length += distance[goal]
-            known += walk_back(goal, lean, rows, cols, visited, imagined, blocked, radius, sight, seen, distance, first)
+            known += walk_back(goal, preferred, rows, cols, visited, imagined, distance, first)
             if action < 0:
                 action = np.int64(first[0])
             cell = goal
+
+        # 4. Keep the first action of the shortest.
         if action >= 0 and length < best_length:
             best_length, best_action = length, action
     return best_action
 
 
 class Planner:
-    """Randomised optimistic tours with the loop guard; its draws are a pure function of (seed, moves made)."""
+    """Randomised optimistic tours with the loop guard; the draws are a pure function of (seed, moves made)."""
 
     name = "planner"
 
@@ -184,7 +165,7 @@ class Planner:
         self.memory = Memory()
         self.guard = LoopGuard(sensor_radius)
         self._state = np.zeros(1, np.uint64)
-        self._room: tuple[Outlook, Ground, NDArray[np.uint64], NDArray[np.float64]] | None = None
+        self._arrays: tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]] | None = None
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -195,35 +176,38 @@ class Planner:
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
-        self.memory.take(observation)
+        self.memory.observe(observation)
         guarded = self.guard.overrule(self.memory)
         return self.decide(self.memory) if guarded is None else guarded
 
     def decide(self, memory: Memory) -> int:
         """Return what the planner would do, guard aside, for an episode remembered elsewhere."""
         codes = memory.codes
-        outlook, ground, imagined, weights = self._room_for(codes.shape)
+        known_map, imagined, scratch, weights = self._arrays_for(codes.shape)
         row, col = memory.position
-        known, share = int(np.count_nonzero(codes)), enough(codes.size)
-        target = share if known < share else codes.size
+        known, most = int(np.count_nonzero(codes)), completion_target(codes.size)
+        target = most if known < most else codes.size
         tours = min(self.tours, max(2, self.tours * FULL_TOURS_CELLS // codes.size))
         self._state[0] = mix(self._seed ^ memory.steps)
         action = plan(
-            codes, memory.visited.reshape(-1), row * codes.shape[1] + col, target, tours, outlook.radius,
-            outlook.unknown, outlook.blocked, imagined, outlook.sight, outlook.seen,
-            ground.is_open, ground.distance, ground.queue, weights, self._state,
+            codes, memory.visited.reshape(-1), row * codes.shape[1] + col, target, tours,
+            known_map.view, imagined.view, scratch.arrays, weights, self._state,
         )  # fmt: skip
-        return int(action) if action >= 0 else next(iter(valid_moves(codes, row, col)), 0)
+        return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
-    def _room_for(self, shape: tuple[int, ...]) -> tuple[Outlook, Ground, NDArray[np.uint64], NDArray[np.float64]]:
-        if self._room is None or self._room[0].shape != shape:
-            outlook, ground = Outlook(shape, self.sensor_radius), Ground(shape)
-            self._room = outlook, ground, np.zeros_like(outlook.unknown), way_weights(shape[0] * shape[1])
-        return self._room
+    def _arrays_for(self, shape: tuple[int, ...]) -> tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]]:
+        if self._arrays is None or self._arrays[0].shape != shape:
+            known_map = VisibilityMap(shape, self.sensor_radius)
+            imagined = known_map.with_own_unknown()
+            self._arrays = known_map, imagined, GridScratch(shape), distance_weights(shape[0] * shape[1])
+        return self._arrays
 
 
-def way_weights(cells: int) -> NDArray[np.float64]:
-    """Return float64[POWERS, cells + 1]: way^-(k/4) by k and way, from square roots alone, so the same on every platform."""
+def distance_weights(cells: int) -> NDArray[np.float64]:
+    """Return float64[POWERS, cells + 1]: distance^-(k/4) by k and distance.
+
+    They are made of square roots and divisions alone, which IEEE 754 rounds in one way, so they are the same everywhere.
+    """
     fourth = np.sqrt(np.sqrt(np.maximum(np.arange(cells + 1, dtype=np.float64), 1.0)))
     weights = np.ones((POWERS, cells + 1))
     for k in range(1, POWERS):

@@ -1,4 +1,4 @@
-"""The floor every policy is measured from: valid moves, uniformly."""
+"""The floor that every policy is measured from: valid moves, uniformly."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from marsexplorer.policies.base import decode, draw, rover_position, valid_moves
+from marsexplorer.observation import decode, rover_position, valid_actions
+from marsexplorer.random_numbers import draw_below
 
 
 class RandomPolicy:
-    """Uniform over the moves known to be valid; north when there is none.
+    """Draw uniformly from the moves known to be valid; go north when there is none.
 
-    Its draws are a pure function of (seed, number of moves made), the same on every platform and library version.
+    The draws are a pure function of (seed, number of moves made), the same on every platform and library version.
     """
 
     name = "random"
@@ -22,13 +23,13 @@ class RandomPolicy:
 
     def reset(self, seed: int) -> None:
         """Start the stream that `seed` names."""
-        self._seed, self._moves = seed, 0
+        self._seed, self._steps = seed, 0
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
         codes = decode(observation)
-        moves = valid_moves(codes, *rover_position(codes))
-        self._moves += 1
-        if not moves:
+        actions = valid_actions(codes, *rover_position(codes))
+        self._steps += 1
+        if not actions:
             return 0
-        return moves[draw(self._seed, self._moves, len(moves))]
+        return actions[draw_below(self._seed, self._steps, len(actions))]

@@ -17,26 +17,9 @@ from typing import Any
 
 import torch
 
-FORMAT_VERSION = 2
+from marsexplorer.policies.files.formats import current_recipe, current_tensor_names
 
-CONFIG_FIELDS = {
-    "pace": "reward_per_cell",
-    "boards": "num_envs",
-    "horizon": "num_steps",
-    "epochs": "update_epochs",
-    "minibatch": "minibatch_size",
-    "clip": "clip_coef",
-    "rate": "learning_rate",
-    "final_rate": "final_learning_rate",
-    "curiosity": "target_entropy",
-    "kl_share": "kl_coef",
-    "value_share": "vf_coef",
-    "value_clip": "vf_clip",
-    "lam": "gae_lambda",
-    "value_updates": "value_warmup_updates",
-    "max_grad": "max_grad_norm",
-}
-"""Name of a training configuration's field in the first format -> its name now; the other names are the same."""
+FORMAT_VERSION = 2
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
@@ -55,14 +38,9 @@ def convert(checkpoint: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def convert_config(fields: dict[str, Any]) -> dict[str, Any]:
-    """Return a training configuration's fields, as a checkpoint or a policy's card holds them, by their present names."""
-    return {CONFIG_FIELDS.get(name, name): value for name, value in fields.items()}
-
-
 def _converted_identity(identity: dict[str, Any]) -> dict[str, Any]:
     return {
-        "config": convert_config(identity["recipe"]),
+        "config": current_recipe(identity["recipe"]),
         "env_configs": identity["configs"],
         "seed": identity["seed"],
         "num_updates": identity["updates"],
@@ -71,11 +49,12 @@ def _converted_identity(identity: dict[str, Any]) -> dict[str, Any]:
 
 def _converted_run(state: dict[str, Any]) -> dict[str, Any]:
     ent_coef, kl_coef = state["shares"]
+    names = current_tensor_names("marsexplorer-network-2", list(state["net"]))  # the paper's network has none of these names
     return {
         "updates_done": state["done"],
         "ent_coef": ent_coef,
         "kl_coef": kl_coef,
-        "net": state["net"],
+        "net": {names[name]: tensor for name, tensor in state["net"].items()},
         "optimizer": state["optimiser"],
         "envs": [_converted_envs(part) for part in state["boards"]],
         "rng_state": state["random"],

@@ -9,6 +9,7 @@ from typing import Any
 from torch import nn
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT
 from marsexplorer.policies.network import model, paper_model
 from marsexplorer.training.envs import EncoderFactory, feature_encoder, state_matrix_encoder
 
@@ -68,7 +69,7 @@ class TrainConfig:
     @property
     def policy_format(self) -> str:
         """The format of the policy files that it makes."""
-        return paper_model.FORMAT if self.name == "paper" else model.FORMAT
+        return PAPER_FORMAT if self.name == "paper" else NETWORK_FORMAT
 
     @property
     def make_encoder(self) -> EncoderFactory:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.base import EAST
-from marsexplorer.policies.network.features import Perception
+from marsexplorer.observation import EAST
+from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.rules import R_MOVE
 from marsexplorer.vector import MarsExplorerVector
 
@@ -36,10 +36,10 @@ EncoderFactory = Callable[[EnvConfig, int], Encoder]
 
 def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
     """Return the encoder for `policies.network.model.Net`: planes, and numbers for each move."""
-    features = Perception(num_envs, config.rows, config.cols, config.sensor_radius)
+    extractor = FeatureExtractor(num_envs, config.rows, config.cols, config.sensor_radius)
 
     def encode(*arrays: NDArray[Any]) -> Observation:
-        planes, moves = features(*arrays)
+        planes, moves = extractor(*arrays)
         return torch.from_numpy(planes), torch.from_numpy(moves)
 
     return encode

@@ -25,7 +25,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.network.features import RINGS
+from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.model import Net
 from marsexplorer.training.branching import ActionPairs, SampledObservations, branch_episodes, sample_observations
 from marsexplorer.training.ppo import MIN_LOG_PROB
@@ -153,7 +153,7 @@ class RefineRun:
         self._original = deepcopy(net).eval().requires_grad_(False)
         self._learner = deepcopy(net).train()
         with torch.no_grad():
-            for weights in self._learner.judge[-1].parameters():
+            for weights in self._learner.policy_head[-1].parameters():
                 weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
         self._optimizer = torch.optim.AdamW(
@@ -270,7 +270,7 @@ def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> Action
 class _Bfloat16Net(Net):
     """The network in bfloat16: twice as fast, and its best action is almost always the same."""
 
-    def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
             logits, values = self(torch.from_numpy(planes), torch.from_numpy(moves))
         return logits.float().numpy(), values.float().numpy()
@@ -279,7 +279,7 @@ class _Bfloat16Net(Net):
 def transposed_cells() -> Tensor:
     """Return where each cell of the planes lies once rows and columns are exchanged: int64[CELLS]."""
     parts, start = [], 0
-    for side, _ in RINGS:
+    for side, _ in SCALES:
         parts.append(torch.arange(start, start + side * side).view(side, side).T.flatten())
         start += side * side
     return torch.cat(parts)

@@ -12,12 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import UNKNOWN, EnvConfig
-from marsexplorer.policies.base import EAST, Memory
+from marsexplorer.config import RUNNING, UNKNOWN, EnvConfig
+from marsexplorer.observation import EAST
+from marsexplorer.policies.base import Memory
 from marsexplorer.policies.frontier import FrontierCost
-from marsexplorer.policies.guard import MOVES
-from marsexplorer.policies.network.features import Perception
-from marsexplorer.rules import RUNNING
+from marsexplorer.policies.guard import update_guard
+from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.world import Worlds, positions
 
 Snapshot = dict[str, NDArray[Any]]
@@ -27,8 +27,8 @@ Snapshot = dict[str, NDArray[Any]]
 class ActionScorer(Protocol):
     """A network that scores the actions: `policies.network.model.Net`, or one with the same method."""
 
-    def decide(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (logits float32[num, 4], values float32[num]) for what `Perception` returns."""
+    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (logits float32[num, 4], values float32[num]) for what `FeatureExtractor` returns."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class GreedyRollouts:
     def __init__(self, config: EnvConfig, num_worlds: int) -> None:
         self.config, self.num_worlds = config, num_worlds
         self.worlds = Worlds(config, num_worlds)
-        self._features = Perception(num_worlds, config.rows, config.cols, config.sensor_radius)
+        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius)
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
         self.memory: Snapshot = {
@@ -84,8 +84,8 @@ class GreedyRollouts:
         memory, rovers = self.memory, positions(self.worlds.scalars)
         cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
         memory["visited"][self._indices, cells] = 1
-        planes, moves = self._features(self.worlds.codes, cells, memory["visited"], memory["headings"])
-        logits, _ = net.decide(planes, moves)
+        planes, moves = self._extractor(self.worlds.codes, cells, memory["visited"], memory["headings"])
+        logits, _ = net.infer(planes, moves)
         actions = logits.argmax(1)
         guarded = self._update_guards(cells)
         for world in np.flatnonzero(guarded):
@@ -94,14 +94,9 @@ class GreedyRollouts:
 
     def _update_guards(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""
-        memory = self.memory
-        remaining, stuck_at, known_at = memory["remaining"], memory["stuck_at"], memory["known_at"]
+        memory, guarded = self.memory, np.zeros(self.num_worlds, np.bool_)
         known = np.count_nonzero(self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1)
-        repeated = (known_at[self._indices, cells] == known) & (remaining == 0)
-        remaining[repeated], stuck_at[repeated] = MOVES, known[repeated]
-        known_at[self._indices, cells] = known
-        guarded = remaining > 0
-        remaining[guarded & ((remaining > 1) | (known != stuck_at))] -= 1
+        update_guard(cells, known, memory["known_at"], memory["remaining"], memory["stuck_at"], guarded)
         return guarded
 
     def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:

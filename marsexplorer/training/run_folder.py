@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from marsexplorer.files import replace_whole, write_whole
-from marsexplorer.policies.network.model import save_network
+from marsexplorer.policies.files.weights import save_network
 from marsexplorer.training.checkpoint import FORMAT_VERSION, load_checkpoint
 from marsexplorer.training.envs import TrainingEnvs
 from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, forward

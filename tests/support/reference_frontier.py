@@ -1,13 +1,13 @@
 """The frontier rules from their definitions: slow, in plain Python, sharing no code with the package.
 
 A map is a list of lists of codes 0 unknown, 1 free, 2 rover, 3 obstacle. Sight is decided by clipping the segment between two
-centres against each obstacle's open square, in fractions.
+centres adiscoveriest each obstacle's open square, in fractions.
 """
 
 from fractions import Fraction
 from functools import cache
 
-MOVES = [(-1, 0), (0, 1), (1, 0), (0, -1)]
+DISPLACEMENTS = [(-1, 0), (0, 1), (1, 0), (0, -1)]
 
 
 @cache
@@ -25,7 +25,7 @@ def crosses(b_row, b_col, q_row, q_col):
     return low < high
 
 
-def gain(grid, row, col, radius):
+def expected_discoveries(grid, row, col, radius):
     """Unknown cells in sight of (row, col), unknown ones being transparent."""
     count = 0
     for r, line in enumerate(grid):
@@ -42,7 +42,7 @@ def gain(grid, row, col, radius):
     return count
 
 
-def ways(grid, start):
+def distances(grid, start):
     """Moves to every cell that can be reached over known free cells: {(row, col): moves}."""
     found, edge = {start: 0}, [start]
     while edge:
@@ -56,7 +56,7 @@ def ways(grid, start):
 
 
 def neighbours(grid, cell):
-    for d_row, d_col in MOVES:
+    for d_row, d_col in DISPLACEMENTS:
         r, c = cell[0] + d_row, cell[1] + d_col
         if 0 <= r < len(grid) and 0 <= c < len(grid[0]) and grid[r][c] in (1, 2):
             yield r, c
@@ -72,17 +72,17 @@ def touches_unknown(grid, cell):
 
 def decide(grid, visited, rover, heading, radius, rule):
     """The action of `cost` or `utility`, or None when there is no candidate."""
-    reach = ways(grid, rover)
-    gains = {cell: gain(grid, *cell, radius) for cell in reach if cell not in visited}
+    reach = distances(grid, rover)
+    discoveries = {cell: expected_discoveries(grid, *cell, radius) for cell in reach if cell not in visited}
     if rule == "cost":
-        goals = [cell for cell, new in gains.items() if new and touches_unknown(grid, cell)]
+        goals = [cell for cell, new in discoveries.items() if new and touches_unknown(grid, cell)]
         nearest = min((reach[cell] for cell in goals), default=None)
         goals = [cell for cell in goals if reach[cell] == nearest]
     else:
-        goals = [cell for cell, new in gains.items() if new]
-        goals = sorted(goals, key=lambda cell: (-Fraction(gains[cell], reach[cell] ** 2), reach[cell], cell))[:1]
+        goals = [cell for cell, new in discoveries.items() if new]
+        goals = sorted(goals, key=lambda cell: (-Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell))[:1]
     for action in [heading, 0, 1, 2, 3]:
-        near = (rover[0] + MOVES[action][0], rover[1] + MOVES[action][1])
-        if near in reach and any(ways(grid, goal).get(near) == reach[goal] - 1 for goal in goals):
+        near = (rover[0] + DISPLACEMENTS[action][0], rover[1] + DISPLACEMENTS[action][1])
+        if near in reach and any(distances(grid, goal).get(near) == reach[goal] - 1 for goal in goals):
             return action
     return None

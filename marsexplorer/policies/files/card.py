@@ -1,7 +1,7 @@
-"""Cards of shipped policies: read from a safetensors file's header without loading a weight or a library.
+"""The cards of policies, read from a safetensors file's header without loading a weight or a library.
 
 A safetensors file begins with 8 bytes, the little-endian length of a JSON header; the header's `__metadata__` maps
-strings to strings, ours has the card, itself JSON, under "card".
+strings to strings; ours has the card, itself JSON, under "card".
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from marsexplorer.policies.base import PolicyFileError
+from marsexplorer.policies.files.formats import current_card
 
 SUFFIX = ".safetensors"
 LARGEST_HEADER = 1 << 20
@@ -32,12 +33,12 @@ def shipped() -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
 
 
-WAY_OUT = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
+ADVICE = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
 
 
-def refuse(path: Path, expected: str, came: str, way_out: str = WAY_OUT) -> PolicyFileError:
-    """Return the error for a file that is no policy: what was expected, what came, the way out."""
-    return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {way_out}")
+def refuse(path: Path, expected: str, came: str, advice: str = ADVICE) -> PolicyFileError:
+    """Return the error for a file that is no policy: what was expected, what came, and what to give instead."""
+    return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {advice}")
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -60,7 +61,12 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """Return the card in a policy file; PolicyFileError when there is none."""
+    """Return the card in a policy file as the newest format has it; PolicyFileError when there is none."""
+    return current_card(read_stored_card(path))
+
+
+def read_stored_card(path: Path) -> dict[str, Any]:
+    """Return the card in a policy file as it is written there; PolicyFileError when there is none."""
     metadata = read_header(path).get("__metadata__")
     text = metadata.get("card") if isinstance(metadata, dict) else None
     if not isinstance(text, str):

@@ -1,6 +1,6 @@
-"""Policies made elsewhere: whatever turns one observation into four scores, played as it would play itself.
+"""Policies made elsewhere: whatever turns one observation into four logits, played as it would play itself.
 
-They decide from the state matrix alone, without memory and without the guard of our own networks: the highest score wins.
+They decide from the state matrix alone, without memory and without the guard of our own networks: the highest logit wins.
 """
 
 from __future__ import annotations
@@ -11,33 +11,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import VALUES
-from marsexplorer.policies.base import decode, rover_position, valid_moves
+from marsexplorer.observation import STATE_VALUES, action_masks, decode, rover_position
+from marsexplorer.policies.base import INVALID_LOGIT
 
-STATE: NDArray[np.float32] = np.array(VALUES, np.float32)
-NEVER = -1e9
-
-Decide = Callable[[NDArray[Any], NDArray[np.bool_]], tuple[NDArray[np.float32], float]]
-"""(observation [rows, cols], valid moves bool[4]) -> (scores float32[4], value, not a number when there is none)."""
+Evaluate = Callable[[NDArray[Any], NDArray[np.bool_]], tuple[NDArray[np.float32], float]]
+"""(observation [rows, cols], action mask bool[4]) -> (logits float32[4], value, NaN when there is none)."""
 
 
 class ImportedPolicy:
-    """Takes the move that scores highest.
+    """Take the move with the highest logit.
 
-    size     (rows, cols) it was made for; None for any
-    raw      whether it expects uint8 codes instead of the float32 state matrix
-    masked   whether invalid moves are left out, as sb3-contrib's MaskablePPO does; else it may drive into a wall
+    evaluate  what turns an observation and an action mask into logits and a value
+    size      (rows, cols) it was made for; None for any
+    raw       whether it expects uint8 codes instead of the float32 state matrix
+    masked    whether invalid moves are left out, as sb3-contrib's MaskablePPO does; else it may drive into an obstacle
 
     thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
     """
 
-    def __init__(self, name: str, decide: Decide, size: tuple[int, int] | None, raw: bool, masked: bool) -> None:
+    def __init__(self, name: str, evaluate: Evaluate, size: tuple[int, int] | None, raw: bool, masked: bool) -> None:
         self.name, self.size = name, size
-        self._decide, self._raw, self._masked = decide, raw, masked
+        self._evaluate, self._raw, self._masked = evaluate, raw, masked
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), float("nan"))
 
     def reset(self, seed: int) -> None:
-        """Nothing is remembered and nothing drawn."""
+        """Do nothing: such a policy remembers nothing and draws nothing."""
         del seed
 
     def act(self, observation: NDArray[Any]) -> int:
@@ -45,13 +43,13 @@ class ImportedPolicy:
         codes = decode(observation)
         if self.size is not None and codes.shape != self.size:
             raise ValueError(wrong_size(self.name, self.size, codes.shape))
-        valid = np.isin(np.arange(4), list(valid_moves(codes, *rover_position(codes))))
-        scores, value = self._decide(codes if self._raw else STATE[codes], valid)
-        if self._masked and valid.any():
-            scores = np.where(valid, scores, np.float32(NEVER))
-        shares = np.exp(scores - scores.max())
+        mask = action_masks(codes[None], np.array([rover_position(codes)]))[0]
+        logits, value = self._evaluate(codes if self._raw else STATE_VALUES[codes], mask)
+        if self._masked and mask.any():
+            logits = np.where(mask, logits, np.float32(INVALID_LOGIT))
+        shares = np.exp(logits - logits.max())
         self._thought = ((shares / shares.sum()).astype(np.float32), value)
-        return int(scores.argmax())
+        return int(logits.argmax())
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value) of the last observation."""

@@ -18,10 +18,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from marsexplorer.policies.files.archive import Archive, read_file, read_tensors
+from marsexplorer.policies.base import PolicyFileError
+from marsexplorer.policies.files.archive import Archive, read_file
 from marsexplorer.policies.files.imported import ImportedPolicy
+from marsexplorer.policies.files.weights import read_torch_tensors
 
-WAY_OUT = (
+ADVICE = (
     "save a PPO, A2C, TRPO or MaskablePPO with MlpPolicy, or with the TerrainFeatures of examples/sb3_maskable_ppo.py, "
     "and give that zip"
 )
@@ -37,58 +39,57 @@ OTHERS = {
 """First part of a tensor's name -> what it belongs to."""
 
 
-class Mlp(nn.Module):
-    """Dense layers with an activation after each, numbered as Stable-Baselines3 numbers them: 0, 2, 4, ..."""
+class TerrainFeatures(nn.Module):
+    """The convolutions of examples/sb3_maskable_ppo.py: state matrix float32[b, rows, cols] -> features float32[b, width]."""
 
-    def __init__(self, sizes: list[int], activation: type[nn.Module]) -> None:
+    def __init__(self, channels: tuple[int, int], size: tuple[int, int], width: int) -> None:
         super().__init__()
-        pairs = pairwise(sizes)
-        self.layers = nn.Sequential(*(part for inside, out in pairs for part in (nn.Linear(inside, out), activation())))
+        narrow, wide = channels
+        self.cnn = nn.Sequential(
+            nn.Conv2d(4, narrow, 3, 2, 1), nn.ReLU(), nn.Conv2d(narrow, wide, 3, 2, 1), nn.ReLU(), nn.Flatten()
+        )
+        self.linear = nn.Sequential(nn.Linear(wide * -(-size[0] // 4) * -(-size[1] // 4), width), nn.ReLU())
 
-    def forward(self, features: Tensor) -> Tensor:
-        result: Tensor = self.layers(features)
-        return result
+    def forward(self, observation: Tensor) -> Tensor:
+        codes = (observation * 3.2).round().long().clamp(0, 3)
+        features: Tensor = self.linear(self.cnn(nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()))
+        return features
+
+
+class MlpExtractor(nn.Module):
+    """Dense layers for the policy and others for the value, an activation after each."""
+
+    def __init__(self, policy_sizes: list[int], value_sizes: list[int], activation: type[nn.Module]) -> None:
+        super().__init__()
+        self.policy_net, self.value_net = dense(policy_sizes, activation), dense(value_sizes, activation)
 
 
 class ActorCritic(nn.Module):
-    """features -> dense layers -> four scores, and dense layers of their own -> the value; shapes as in `tensors`."""
+    """An ActorCriticPolicy of Stable-Baselines3, its modules and so its tensors named as there; shapes as in `tensors`."""
 
     def __init__(self, tensors: dict[str, Tensor], size: tuple[int, int], activation: type[nn.Module]) -> None:
         super().__init__()
-        self.see: nn.Module = nn.Flatten()
+        self.features_extractor: nn.Module = nn.Flatten()
         width = size[0] * size[1]
         if "features_extractor.linear.0.weight" in tensors:
             narrow, wide = (tensors[f"features_extractor.cnn.{at}.weight"].shape[0] for at in (0, 2))
             width = tensors["features_extractor.linear.0.weight"].shape[0]
-            cnn = (nn.Conv2d(4, narrow, 3, 2, 1), nn.ReLU(), nn.Conv2d(narrow, wide, 3, 2, 1), nn.ReLU(), nn.Flatten())
-            pooled = wide * -(-size[0] // 4) * -(-size[1] // 4)
-            self.see = nn.Sequential(*cnn, nn.Linear(pooled, width), nn.ReLU())
-        self.actor = Mlp([width, *widths(tensors, "policy_net")], activation)
-        self.critic = Mlp([width, *widths(tensors, "value_net")], activation)
-        self.action = nn.Linear([width, *widths(tensors, "policy_net")][-1], 4)
-        self.worth = nn.Linear([width, *widths(tensors, "value_net")][-1], 1)
-
-    def names(self) -> dict[str, str]:
-        """Return the name that Stable-Baselines3 gives each of our tensors: {ours: theirs}."""
-        theirs = {}
-        for name in self.state_dict():
-            room, _, rest = name.partition(".")
-            if room == "see":
-                at, kind = rest.split(".")
-                theirs[name] = f"features_extractor.{'linear.0' if at == '5' else f'cnn.{at}'}.{kind}"
-            elif room in ("actor", "critic"):
-                theirs[name] = f"mlp_extractor.{'policy' if room == 'actor' else 'value'}_net.{rest.removeprefix('layers.')}"
-            else:
-                theirs[name] = f"{'action' if room == 'action' else 'value'}_net.{rest}"
-        return theirs
+            self.features_extractor = TerrainFeatures((narrow, wide), size, width)
+        policy_sizes, value_sizes = ([width, *widths(tensors, net)] for net in ("policy_net", "value_net"))
+        self.mlp_extractor = MlpExtractor(policy_sizes, value_sizes, activation)
+        self.action_net = nn.Linear(policy_sizes[-1], 4)
+        self.value_net = nn.Linear(value_sizes[-1], 1)
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Return scores float32[b, 4] and values float32[b] of observations float32[b, rows, cols]."""
-        if isinstance(self.see, nn.Sequential):
-            codes = (observation * 3.2).round().long().clamp(0, 3)
-            observation = nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()
-        features = self.see(observation)
-        return self.action(self.actor(features)), self.worth(self.critic(features)).squeeze(1)
+        """Return logits float32[b, 4] and values float32[b] of observations float32[b, rows, cols]."""
+        features = self.features_extractor(observation)
+        logits = self.action_net(self.mlp_extractor.policy_net(features))
+        return logits, self.value_net(self.mlp_extractor.value_net(features)).squeeze(1)
+
+
+def dense(sizes: list[int], activation: type[nn.Module]) -> nn.Sequential:
+    """Return dense layers of these sizes with an activation after each, numbered 0, 2, 4, ... as Stable-Baselines3 does."""
+    return nn.Sequential(*(part for inside, out in pairwise(sizes) for part in (nn.Linear(inside, out), activation())))
 
 
 def widths(tensors: dict[str, Tensor], net: str) -> list[int]:
@@ -103,40 +104,40 @@ def widths(tensors: dict[str, Tensor], net: str) -> list[int]:
 
 def load_sb3(path: Path) -> ImportedPolicy:
     """Return the policy in a zip of Stable-Baselines3, named after the file; PolicyFileError for anything else."""
-    archive = Archive(path, read_file(path, WAY_OUT), WAY_OUT)
-    told = _told(archive)
-    tensors = read_tensors(archive, "policy.pth")
-    size, raw = _board(archive, told)
-    _check_extractor(archive, told)
-    net = _filled(archive, tensors, size, _activation(archive, told))
+    archive = Archive(path, read_file(path, ADVICE), ADVICE)
+    description = _description(archive)
+    tensors = read_torch_tensors(archive, "policy.pth")
+    size, raw = _board(archive, description)
+    _check_extractor(archive, description)
+    net = _filled(archive, tensors, size, _activation(archive, description))
 
-    def decide(observation: NDArray[Any], valid: NDArray[np.bool_]) -> tuple[NDArray[np.float32], float]:
+    def evaluate(observation: NDArray[Any], mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], float]:
         if torch.get_num_threads() != 1:
             torch.set_num_threads(1)
         with torch.inference_mode():
-            scores, value = net(torch.from_numpy(observation.astype(np.float32))[None])
-        return scores[0].numpy(), float(value[0])
+            logits, value = net(torch.from_numpy(observation.astype(np.float32))[None])
+        return logits[0].numpy(), float(value[0])
 
-    masked = "maskable" in str(told.get("policy_class", {}).get("__module__", ""))
-    return ImportedPolicy(path.stem, decide, size, raw, masked)
+    masked = "maskable" in str(description.get("policy_class", {}).get("__module__", ""))
+    return ImportedPolicy(path.stem, evaluate, size, raw, masked)
 
 
-def _told(archive: Archive) -> dict[str, Any]:
+def _description(archive: Archive) -> dict[str, Any]:
     """Return the plain text that the zip has about the model: its JSON, where the pickled parts are left as text."""
     try:
-        told = json.loads(archive.read("data", LARGEST_TEXT))
+        description = json.loads(archive.read("data", LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
-        if type(error).__name__ == "PolicyFileError":
+        if isinstance(error, PolicyFileError):
             raise
         raise archive.refuse("a file named data that is JSON", "bytes that are none") from error
-    if not isinstance(told, dict) or not isinstance(told.get("policy_class", {}), dict):
-        raise archive.refuse("a description of the model in data", type(told).__name__)
-    return told
+    if not isinstance(description, dict) or not isinstance(description.get("policy_class", {}), dict):
+        raise archive.refuse("a description of the model in data", type(description).__name__)
+    return description
 
 
-def _board(archive: Archive, told: dict[str, Any]) -> tuple[tuple[int, int], bool]:
+def _board(archive: Archive, description: dict[str, Any]) -> tuple[tuple[int, int], bool]:
     """Return the size of the board that the model was made for, and whether it saw uint8 codes."""
-    space = told.get("observation_space")
+    space = description.get("observation_space")
     shape, kind = (space.get("_shape"), str(space.get("dtype"))) if isinstance(space, dict) else (None, "")
     if not isinstance(shape, list) or len(shape) != 2 or not all(type(side) is int and 5 <= side <= 1024 for side in shape):
         raise archive.refuse("observations [rows, cols]", f"the shape {shape}"[:60])
@@ -145,17 +146,17 @@ def _board(archive: Archive, told: dict[str, Any]) -> tuple[tuple[int, int], boo
     return (shape[0], shape[1]), kind == "uint8"
 
 
-def _check_extractor(archive: Archive, told: dict[str, Any]) -> None:
-    """Return when the features extractor is Stable-Baselines3's own flattening or TerrainFeatures, by name."""
-    given = told.get("policy_kwargs")
+def _check_extractor(archive: Archive, description: dict[str, Any]) -> None:
+    """Refuse a features extractor that is not Stable-Baselines3's own flattening or TerrainFeatures, by name."""
+    given = description.get("policy_kwargs")
     name = str(given.get("features_extractor_class", "FlattenExtractor")) if isinstance(given, dict) else "FlattenExtractor"
     if re.split(r"[.\s]", name.removesuffix("'>"))[-1] not in ("FlattenExtractor", "TerrainFeatures"):
         raise archive.refuse("MlpPolicy alone or with TerrainFeatures", f"the features extractor {name}"[:90])
 
 
-def _activation(archive: Archive, told: dict[str, Any]) -> type[nn.Module]:
+def _activation(archive: Archive, description: dict[str, Any]) -> type[nn.Module]:
     """Return the activation of the dense layers, Tanh when none is named."""
-    given = told.get("policy_kwargs")
+    given = description.get("policy_kwargs")
     name = str(given["activation_fn"]) if isinstance(given, dict) and "activation_fn" in given else "Tanh"
     match = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>|(\w+)", name)
     word = (match[1] or match[2]) if match else ""
@@ -183,12 +184,11 @@ def _filled(archive: Archive, tensors: dict[str, Tensor], size: tuple[int, int],
         raise archive.refuse(f"weights in {flat}", f"a tensor of {own[flat].ndim} dimensions")
     with torch.device("meta"):  # shapes alone: nothing is allocated before they are checked
         net = ActorCritic(own, size, activation).eval()
-    names = net.names()
-    if odd_names := set(own) ^ set(names.values()):
+    expected_tensors = net.state_dict()
+    if odd_names := set(own) ^ set(expected_tensors):
         raise archive.refuse("the weights of MlpPolicy alone or with TerrainFeatures", f"{min(odd_names)}"[:80])
-    for ours, tensor in net.state_dict().items():
-        came = own[names[ours]]
-        if came.shape != tensor.shape:
-            raise archive.refuse(f"{names[ours]} {list(tensor.shape)}", f"{list(came.shape)}")
-    net.load_state_dict({ours: own[theirs] for ours, theirs in names.items()}, assign=True)
+    for name, tensor in expected_tensors.items():
+        if own[name].shape != tensor.shape:
+            raise archive.refuse(f"{name} {list(tensor.shape)}", f"{list(own[name].shape)}")
+    net.load_state_dict(own, assign=True)
     return net

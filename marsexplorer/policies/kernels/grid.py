@@ -1,22 +1,24 @@
-"""Walking on a known map: distances over free cells, which step to take when several are as good, how much map is enough.
+"""Distances on a known map: breadth-first search over free cells, and which step to take when several are as good.
 
-Cells are flat, row * cols + col. Distances are int32 with FAR where there is no way. Scratch arrays come from the caller.
+Cells are flat, row * cols + col. Distances are int32, in moves, UNREACHABLE where no path is known. Kernels that search take a
+`scratch` tuple (is_open uint8[n], distance int32[n], queue int32[n + 1]), see `GridScratch`.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 
-FAR = 2**30
+UNREACHABLE = 2**30
 """Distance of a cell that cannot be reached (moves)."""
 
 
 @inlined
-def enough(cells):
-    """Return how many of so many cells count as all: 99 %, the default beta, which a policy is not told."""
+def completion_target(cells):
+    """Return how many of so many cells count as all: 99 %, the default beta, which a policy is not given."""
     return (99 * cells + 99) // 100
 
 
@@ -41,63 +43,67 @@ def neighbour(cell, action, rows, cols):
 
 
 @kernel
-def open_cells(codes, bold, is_open):
-    """Write uint8[n]: 1 where the rover may plan to go, known free cells and its own; unknown ones too when `bold`."""
+def find_open_cells(codes, with_unknown, is_open):
+    """Write uint8[n]: 1 where the rover may plan to go, free cells and its own; unknown ones too when `with_unknown`."""
     cols = codes.shape[1]
     for row in range(codes.shape[0]):
         for col in range(cols):
             code = codes[row, col]
-            is_open[row * cols + col] = code != OBSTACLE and (bold or code != UNKNOWN)
+            is_open[row * cols + col] = code != OBSTACLE and (with_unknown or code != UNKNOWN)
 
 
 @kernel
-def spread(is_open, rows, cols, distance, queue, filled):
-    """Return how many cells are reached from the first `filled` cells of the queue, whose distances are 0.
+def search_breadth_first(is_open, rows, cols, distance, queue, sources):
+    """Return how many cells are reached from the first `sources` cells of the queue, whose distances are 0.
 
-    distance  int32[n], rewritten: moves from the nearest source over open cells, FAR elsewhere
+    distance  int32[n], rewritten: moves from the nearest source over open cells, UNREACHABLE elsewhere
     queue     int32[n], afterwards the reached cells, nearest first; ties in the order north, east, south, west of expansion
     """
-    distance[:] = FAR
-    for k in range(filled):
+    distance[:] = UNREACHABLE
+    for k in range(sources):
         distance[queue[k]] = 0
-    head = 0
-    while head < filled:
+    head, reached = 0, sources
+    while head < reached:
         cell = queue[head]
         head += 1
         for action in range(4):
             near = neighbour(cell, action, rows, cols)
-            if near >= 0 and is_open[near] and distance[near] == FAR:
+            if near >= 0 and is_open[near] and distance[near] == UNREACHABLE:
                 distance[near] = distance[cell] + 1
-                queue[filled] = near
-                filled += 1
-    return filled
+                queue[reached] = near
+                reached += 1
+    return reached
 
 
 @kernel
-def first_moves(distance, queue, reached, rows, cols, ways):
-    """Write uint8[n] of the reached cells: by which moves from the source a shortest way begins, bit 1 << action each.
+def find_first_actions(distance, queue, reached, rows, cols, first_actions):
+    """Write uint8[n] of the reached cells: the actions that begin a shortest path from the source, bit 1 << action each.
 
-    distance, queue  as `spread` leaves them from one source; 0 for the source
+    distance, queue  as `search_breadth_first` leaves them from one source; the source itself gets 0
+
     A neighbour of the source is one move nearer to a cell than the source is when its bit is set, and one move farther when
-    not: on a grid every way round takes an even number of moves.
+    not: on a grid every cycle has an even number of moves. So one search gives the distances from all four neighbours.
     """
-    ways[queue[0]] = 0
+    first_actions[queue[0]] = 0
     for k in range(1, reached):
+        # Cells come nearest first, so those one move nearer to the source are done: their paths begin those of this cell.
         cell = queue[k]
         found, nearer = 0, distance[cell] - 1
         for action in range(4):
             near = neighbour(cell, action, rows, cols)
             if near >= 0 and distance[near] == nearer:
-                found |= ways[near] if nearer > 0 else 1 << (action ^ 2)
-        ways[cell] = found
+                found |= first_actions[near] if nearer > 0 else 1 << (action ^ 2)
+        first_actions[cell] = found
 
 
 @kernel
-def step_down(distance, cell, heading, rows, cols):
-    """Return the action that goes one nearer to the sources of `distance`: straight on if that does, else the first of
-    north, east, south, west that does; -1 at a source or where there is no way."""
+def step_nearer(distance, cell, heading, rows, cols):
+    """Return the action that goes one move nearer to the sources of `distance`; -1 at a source or where there is no path.
+
+    Straight on if that goes nearer, else the first of north, east, south, west that does.
+    """
     here = distance[cell]
-    if here == 0 or here == FAR:
+    if here == 0 or here == UNREACHABLE:
         return -1
     for k in range(-1, 4):
         action = heading if k < 0 else k
@@ -117,11 +123,15 @@ def is_frontier(codes, row, col):
     return False
 
 
-class Ground:
-    """Scratch arrays for one grid shape; the queue has a word to spare."""
+class GridScratch:
+    """Scratch arrays for searches on one grid shape; the queue has a place to spare.
+
+    arrays   (is_open, distance, queue), what kernels take
+    """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        rows, cols = shape
-        self.is_open = np.zeros(rows * cols, np.uint8)
-        self.distance = np.zeros(rows * cols, np.int32)
-        self.queue = np.zeros(rows * cols + 1, np.int32)
+        cells = shape[0] * shape[1]
+        self.is_open: NDArray[np.uint8] = np.zeros(cells, np.uint8)
+        self.distance: NDArray[np.int32] = np.zeros(cells, np.int32)
+        self.queue: NDArray[np.int32] = np.zeros(cells + 1, np.int32)
+        self.arrays = (self.is_open, self.distance, self.queue)

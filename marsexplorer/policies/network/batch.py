@@ -1,6 +1,6 @@
-"""Several boards decided together: networks look at all of them in one call, other policies one after the other.
+"""Several boards decided together: a network that they share is asked once for all, other policies one after the other.
 
-The moves are those of single decisions: where rounding in a batch could turn the order of two moves, the board is judged
+The moves are those of single decisions: where rounding in a batch could exchange the two best moves, the board is decided
 alone.
 """
 
@@ -15,26 +15,26 @@ from numpy.typing import NDArray
 from marsexplorer.policies.base import Policy
 
 CLOSE = 1e-3
-"""Scores of the two best moves that differ by less are judged again alone; a batch moves them by some millionths."""
+"""Where the logits of the two best moves differ by less, the board is decided alone; a batch moves them by some millionths."""
 
 
 @runtime_checkable
-class Judged(Policy, Protocol):
-    """A policy whose `act` is `settle(*net.decide(*see(observation)))`, so that one call can serve several boards."""
+class BatchablePolicy(Policy, Protocol):
+    """A policy whose `act` is `choose(*net.infer(*extract_features(observation)))`: one call can serve several boards."""
 
     net: Any
-    """Judges stacks of what `see` returns: decide(*arrays) -> (scores float32[num, 4], values float32[num])."""
+    """Has `infer(*arrays) -> (logits float32[num, 4], values float32[num])` for stacks of what `extract_features` returns."""
 
-    def see(self, observation: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-        """Take in an observation and return the network's input, arrays [1, ...] that the next call may overwrite."""
+    def extract_features(self, observation: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """Remember an observation and return the network's input, arrays [1, ...] that the next call may overwrite."""
 
-    def settle(self, scores: NDArray[np.float32], value: float) -> int:
-        """Return the action for what was seen last, from its scores float32[4] and value."""
+    def choose(self, logits: NDArray[np.float32], value: float) -> int:
+        """Return the action for the last observation, from its logits float32[4] and value."""
 
 
 def shared_net(policy: Policy) -> object | None:
     """Return the network that decides for the policy when it can decide for several at once, else None."""
-    return policy.net if isinstance(policy, Judged) else None
+    return policy.net if isinstance(policy, BatchablePolicy) else None
 
 
 def act_many(policies: Sequence[Policy], observations: Sequence[NDArray[Any]]) -> list[int | Exception]:
@@ -44,38 +44,38 @@ def act_many(policies: Sequence[Policy], observations: Sequence[NDArray[Any]]) -
     observations  one for each, of any sizes
     """
     answers: list[int | Exception] = [RuntimeError("not decided")] * len(policies)
-    seen: dict[int, list[tuple[int, Judged, tuple[NDArray[Any], ...]]]] = {}
+    groups: dict[int, list[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]]] = {}
     for at, (policy, observation) in enumerate(zip(policies, observations, strict=True)):
         try:
-            if isinstance(policy, Judged):
-                seen.setdefault(id(policy.net), []).append((at, policy, policy.see(observation)))
+            if isinstance(policy, BatchablePolicy):
+                groups.setdefault(id(policy.net), []).append((at, policy, policy.extract_features(observation)))
             else:
                 answers[at] = int(policy.act(observation))
         except Exception as error:
             answers[at] = error
-    for group in seen.values():
-        for (at, _, _), answer in zip(group, _together(group), strict=True):
+    for group in groups.values():
+        for (at, _, _), answer in zip(group, _act_with_shared_net(group), strict=True):
             answers[at] = answer
     return answers
 
 
-def _together(group: Sequence[tuple[int, Judged, tuple[NDArray[Any], ...]]]) -> list[int | Exception]:
+def _act_with_shared_net(group: Sequence[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]]) -> list[int | Exception]:
     """Return the actions of boards that share a network."""
     net = group[0][1].net
     try:
         inputs = [own for _, _, own in group]
         stacked = inputs[0] if len(inputs) == 1 else tuple(np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
-        scores, values = net.decide(*stacked)
+        logits, values = net.infer(*stacked)
         for at, own in enumerate(inputs):
-            best, second = np.sort(scores[at])[:-3:-1]
+            best, second = np.sort(logits[at])[:-3:-1]
             if len(inputs) > 1 and best - second < CLOSE:
-                scores[at : at + 1], values[at : at + 1] = net.decide(*own)
+                logits[at : at + 1], values[at : at + 1] = net.infer(*own)
     except Exception as error:
         return [error] * len(group)
     answers: list[int | Exception] = []
-    for (_, policy, _), own_scores, value in zip(group, scores, values, strict=True):
+    for (_, policy, _), own_logits, value in zip(group, logits, values, strict=True):
         try:
-            answers.append(policy.settle(own_scores, float(value)))
+            answers.append(policy.choose(own_logits, float(value)))
         except Exception as error:
             answers.append(error)
     return answers

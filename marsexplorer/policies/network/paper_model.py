@@ -1,7 +1,7 @@
 """The network of the paper: the state matrix alone, two convolutions, a dense layer (section 3.2, the pre-processor's figure).
 
 The paper gives no sizes; these are RLlib's default vision network's of that depth: 16 filters of 4 x 4 and 32 of 4 x 4, both
-with stride 2, and 256 units, and a network of its own for the value. It sees one size of grid and knows nothing of
+with stride 2, and 256 units, and a network of its own for the value. It takes one size of grid and knows nothing of
 valid moves: it may drive into an obstacle.
 """
 
@@ -15,18 +15,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from marsexplorer.config import VALUES
-from marsexplorer.policies.base import decode, mix
+from marsexplorer.observation import STATE_VALUES, decode
 from marsexplorer.policies.files.card import read_card, refuse
+from marsexplorer.policies.files.formats import PAPER_FORMAT
 from marsexplorer.policies.files.imported import wrong_size
-from marsexplorer.policies.network.model import read_weights
+from marsexplorer.policies.files.weights import read_weights
+from marsexplorer.random_numbers import mix
 
-FORMAT = "marsexplorer-paper-1"
 LARGEST_SIDE = 128
 
 
 class PaperNet(nn.Module):
-    """Scores the four moves from the state matrix (eq. 6).
+    """Give the four moves their logits from the state matrix (eq. 6).
 
     forward(codes uint8[b, rows, cols]) -> logits float32[b, 4], value float32[b]
     """
@@ -36,7 +36,7 @@ class PaperNet(nn.Module):
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
         self.size = (rows, cols)
-        self.register_buffer("values", torch.tensor(VALUES, dtype=torch.float32), persistent=False)
+        self.register_buffer("values", torch.from_numpy(STATE_VALUES.copy()), persistent=False)
         self.actor, self.critic = tower(rows, cols, 4), tower(rows, cols, 1)
 
     def forward(self, codes: Tensor) -> tuple[Tensor, Tensor]:
@@ -45,7 +45,7 @@ class PaperNet(nn.Module):
 
 
 def tower(rows: int, cols: int, outputs: int) -> nn.Sequential:
-    """Return two convolutions, a dense layer and `outputs` numbers."""
+    """Return two convolutions, a dense layer and a layer of `outputs` numbers, for a grid of rows x cols."""
     flat = 32 * -(-rows // 4) * -(-cols // 4)
     layers = (
         nn.ZeroPad2d((1, 2, 1, 2)), nn.Conv2d(1, 16, 4, 2), nn.ReLU(),
@@ -64,7 +64,7 @@ def tower(rows: int, cols: int, outputs: int) -> nn.Sequential:
 
 
 class PaperPolicy:
-    """Draws each move from the network's probabilities, as RLlib does by default; the seed of `reset` fixes the draws.
+    """Draw each move from the network's probabilities, as RLlib does by default; the seed of `reset` fixes the draws.
 
     size       (rows, cols) of the boards it plays
     thought()  after `act`: probabilities float32[4] of the moves, and the value
@@ -101,8 +101,8 @@ def load_paper_net(path: Path) -> PaperNet:
     """Return the network in a policy file; PolicyFileError when the file is none of ours."""
     card = read_card(path)
     size = card.get("size")
-    if card.get("format") != FORMAT:
-        raise refuse(path, f"the format {FORMAT}", repr(card.get("format"))[:60])
+    if card.get("format") != PAPER_FORMAT:
+        raise refuse(path, f"the format {PAPER_FORMAT}", repr(card.get("format"))[:60])
     if not (
         isinstance(size, list) and len(size) == 2 and all(type(side) is int and 5 <= side <= LARGEST_SIDE for side in size)
     ):
@@ -111,3 +111,8 @@ def load_paper_net(path: Path) -> PaperNet:
     read_weights(net, path)
     net.eval()
     return net
+
+
+def load_paper_policy(path: Path) -> PaperPolicy:
+    """Return the policy in a file, named after the file."""
+    return PaperPolicy(path.stem, load_paper_net(path))

@@ -199,13 +199,13 @@ def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_wou
         decisions, calls = DecisionQueue(thread), []
         boards = [(load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)]
         net = shared_net(boards[0][0])
-        decide = net.decide
-        net.decide = lambda *arrays: calls.append(len(arrays[0])) or decide(*arrays)
+        infer = net.infer
+        net.infer = lambda *arrays: calls.append(len(arrays[0])) or infer(*arrays)
         for _ in range(5):
             asked = (decisions.act(policy, episode.codes.copy()) for policy, episode in boards)
             for (_, episode), action in zip(boards, await asyncio.gather(*asked), strict=True):
                 episode.step(action)
-        del net.decide
+        del net.infer
         return calls, [bytes(episode.actions) for _, episode in boards]
 
     def alone(name, seed):

@@ -9,7 +9,8 @@ import torch
 from app.play.messages import Thought
 from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer import policies
-from marsexplorer.policies.network.model import Net, save_network
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.model import Net
 from tests.support.servers import eventually
 
 SIZE = [7, 9]

@@ -12,7 +12,7 @@ from app.server import ServerError, run
 from app.settings import Settings
 from app.storage.store import StoreError
 from app.web.listening import listen
-from marsexplorer.policies.network.model import save_network
+from marsexplorer.policies.files.weights import save_network
 from tests.support.servers import PATIENCE_S
 
 

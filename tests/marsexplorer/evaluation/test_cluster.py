@@ -10,7 +10,8 @@ from safetensors.torch import load_file
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.evaluation.cluster import LOCAL, ClusterError, session
-from marsexplorer.policies.network.model import Net, save_network
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.model import Net
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.ppo import TrainingRun, train
 from marsexplorer.training.sweep import SweepRun, sweep

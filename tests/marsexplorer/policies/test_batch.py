@@ -10,8 +10,9 @@ import torch
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network.batch import act_many, shared_net
-from marsexplorer.policies.network.model import Net, NetworkPolicy, save_network
+from marsexplorer.policies.network.model import Net, NetworkPolicy
 
 CONFIGS = (EnvConfig.of("random", 21), EnvConfig.of("3-2-1", (9, 14)), EnvConfig.of("1-1-1", 21))
 
@@ -63,12 +64,12 @@ def test_boards_of_one_file_share_a_network_until_the_file_changes(file):
 
 
 class Counting:
-    """A network of the test's own: scores given, calls counted."""
+    """A network of the test's own: logits given, calls counted."""
 
     def __init__(self, scores):
         self.scores, self.calls = scores, []
 
-    def decide(self, planes, moves):
+    def infer(self, planes, moves):
         self.calls.append(len(planes))
         return np.array([self.scores[len(self.calls) - 1]] * len(planes), np.float32), np.zeros(len(planes), np.float32)
 

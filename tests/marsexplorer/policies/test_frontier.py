@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.kernels.visibility import Outlook
+from marsexplorer.policies.kernels.visibility import VisibilityMap
 from tests.support import reference_frontier, strategies
 
 
@@ -43,17 +43,19 @@ def test_the_compiled_rules_are_the_literal_ones(terrain, radius, rule):
 
 @settings(max_examples=80, deadline=None)
 @given(strategies.terrains(max_side=70, max_density=0.4), st.integers(1, 31), st.data())
-def test_expected_gain_is_the_literal_count(terrain, radius, data):
+def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
     rows, cols = terrain.shape
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     codes = np.where(terrain, 3, 1).astype(np.uint8)
     codes[rng.random((rows, cols)) < 0.4] = 0
-    outlook = Outlook((rows, cols), radius)
-    outlook.fill(codes)
+    visibility = VisibilityMap((rows, cols), radius)
+    visibility.fill(codes)
     row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
     codes[row, col] = 1
-    outlook.fill(codes)
-    assert outlook.gain(row, col) == reference_frontier.gain(codes.tolist(), row, col, radius)
+    visibility.fill(codes)
+    assert visibility.expected_discoveries(row, col) == reference_frontier.expected_discoveries(
+        codes.tolist(), row, col, radius
+    )
 
 
 @settings(max_examples=40, deadline=None)
@@ -69,7 +71,7 @@ def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terra
     if seen is None or radius == 1:
         return  # all of it was explored (or corners stay dark, as they must)
     truth = np.where(terrain, 3, 1)
-    reach = reference_frontier.ways(truth.tolist(), (0, 0))
+    reach = reference_frontier.distances(truth.tolist(), (0, 0))
     for row, col in reach:
         for r in range(max(0, row - 1), min(terrain.shape[0], row + 2)):
             for c in range(max(0, col - 1), min(terrain.shape[1], col + 2)):
@@ -90,7 +92,7 @@ def test_straight_on_wins_a_tie():
 
 @pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility"])
 def test_a_cell_that_shows_nothing_is_left_alone(name):
-    """With a radius of 1 nobody sees round the corner: the rover beside it goes for what can be seen."""
+    """With a radius of 1 nobody sees round the corner: the rover next to it goes for what can be seen."""
     codes = board("?#..... #...... .@..... ....... ......?")
     policy = policies.load(name, 1)
     policy.reset(0)

@@ -12,9 +12,10 @@ from safetensors.torch import save_file
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.network.features import PLANES, RINGS, Perception
-from marsexplorer.policies.network.model import FORMAT, Net, save_network
-from marsexplorer.policies.network.paper_model import FORMAT as PAPER_FORMAT
+from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.features import PLANES, SCALES, FeatureExtractor
+from marsexplorer.policies.network.model import Net
 from marsexplorer.policies.network.paper_model import PaperNet
 
 
@@ -67,14 +68,14 @@ def test_thoughts_are_probabilities_that_leave_invalid_moves_out(file):
     assert np.isfinite(value)
 
 
-def perceived(episode, place, visited=None):
+def features(episode, place, visited=None):
     """The pictures of one board as arrays [PLANES, side, side], and the numbers of its moves."""
     rows, cols = episode.codes.shape
     visited = np.zeros((1, rows * cols), np.uint8) if visited is None else visited
-    planes, moves = Perception(1, rows, cols, 6)(episode.codes[None], np.array([place]), visited, np.array([1]))
-    cuts = np.cumsum([side * side for side, _ in RINGS])[:-1]
+    planes, moves = FeatureExtractor(1, rows, cols, 6)(episode.codes[None], np.array([place]), visited, np.array([1]))
+    cuts = np.cumsum([side * side for side, _ in SCALES])[:-1]
     parts = np.split(planes[0], cuts, axis=1)
-    return [part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, RINGS, strict=True)], moves[0]
+    return [part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, SCALES, strict=True)], moves[0]
 
 
 def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_blocks():
@@ -84,8 +85,8 @@ def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_bloc
         if not episode.ended:
             episode.step(action)
     row, col = episode.position
-    pictures, moves = perceived(episode, row * 34 + col)
-    for (side, size), picture in zip(RINGS, pictures, strict=True):
+    pictures, moves = features(episode, row * 34 + col)
+    for (side, size), picture in zip(SCALES, pictures, strict=True):
         share = 255 // (size * size)
         for i in range(side):
             for j in range(side):
@@ -98,37 +99,37 @@ def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_bloc
                 assert picture[0, i, j] == share * cells.count(0), (side, i, j)
                 assert picture[1, i, j] == share * cells.count(3), (side, i, j)
     near = pictures[0]
-    assert near[3, 5, 5] == 255  # no way is shorter than none
+    assert near[3, 5, 5] == 255  # the rover's own cell is the nearest
     assert near[2].max() > 0
     assert moves[:, 10].tolist() == [0, 1, 0, 0]
 
 
-def test_the_coarse_pictures_show_the_greatest_gain_and_nearness_of_their_blocks():
+def test_the_coarse_pictures_show_the_most_new_cells_and_the_nearness_of_their_blocks():
     episode = Episode.begin(EnvConfig("random", 11, 11), terrain=np.zeros((11, 11), bool), start=(5, 5))
-    (near, middle, _), _ = perceived(episode, 5 * 11 + 5)
+    (near, middle, _), _ = features(episode, 5 * 11 + 5)
     for plane in (2, 3):
         blocks = [near[plane][1 + 3 * i : 4 + 3 * i, 1 + 3 * j : 4 + 3 * j].max() for i in range(3) for j in range(3)]
         assert middle[plane][4:7, 4:7].flatten().tolist() == blocks
 
 
-def test_a_stack_of_boards_is_perceived_as_each_alone():
+def test_a_stack_of_boards_has_the_features_of_each_alone():
     config = EnvConfig("random", 13, 22)
     episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
     codes = np.stack([episode.codes for episode in episodes])
     visited, places, headings = np.zeros((3, config.n), np.uint8), np.zeros(3, np.int64), np.array([1, 2, 1])
     visited[:, 0] = 1
-    together = [part.copy() for part in Perception(3, 13, 22, 6)(codes, places, visited, headings)]
-    alone = Perception(1, 13, 22, 6)
+    together = [part.copy() for part in FeatureExtractor(3, 13, 22, 6)(codes, places, visited, headings)]
+    alone = FeatureExtractor(1, 13, 22, 6)
     for i in range(3):
         planes, moves = alone(codes[i : i + 1], places[:1], visited[i : i + 1], headings[i : i + 1])
         assert np.array_equal(planes[0], together[0][i])
         assert np.array_equal(moves[0], together[1][i])
 
 
-def test_what_is_kept_of_a_board_changes_nothing_that_is_seen():
-    """Eyes that follow several episodes, meet others without notice and come back see what fresh eyes see."""
+def test_what_is_kept_of_a_board_changes_no_feature():
+    """An extractor that follows several episodes in turn gives the features that a fresh one gives."""
     config = EnvConfig("2-2-1", 17, 70)
-    rng, eyes = np.random.default_rng(3), Perception(1, 17, 70, 6)
+    rng, extractor = np.random.default_rng(3), FeatureExtractor(1, 17, 70, 6)
     episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
     visited = np.zeros((3, config.n), np.uint8)
     for step in range(240):
@@ -139,7 +140,7 @@ def test_what_is_kept_of_a_board_changes_nothing_that_is_seen():
         place = np.array([episode.position[0] * 70 + episode.position[1]])
         visited[which, place] = 1
         board = episode.codes[None], place, visited[which : which + 1], np.array([step % 4])
-        seen, fresh = eyes(*board), Perception(1, 17, 70, 6)(*board)
+        seen, fresh = extractor(*board), FeatureExtractor(1, 17, 70, 6)(*board)
         assert np.array_equal(seen[0], fresh[0])
         assert np.array_equal(seen[1], fresh[1])
         valid = np.flatnonzero(seen[1][0, :, 0])
@@ -149,7 +150,7 @@ def test_what_is_kept_of_a_board_changes_nothing_that_is_seen():
 
 
 def written(path, tensors, card=None):
-    save_file(tensors, path, metadata={"card": json.dumps({"format": FORMAT} if card is None else card)})
+    save_file(tensors, path, metadata={"card": json.dumps({"format": NETWORK_FORMAT} if card is None else card)})
     return path
 
 
@@ -178,7 +179,7 @@ def test_weights_that_are_not_the_networks_are_refused(kind, tmp_path):
 
 def test_a_network_of_another_format_is_refused_by_name(tmp_path):
     path = written(tmp_path / "old.safetensors", spoilt("nothing"), {"format": "marsexplorer-network-0"})
-    with pytest.raises(policies.PolicyFileError, match=rf"expected the format {FORMAT}, got 'marsexplorer-network-0'"):
+    with pytest.raises(policies.PolicyFileError, match=rf"expected the format {NETWORK_FORMAT}, got 'marsexplorer-network-0'"):
         policies.load(path)
 
 

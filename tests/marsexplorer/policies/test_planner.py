@@ -1,4 +1,4 @@
-"""The planner: deterministic, always finishes, and pays for itself where sight is open."""
+"""The planner: deterministic, always finishes, and shorter than the rules where sight is open."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.planner import Planner, way_weights
+from marsexplorer.policies.planner import Planner, distance_weights
 
 
 def steps(policy, config, seeds):
@@ -54,8 +54,8 @@ def test_it_goes_on_when_more_than_99_percent_is_asked_for():
     assert episode.outcome == "explored"
 
 
-def test_weights_are_powers_of_the_way():
-    weights = way_weights(100)
+def test_weights_are_powers_of_the_distance():
+    weights = distance_weights(100)
     for k in range(9):
         assert np.allclose(weights[k][1:], np.arange(1, 101) ** (-k / 4))
 

@@ -8,9 +8,11 @@ import pytest
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.base import Memory, decode, draw, mix
+from marsexplorer.observation import decode
+from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.random_policy import RandomPolicy
+from marsexplorer.random_numbers import draw_below, mix
 
 BUILT_IN = ["frontier-utility", "frontier-cost", "planner", "random"]
 CONFIG = EnvConfig("random", 9, 14, sensor_radius=4)
@@ -99,8 +101,8 @@ def test_random_without_a_valid_move_goes_north():
 
 def test_the_generator_never_changes():
     assert mix(0) == 0xE220A8397B1DCDAF  # splitmix64's published first output for seed 0
-    assert [draw(7, k, 4) for k in range(12)] == [draw(7, k, 4) for k in range(12)]
-    assert {draw(3, k, 4) for k in range(50)} == {0, 1, 2, 3}
+    assert [draw_below(7, k, 4) for k in range(12)] == [draw_below(7, k, 4) for k in range(12)]
+    assert {draw_below(3, k, 4) for k in range(50)} == {0, 1, 2, 3}
 
 
 def test_memory_knows_the_heading_from_positions_alone():
@@ -109,7 +111,7 @@ def test_memory_knows_the_heading_from_positions_alone():
     for cell, heading in (((2, 2), 1), ((1, 2), 0), ((1, 1), 3), ((1, 1), 3), ((2, 1), 2)):
         board = codes.copy()
         board[cell] = 2
-        memory.take(board)
+        memory.observe(board)
         assert (memory.position, memory.heading) == (cell, heading)
     assert memory.visited.sum() == 4
 
@@ -126,7 +128,7 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
             self.guard.reset()
 
         def act(self, observation):
-            self.memory.take(observation)
+            self.memory.observe(observation)
             self.moves += 1
             guarded = self.guard.overrule(self.memory)
             if guarded is not None:

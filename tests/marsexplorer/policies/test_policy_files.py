@@ -14,8 +14,9 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import PolicyFileError
-from marsexplorer.policies.files.onnx import write_onnx
-from marsexplorer.policies.network.model import Net, save_network
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.model import Net
+from marsexplorer.policies.network.onnx_network import write_onnx
 from tests.support import policy_files as files
 
 SIZE = (6, 7)

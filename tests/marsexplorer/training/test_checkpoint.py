@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.policies.files.formats import current_recipe
 from marsexplorer.policies.network.model import Net
 from marsexplorer.training import ppo
-from marsexplorer.training.checkpoint import convert_config, load_checkpoint
+from marsexplorer.training.checkpoint import load_checkpoint
 from marsexplorer.training.config import RECIPES, TrainConfig
 from marsexplorer.training.ppo import TrainingRun
 from marsexplorer.training.run_folder import LOG_COLUMNS, RunFolder
@@ -107,4 +108,4 @@ def test_the_old_names_of_a_configuration_are_read_from_checkpoints_and_cards():
         "final_rate": 5e-5, "curiosity": None, "kl_share": 0.2, "kl_target": 0.01, "value_share": 1.0, "value_clip": 10.0,
         "gamma": 0.95, "lam": 0.95, "value_updates": 0, "max_grad": None,
     }  # fmt: skip
-    assert convert_config(old) == RECIPES["paper"].to_dict() == convert_config(RECIPES["paper"].to_dict())
+    assert current_recipe(old) == RECIPES["paper"].to_dict() == current_recipe(RECIPES["paper"].to_dict())

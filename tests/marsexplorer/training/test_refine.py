@@ -11,7 +11,7 @@ from app.cli.main import cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.policies.network.features import Perception
+from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net
 from marsexplorer.training.branching import (
     MAX_COST,
@@ -93,7 +93,7 @@ def test_pairs_are_two_valid_moves_and_what_the_network_prefers(net):
     assert 0.5 * 16 * 16 < len(rows) < 2 * 16 * 16
     assert (pairs.moves[rows, pairs.own, 0] > 0).all()
     assert (pairs.moves[rows, pairs.other, 0] > 0).all()
-    logits, _ = net.decide(pairs.planes, pairs.moves)
+    logits, _ = net.infer(pairs.planes, pairs.moves)
     assert (logits[rows, pairs.own] >= logits[rows, pairs.other] - 1e-3).all()
     assert abs(pairs.cost).max() <= MAX_COST
     assert pairs.cost.min() < 0 < pairs.cost.mean()
@@ -117,7 +117,7 @@ def test_transposing_exchanges_rows_and_columns():
     """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
     codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
     codes[0, 8, 5] = 2
-    features = Perception(1, 21, 21, 6)
+    features = FeatureExtractor(1, 21, 21, 6)
     nothing = np.zeros((1, 441), np.uint8)
     planes, moves = (each.copy() for each in features(codes, np.array([8 * 21 + 5]), nothing, np.array([1])))
     turned = np.ascontiguousarray(codes.transpose(0, 2, 1))

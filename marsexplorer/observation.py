@@ -1,0 +1,91 @@
+"""What an agent is shown: the occupancy grid as codes or as the state matrix, and the moves that are valid on it.
+
+Koutras et al. 2021, section 2.2 (the occupancy grid) and eq. 6 (the state matrix). Codes are uint8: 0 unknown, 1 free, 2 rover,
+3 obstacle. The state matrix is float32 and holds 0, 0.3, 0.6 and 1 for them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.compiled import inlined, kernel
+from marsexplorer.config import OBSTACLE, ROVER, VALUES
+
+Codes = NDArray[np.uint8]
+"""uint8[rows, cols]: 0 unknown, 1 free, 2 rover, 3 obstacle."""
+
+NORTH, EAST, SOUTH, WEST = range(4)
+"""Action codes."""
+
+DISPLACEMENTS = ((-1, 0), (0, 1), (1, 0), (0, -1))
+"""(row, col) that actions 0..3 add to the position."""
+
+STATE_VALUES: NDArray[np.float32] = np.array(VALUES, np.float32)
+"""float32[4], the state matrix's value for each code: `STATE_VALUES[codes]` is eq. 6."""
+
+
+def decode(observation: NDArray[Any]) -> Codes:
+    """Return an observation as uint8 codes [rows, cols], contiguous; codes pass through without a copy.
+
+    observation  float32[rows, cols] of eq. 6, or uint8 codes
+
+    ValueError for another number of dimensions, TypeError for another kind of numbers.
+    """
+    if observation.ndim != 2:
+        raise ValueError(f"an observation must have 2 dimensions (rows, cols), got shape {observation.shape}")
+    if observation.dtype == np.uint8:
+        return np.ascontiguousarray(observation)
+    if observation.dtype.kind != "f":
+        raise TypeError(f"an observation must be float32 (eq. 6) or uint8 codes, got {observation.dtype}")
+    codes = (observation > 0.15).astype(np.uint8)
+    codes += observation > 0.45
+    codes += observation > 0.8
+    return codes
+
+
+def rover_position(codes: Codes) -> tuple[int, int]:
+    """Return the rover's (row, col); ValueError when no cell, or more than one, holds code 2."""
+    cells = np.flatnonzero(codes == ROVER)
+    if len(cells) != 1:
+        raise ValueError(f"an observation must hold exactly one rover cell (0.6, or code {ROVER}), got {len(cells)}")
+    row, col = divmod(int(cells[0]), codes.shape[1])
+    return row, col
+
+
+@inlined
+def is_valid(codes, row, col, action):
+    """Return whether a move from (row, col) stays on the grid and off known obstacles; codes uint8[rows, cols]."""
+    to_row = row + np.int64(action == SOUTH) - np.int64(action == NORTH)
+    to_col = col + np.int64(action == EAST) - np.int64(action == WEST)
+    return 0 <= to_row < codes.shape[0] and 0 <= to_col < codes.shape[1] and codes[to_row, to_col] != OBSTACLE
+
+
+@kernel
+def fill_action_masks(codes, positions, masks):
+    """Write bool[num, 4], which moves are valid; codes uint8[num, rows, cols], positions int64[num, 2]."""
+    for i in range(codes.shape[0]):
+        for action in range(4):
+            masks[i, action] = is_valid(codes[i], positions[i, 0], positions[i, 1], action)
+
+
+def action_masks(codes: NDArray[np.uint8], positions: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return bool[num, 4]: which moves stay on the grid and off known obstacles.
+
+    codes      uint8[num, rows, cols]
+    positions  int64[num, 2], (row, col) of each rover
+
+    Neighbours across an edge are always known (the radius is at least 1, and nothing lies between), so on real observations
+    these are exactly the moves that do not end the episode.
+    """
+    masks = np.zeros((len(codes), 4), np.bool_)
+    fill_action_masks(codes, positions, masks)
+    return masks
+
+
+def valid_actions(codes: Codes, row: int, col: int) -> list[int]:
+    """Return the valid moves of one rover at (row, col), in the order of their codes."""
+    found: list[int] = np.flatnonzero(action_masks(codes[None], np.array([[row, col]]))[0]).tolist()
+    return found

@@ -1,0 +1,109 @@
+"""Load policies by name or from a file: the built-in rules, the shipped networks, and files that people bring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from marsexplorer.config import MAX_RADIUS
+from marsexplorer.policies.base import Policy, PolicyNotFoundError
+from marsexplorer.policies.files.card import SUFFIX, read_card, shipped
+from marsexplorer.policies.files.extras import check_extra
+from marsexplorer.policies.files.formats import PAPER_FORMAT
+from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
+from marsexplorer.policies.planner import Planner
+from marsexplorer.policies.random_policy import RandomPolicy
+
+BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
+    "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
+    "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
+    "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),
+    "random": (lambda sensor_radius: RandomPolicy(), "Makes valid moves at random."),
+}
+"""Name -> what makes the policy for a sensor radius, and its summary."""
+
+FILE_SUFFIXES = (SUFFIX, ".onnx", ".zip")
+"""How the names of policy files end."""
+
+
+def names() -> list[str]:
+    """Return the names of everything that loads by name, the best default first."""
+    return [*(name for name in shipped() if name not in BUILT_IN), *BUILT_IN]
+
+
+def describe(name: str) -> str:
+    """Return one sentence about a policy that loads by name or path (a network's stands in its card)."""
+    if name in BUILT_IN:
+        return BUILT_IN[name][1]
+    path = find_file(name)
+    if path.suffix == ".zip":
+        return f"A policy of Stable-Baselines3, from {path.name}."
+    if path.suffix == ".onnx":
+        check_extra("onnx")
+        from marsexplorer.policies.files.onnx import describe_onnx
+
+        return describe_onnx(path)
+    return str(read_card(path).get("summary", "A trained network."))
+
+
+def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
+    """Return a policy by name, or from a file by path: .safetensors, .onnx, or a .zip of Stable-Baselines3.
+
+    sensor_radius  of the rover it will drive, 1..31 cells: what the policy expects to see depends on it
+
+    PolicyNotFoundError when there is no such policy, PolicyFileError when the file cannot be played.
+    """
+    if not 1 <= sensor_radius <= MAX_RADIUS:
+        raise ValueError(f"sensor_radius must be in 1..{MAX_RADIUS}, got {sensor_radius}")
+    name = str(name_or_path)
+    if name in BUILT_IN:
+        return BUILT_IN[name][0](sensor_radius)
+    path = find_file(name)
+    loaders = {".zip": _load_sb3, ".onnx": _load_onnx}
+    return loaders.get(path.suffix, _load_safetensors)(path, sensor_radius)
+
+
+def find_file(name: str) -> Path:
+    """Return the file that a name or path stands for; PolicyNotFoundError when there is none."""
+    by_name = shipped().get(name)
+    if by_name is not None:
+        return by_name
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix in FILE_SUFFIXES or path.name != name:
+        raise PolicyNotFoundError(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
+    raise PolicyNotFoundError(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')
+
+
+# Libraries of networks take seconds to import and may be absent, so the readers are imported only when a file needs them.
+
+
+def _load_safetensors(path: Path, sensor_radius: int) -> Policy:
+    is_paper = read_card(path).get("format") == PAPER_FORMAT
+    check_extra("networks")
+    from marsexplorer.policies.network.model import load_network
+    from marsexplorer.policies.network.paper_model import load_paper_policy
+
+    return load_paper_policy(path) if is_paper else load_network(path, sensor_radius)
+
+
+def _load_onnx(path: Path, sensor_radius: int) -> Policy:
+    check_extra("onnx")
+    from marsexplorer.policies.files.onnx import OnnxModel, load_imported
+
+    model = OnnxModel(path)
+    if not model.is_own_network:
+        return load_imported(model)
+    check_extra("networks")
+    from marsexplorer.policies.network.onnx_network import load_onnx_network
+
+    return load_onnx_network(model, sensor_radius)
+
+
+def _load_sb3(path: Path, sensor_radius: int) -> Policy:
+    del sensor_radius
+    check_extra("networks")
+    from marsexplorer.policies.files.sb3 import load_sb3
+
+    return load_sb3(path)
