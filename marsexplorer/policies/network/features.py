@@ -12,7 +12,9 @@ of unknown cells that a scan from a cell is expected to discover (`kernels.visib
              the cell it leads to; whether that was visited; distance to the nearest new cells from there; the best
              discounted number of new cells from there at three rates; whether each of three frontier rules would go there
 
-             (new / distance^2, new / distance, nearest); whether it is straight on or back; the share of cells unknown and the logarithm of their number; the logarithm of the cells still to discover to 99 %; the logarithm of the number of candidates
+             (new / distance^2, new / distance, nearest); whether it is straight on or back; the share of cells unknown and
+             the logarithm of their number; the logarithm of the cells still to discover to 99 %; the logarithm of the
+             number of candidates
 """
 
 from __future__ import annotations
