@@ -20,7 +20,7 @@ from app.study.seeds import seed
 
 
 class ClosedStudies:
-    """Closed studies of a database, read once each: nothing happens in them any more."""
+    """The closed studies of a database; each is read once, because it no longer changes."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}

@@ -21,7 +21,7 @@ OFFERED = (*(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random"
 
 @dataclass(frozen=True)
 class LeaderboardEntry:
-    """A configuration and the terrains on which policies stand beside people.
+    """A configuration and the terrains on which policies are compared with people.
 
     id        in the page's address
     human     the figure of `app.statistics.human_level`, or of a study with its pictures; None while nobody has played

@@ -16,11 +16,11 @@ from app.leaderboard.human_summaries import HumanSummaries
 from app.play.policy_catalogue import PolicyOffer
 from app.storage.reader import Reader
 
-NOBODY = "Nobody has played this for the human score yet."
+NOBODY_PLAYED = "Nobody has played this for the human score yet."
 
 
-class UnknownBoardError(LookupError):
-    """The leaderboard has no board with this id."""
+class UnknownEntryError(LookupError):
+    """The leaderboard has no entry with this id."""
 
 
 class Leaderboard:
@@ -33,33 +33,33 @@ class Leaderboard:
         self._studies = ClosedStudies()
         self._reading = threading.Lock()
 
-    def boards(self) -> list[LeaderboardEntry]:
-        """Return every board; one thread at a time reads what has not been read before."""
+    def entries(self) -> list[LeaderboardEntry]:
+        """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             return list_entries(reader, self._studies)
 
-    async def detail(self, board_id: str) -> dict[str, Any]:
-        """Return everything about one board and begin evaluations that are missing; UnknownBoardError when there is none."""
-        found = next((board for board in await asyncio.to_thread(self.boards) if board.id == board_id), None)
+    async def detail(self, entry_id: str) -> dict[str, Any]:
+        """Return everything about one entry and begin evaluations that are missing; UnknownEntryError when there is none."""
+        found = next((entry for entry in await asyncio.to_thread(self.entries) if entry.id == entry_id), None)
         if found is None:
-            raise UnknownBoardError(f"no board {board_id!r} on the leaderboard; GET api/leaderboard lists them")
+            raise UnknownEntryError(f"no board {entry_id!r} on the leaderboard; GET api/leaderboard lists them")
         people = await asyncio.to_thread(self._people_of, found)
-        board = (found.config.rows, found.config.cols)
-        sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, board)}
+        size = (found.config.rows, found.config.cols)
+        sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
         jobs = found.jobs(sources)
         names = {source: name for name, source in sources.items()}
         states = self._evaluations.request(jobs)
         policies = [{"name": names.get(job.policy, job.policy), **state} for job, state in zip(jobs, states, strict=True)]
-        return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY}
+        return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY_PLAYED}
 
     async def close(self) -> None:
         """End the evaluation under way."""
         await self._evaluations.close()
 
-    def _people_of(self, board: LeaderboardEntry) -> dict[str, Any] | None:
-        if board.human is None or board.study is not None:
-            return board.human
+    def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
+        if entry.human is None or entry.study is not None:
+            return entry.human
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            pictures = self._people.pictures(reader, board.config, board.human)
+            pictures = self._people.pictures(reader, entry.config, entry.human)
         plain = ("players", "episodes", "score", "steps", "completed")
-        return {**{name: board.human[name] for name in plain}, **pictures}
+        return {**{name: entry.human[name] for name in plain}, **pictures}

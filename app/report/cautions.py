@@ -1,4 +1,4 @@
-"""What a reader must know before using a figure, and where a study left its protocol: a sentence each."""
+"""Cautions that a reader needs before using a figure, and deviations of a study from its protocol: a sentence each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STRONG_SKEW = 1.0
 
 
 def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
-    """Return what to beware of in a group's primary figure."""
+    """Return the cautions about a group's primary figure."""
     figure = group.figure
     if figure.score is None or figure.steps is None:
         return ()
@@ -51,7 +51,7 @@ def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:
 
 
 def _about_failures(group: GroupReport) -> str:
-    """Return what these players cannot tell of failures that happened to few of them or to none."""
+    """Return what the sample does not show of failures that happened to few players or to none."""
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
@@ -74,7 +74,7 @@ def _described(cell: coverage_table.Cell) -> str:
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
-    """Return how a cohort's episodes left the protocol."""
+    """Return how a cohort's episodes deviated from the protocol."""
     ids = {person.id for person in cohort.people}
     ranked = [
         trial for trial in data.trials if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
@@ -108,7 +108,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
 
 
 def study_deviations(data: StudyData) -> tuple[str, ...]:
-    """Return how the study as a whole left what was frozen."""
+    """Return how the study as a whole deviated from what was frozen."""
     found = []
     if protocol_hash(data.protocol) != data.protocol_hash:
         found.append("The protocol in the database is not the one whose hash was frozen.")

@@ -1,4 +1,4 @@
-"""The report's charts: matplotlib charts as SVG text that stands in a page without anything from outside."""
+"""The report's charts: drawn by matplotlib as SVG text that needs nothing from outside the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from app.statistics.comparisons import PolicyComparison
 
 PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""People in ink; policies in Okabe and Ito's colours, which colour-blind readers tell apart, the first one Mars's own."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish, after the colour of Mars. People are drawn in ink."""
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 MATPLOTLIB_STYLE: Any = {
     "svg.fonttype": "none",
@@ -37,7 +37,7 @@ MATPLOTLIB_STYLE: Any = {
     "legend.fontsize": 8,
 }
 _STYLE_LOCK = threading.Lock()
-"""matplotlib's style is the process's: one figure at a time."""
+"""matplotlib's style belongs to the process, so only one chart is drawn at a time."""
 
 WIDTH = 5.6
 """Inches: a phone's width still shows the letters."""

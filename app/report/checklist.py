@@ -1,4 +1,4 @@
-"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as far as it can be.
+"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as far as possible.
 
 Items and numbers are those of the checklist in appendix B of "Recommendations and Reporting Checklist for Rigorous &
 Transparent Human Baselines in Model Evaluations" (arXiv 2506.13776). What only the authors know is said to be missing.
@@ -32,7 +32,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Facts:
-    """What the answers are made from; `sets` is the figure under each exclusion set, in words."""
+    """What the answers are made from; `sets` is the figure under each exclusion set, as sentences."""
 
     protocol: Protocol
     frozen_at: str
@@ -101,8 +101,8 @@ def _design(facts: Facts) -> Iterator[Item]:
     yield _missing("1.8", "Power analysis", "whether the number of players was planned (`marsexplorer study power` helps)")
     yield _missing("1.8.1", "Minimum detectable effect size", "it, with the power, where there was a power analysis")
     yield _missing("1.9", "Ethics review", "whether a board approved or exempted the study")
-    told = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether it was registered publicly is not known."
-    yield Item("1.10", "Pre-registration", "Partial", told, "protocol")
+    frozen = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether it was registered publicly is not known."
+    yield Item("1.10", "Pre-registration", "Partial", frozen, "protocol")
 
 
 def _recruitment(facts: Facts) -> Iterator[Item]:

@@ -1,4 +1,4 @@
-"""What a report holds, as frozen values; `to_json` is its machine-readable form (docs/report.md describes it)."""
+"""The contents of a report as frozen values; `to_json` is its machine-readable form (docs/report.md describes it)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it sa
 
 @dataclass(frozen=True)
 class Metric:
-    """What else is told of one metric ("score" or "steps") under the primary set.
+    """The further statistics of one metric ("score" or "steps") under the primary set.
 
     new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its percentile interval over players
@@ -54,7 +54,7 @@ class GroupReport:
     """The people of a study, or one kind of script.
 
     joined, started, finished   participants who joined, began a ranked episode, ended all of them
-    stages      where participants stand, by stage
+    stages      participants by stage
     left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
@@ -86,7 +86,7 @@ class GroupReport:
         return next(each for each in self.figures if each.name == self.primary)
 
     def metric(self, name: str) -> Metric | None:
-        """Return what else is told of "score" or "steps"; None while nobody is in the primary set."""
+        """Return the further statistics of "score" or "steps"; None while nobody is in the primary set."""
         return next((each for each in self.metrics if each.name == name), None)
 
 
@@ -136,7 +136,7 @@ class Report:
     checklist: tuple[Item, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values, the watermark first where it is due; a number that is not one becomes None."""
+        """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""
         mark = {"watermark": SYNTHETIC} if self.synthetic else {}
         found: dict[str, Any] = _plain({"format": FORMAT, **mark, **asdict(self)})
         return found

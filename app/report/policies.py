@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -13,8 +13,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import Result, make_chunks, play_chunks
 from marsexplorer.evaluation.intervals import Floats
-
-Progress = Callable[[int, int], None]
+from marsexplorer.evaluation.run import Progress
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The seeds of a study's ranked terrains, and whether it is closed: from its folder where it is at hand."""
+"""The seeds of a study's ranked terrains, and whether it is closed: from its folder where that is given."""
 
 from __future__ import annotations
 
@@ -27,7 +27,16 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
     if joined:
         data = load(reader, name)
     else:
-        data = StudyData(study.protocol, study.protocol_hash, study.commitment, study.frozen_ms, None, None, (), ())
+        data = StudyData(
+            protocol=study.protocol,
+            protocol_hash=study.protocol_hash,
+            commitment=study.commitment,
+            frozen_ms=study.frozen_ms,
+            closed_ms=None,
+            secret=None,
+            people=(),
+            trials=(),
+        )
     if data.protocol_hash != study.protocol_hash:
         raise StudyError(
             f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"

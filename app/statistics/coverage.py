@@ -8,7 +8,7 @@ from the functions the report uses. A score's long tail points down; steps to 99
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 
@@ -22,6 +22,7 @@ from app.statistics.comparisons import crossed_means, drawn_terrains, log_interv
 from app.statistics.coverage_table import COVERAGE_FILE, POPULATIONS, Cell, ScorePopulation
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.evaluation.run import Progress
 
 TERRAINS = 30
 PLAYERS = (5, 10, 20, 30)
@@ -34,7 +35,6 @@ COLLISION_COST = 0.55
 POLICY_SCORE = 0.92
 STUDIES_AT_ONCE = 250
 """Studies worked on at a time."""
-Progress = Callable[[int, int], None]
 
 
 def simulate_studies(

@@ -11,8 +11,7 @@ from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.episode import replay
-
-Progress = Callable[[int, int], None]
+from marsexplorer.evaluation.run import Progress
 
 
 def summarize_groups(

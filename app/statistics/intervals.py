@@ -184,7 +184,7 @@ def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
     if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
         raise ValueError(f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}")
     share = np.clip((values - floor) / (ceiling - floor), 0, 1)
-    low, high = _lowest_unbeaten(share), 1 - _lowest_unbeaten(1 - share)
+    low, high = _lower_bound(share), 1 - _lower_bound(1 - share)
     return floor + (ceiling - floor) * low, floor + (ceiling - floor) * high
 
 
@@ -192,24 +192,24 @@ def guaranteed_covers(values: Floats, bounds: Interval, truth: Floats) -> NDArra
     """Return whether `guaranteed_interval` covers `truth`, without working its ends out."""
     floor, ceiling = bounds
     share, mean = np.clip((values - floor) / (ceiling - floor), 0, 1), (truth - floor) / (ceiling - floor)
-    covered: NDArray[np.bool_] = ~_is_beaten(share, mean) & ~_is_beaten(1 - share, 1 - mean)
+    covered: NDArray[np.bool_] = ~_is_rejected(share, mean) & ~_is_rejected(1 - share, 1 - mean)
     return covered
 
 
-def _lowest_unbeaten(share: Floats) -> Floats:
-    """Return the largest mean in 0..1 that the bettors still beat, by bisection; `share` float64[..., n] in 0..1."""
+def _lower_bound(share: Floats) -> Floats:
+    """Return the largest mean in 0..1 that the bettors still reject, by bisection; `share` float64[..., n] in 0..1."""
     low, high = np.zeros(share.shape[:-1]), share.mean(-1)
     for _ in range(40):
         middle = (low + high) / 2
-        beaten = _is_beaten(share, middle)
-        low, high = np.where(beaten, middle, low), np.where(beaten, high, middle)
+        rejected = _is_rejected(share, middle)
+        low, high = np.where(rejected, middle, low), np.where(rejected, high, middle)
     return low
 
 
-def _is_beaten(share: Floats, mean: Floats) -> NDArray[np.bool_]:
+def _is_rejected(share: Floats, mean: Floats) -> NDArray[np.bool_]:
     """Return whether bets that the mean is larger than `mean` made 40 out of 1 on average over the stakes."""
     returns = share / np.maximum(mean, 1e-12)[..., None] - 1  # of one unit staked
     wealth = np.log1p(_STAKES[:, None] * returns[..., None, :]).sum(-1)
     most = wealth.max(-1)
-    beaten: NDArray[np.bool_] = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
-    return beaten
+    rejected: NDArray[np.bool_] = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
+    return rejected

@@ -108,7 +108,7 @@ def _t_quantiles() -> Floats:
 
 
 def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:
-    """Return (player SD, episode SD) as the people of a study show them; ValueError where they are too few to tell."""
+    """Return (player SD, episode SD) of the people of a study; ValueError when they are too few to estimate them."""
     cohort = people_of(data)
     ids = members(cohort, {})
     found = variance_components(cohort.table(ids, metric)) if ids else None

@@ -50,7 +50,7 @@ def primary_set(data: StudyData) -> str:
 
 
 def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's score as it stands: {"set", "players", "episodes", "score", "steps", "sentence"}; cheap.
+    """Return the people's score so far: {"set", "players", "episodes", "score", "steps", "sentence"}; cheap.
 
     score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
     set is the primary one as soon as anybody is in it, "all" before.

@@ -82,7 +82,7 @@ def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[st
 
 
 def visit_counts(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
-    """Return how often the rover stands on each cell in a mean episode, [rows][cols]; the start counts."""
+    """Return how often the rover is on each cell in a mean episode, [rows][cols]; the start counts."""
     total = np.zeros((config.rows, config.cols))
     for group in groups:
         for each in group:

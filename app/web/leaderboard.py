@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request
 
-from app.leaderboard.leaderboard import UnknownBoardError
+from app.leaderboard.leaderboard import UnknownEntryError
 from app.web.access import services_of
 
 router = APIRouter(prefix="/api/leaderboard", tags=["results"])
@@ -18,7 +18,7 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
     """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
     services.progress.note_closed()
-    return [board.to_dict() for board in await asyncio.to_thread(services.leaderboard.boards)]
+    return [entry.to_dict() for entry in await asyncio.to_thread(services.leaderboard.entries)]
 
 
 @router.get("/{board}", summary="People, policies and rules on one scale")
@@ -30,5 +30,5 @@ async def get_board(request: Request, board: str) -> dict[str, Any]:
     """
     try:
         return await services_of(request).leaderboard.detail(board)
-    except UnknownBoardError as error:
+    except UnknownEntryError as error:
         raise HTTPException(404, str(error)) from error

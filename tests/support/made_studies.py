@@ -1,4 +1,4 @@
-"""Studies made from numbers: participants and trials with the scores a test asks for."""
+"""Studies made from numbers: participants and trials with the scores that a test wants."""
 
 import numpy as np
 
@@ -12,17 +12,29 @@ FROZEN_MS = 1_790_000_000_000
 
 
 def protocol(**rest):
+    """Return a protocol of six ranked episodes and no warm-up."""
     return default_protocol("made", CONFIG, **{"warm_up": 0, "ranked": 6, "players": 4, "policies": ("random",), **rest})
 
 
 def person(number, kind="human", script=None, stage="complete", completed=True, events=()):
+    """Return the participant of a number, who joined so many seconds after the protocol was frozen."""
     joined = FROZEN_MS + 1000 * number
     done = joined + 500 if completed else None
-    return Person(f"{number:032x}", kind, script, stage, joined, "1", done, {}, tuple(events))
+    return Person(
+        id=f"{number:032x}",
+        kind=kind,
+        script=script,
+        stage=stage,
+        joined_ms=joined,
+        consent_version="1",
+        completed_ms=done,
+        settings={},
+        events=tuple(events),
+    )
 
 
 def trial(who, index, score=0.9, steps=20, **rest):
-    """A finished ranked episode of a person's; `rest` replaces fields."""
+    """Return a finished ranked episode of a person; `rest` replaces fields."""
     given = {
         "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain": index,
         "episode": f"{who.id}-{index}", "driver": who.kind, "outcome": "explored", "steps": steps, "steps_to_99": steps,
@@ -33,14 +45,23 @@ def trial(who, index, score=0.9, steps=20, **rest):
 
 
 def study(people=(), trials=(), closed=True, **rest):
-    """StudyData around people and trials."""
+    """Return the StudyData of people and trials."""
     made = protocol(**rest)
     closed_ms = FROZEN_MS + 10_000_000 if closed else None
-    return StudyData(made, protocol_hash(made), "c" * 64, FROZEN_MS, closed_ms, None, tuple(people), tuple(trials))
+    return StudyData(
+        protocol=made,
+        protocol_hash=protocol_hash(made),
+        commitment="c" * 64,
+        frozen_ms=FROZEN_MS,
+        closed_ms=closed_ms,
+        secret=None,
+        people=tuple(people),
+        trials=tuple(trials),
+    )
 
 
 def played(scores, kind="human", script=None, first=0, steps=None, **rest):
-    """People (or scripts) and their trials, one row of `scores` each; NaN where a terrain was not played."""
+    """Return people (or scripts) and their trials, one row of `scores` each; NaN where a terrain was not played."""
     people, trials = [], []
     for number, row in enumerate(np.asarray(scores, float), first):
         whole = not np.isnan(row).any()
@@ -54,7 +75,7 @@ def played(scores, kind="human", script=None, first=0, steps=None, **rest):
 
 
 def run(name, score, steps=None, outcome="explored"):
-    """A policy's run with these values."""
+    """Return a policy's run with these values."""
     score = np.asarray(score, float)
     steps = np.full(len(score), 30.0) if steps is None else np.asarray(steps, float)
     return PolicyRun(name, score, steps, tuple(outcome for _ in score))

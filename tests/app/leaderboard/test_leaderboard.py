@@ -22,7 +22,7 @@ from tests.support.study import Person, freeze
 
 TINY = EnvConfig("random", 5, 7)
 IDLE_WORK_S = 600
-"""Evaluations for a board have the lowest priority: beside other jobs they take their time."""
+"""Evaluations for a board have the lowest priority: they take long while other jobs run."""
 pytestmark = pytest.mark.timeout(900)
 
 
@@ -82,7 +82,7 @@ def quick(monkeypatch):
 
 
 def settled(client, board):
-    """The board once every policy has its figure; every answer on the way is honest."""
+    """The board once every policy has its figure; every answer until then is honest."""
 
     def ask():
         found = client.get(f"/api/leaderboard/{board}").json()

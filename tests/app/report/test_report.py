@@ -69,10 +69,10 @@ def test_a_study_with_scripts_alone_says_that_nobody_has_played():
 def test_scripts_change_nothing_of_the_people(data):
     people, trials = played(SCORES)
     scripts, theirs = played(np.full((5, 6), 0.1), "script", "random", first=50)
-    beside = build(study([*people, *scripts], [*trials, *theirs]), [run("random", [0.3] * 6)])
+    both = build(study([*people, *scripts], [*trials, *theirs]), [run("random", [0.3] * 6)])
     alone = build(data, [run("random", [0.3] * 6)])
-    assert beside.groups == alone.groups
-    assert beside.sentence == alone.sentence
+    assert both.groups == alone.groups
+    assert both.sentence == alone.sentence
     assert live_figure(study([*people, *scripts], [*trials, *theirs])) == live_figure(data)
 
 
