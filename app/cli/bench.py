@@ -1,4 +1,4 @@
-"""The command `marsexplorer bench`: how fast the environment is on this machine, beside others that are installed."""
+"""The command `marsexplorer bench`: measure how fast the environment is on this machine, and others that are installed."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Measure how fast the environment is here.")
-@click.option("--quick", is_flag=True, help="An eighth of the work: about half a minute, and figures that wander more.")
+@click.option("--quick", is_flag=True, help="An eighth of the work: about half a minute, and figures that vary more.")
 @click.option("--json", "json_path", type=PATH, help="Also write every figure to this file.")
 def bench(quick: bool, json_path: Path | None) -> None:
-    """Measure the environment and print steps per CPU second, start-up, memory, and other environments beside it.
+    """Measure the environment and print steps per CPU second, start-up time and memory, then other environments to compare.
 
-    Rates count CPU time, with moves chosen beforehand; terrains drawn at every reset, observations as uint8 codes and one
-    Python call a step are included. They wander by a tenth on a busy machine. `two threads` needs an idle one and says
-    so when it was not. A cold start is timed in a fresh process with an empty cache of compiled code.
+    Rates are steps per second of CPU time. The moves are chosen beforehand; drawing a terrain at every reset, observations as
+    uint8 codes and one Python call for each step are included. Rates vary by a tenth on a busy machine. `two threads` needs
+    an idle machine; its note says when the machine was busy. A cold start is timed in a fresh process with an empty cache of
+    compiled code.
 
-    Others are measured when they are installed here: pip install minigrid crafter envpool pufferlib
+    Other environments are measured when they are installed: pip install minigrid crafter envpool pufferlib
 
     \b
     Examples:
@@ -33,43 +34,43 @@ def bench(quick: bool, json_path: Path | None) -> None:
       marsexplorer bench --quick --json speed.json
     """
     if json_path is None:
-        _show(_measured(quick))
+        _print_figures(_measure(quick))
         return
     from marsexplorer.bench.figures import to_json
     from marsexplorer.files import write_whole
 
     try:
         with write_whole(json_path) as file:
-            figures = _measured(quick)
+            figures = _measure(quick)
             file.write(to_json(figures).encode() + b"\n")
     except OSError as error:
         raise click.ClickException(f"cannot write {json_path}: {reason(error)}; choose another --json") from error
-    _show(figures)
+    _print_figures(figures)
 
 
-def _measured(quick: bool) -> list[Figure]:
-    """Return every figure, measured one after the other so that none disturbs another."""
+def _measure(quick: bool) -> list[Figure]:
+    """Measure every figure, one after the other so that none disturbs another, and return them."""
     from marsexplorer.bench import core, peers, start
 
     measures: list[Callable[[], Figure | list[Figure]]] = [*core.measures(quick), lambda: start.first_steps(quick)]
     measures += [partial(peers.measure, peer, 0.5 if quick else 2.0) for peer in peers.PEERS]
-    found: list[Figure] = []
+    figures: list[Figure] = []
     with progress("measuring (the rules are compiled first)") as advance:
         for number, measure in enumerate(measures):
             advance(number, len(measures))
-            figures = measure()
-            found += figures if isinstance(figures, list) else [figures]
-    return found
+            measured = measure()
+            figures += measured if isinstance(measured, list) else [measured]
+    return figures
 
 
-def _show(figures: list[Figure]) -> None:
+def _print_figures(figures: list[Figure]) -> None:
     sizes = list(dict.fromkeys(figure.at for figure in figures if figure.at))
     rates = {(figure.name, figure.at): figure for figure in figures if figure.at}
-    grid = []
+    rate_rows = []
     for name in dict.fromkeys(name for name, _ in rates):
         cells = [rates.get((name, at)) for at in sizes]
-        grid.append((name, *(f"{cell.value / 1e6:.2f}" if cell and cell.value else "" for cell in cells)))
-    print_table("Million steps per CPU second", ("worlds", *sizes), grid)
+        rate_rows.append((name, *(f"{cell.value / 1e6:.2f}" if cell and cell.value else "" for cell in cells)))
+    print_table("Million steps per CPU second", ("worlds", *sizes), rate_rows)
     absent = [figure for figure in figures if figure.value is None and figure.note.startswith("not installed")]
     rest = [figure for figure in figures if not figure.at and figure not in absent]
     rows = [(figure.name, _value(figure), _target(figure), figure.note) for figure in rest]

@@ -1,4 +1,4 @@
-"""The command `marsexplorer evaluate`: policies on the same terrains, as tables, files and plots."""
+"""The command `marsexplorer evaluate`: score policies on the same terrains, as tables, files and plots."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Request:
-    """What is to be played: everything that `marsexplorer.evaluation.evaluate` is told."""
+class EvaluationRequest:
+    """What to play: the arguments of `marsexplorer.evaluation.evaluate`."""
 
     names: tuple[str, ...]
     configs: tuple[EnvConfig, ...]
@@ -39,7 +39,7 @@ class Request:
 )
 @click.option("--episodes", type=click.IntRange(min=2), default=100, show_default=True, help="Terrains of each level and size.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first terrain's seed.")
-@click.option("--informed", is_flag=True, help="Add the planner that is shown the true map: the yardstick, never a policy.")
+@click.option("--informed", is_flag=True, help="Add the planner that is shown the true map, as a bound for policies.")
 @click.option("--json", "json_path", type=PATH, help="Also write everything, every episode included, to this file.")
 @click.option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
 @click.option("--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent.")
@@ -60,10 +60,10 @@ def evaluate(
 ) -> None:
     """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
 
-    The two frontier rules always play along: `to rule` is the mean steps over those of the better one, `to informed`
-    over those of a planner that is shown the true map (with --informed). All cores play; the table is the same for any
-    number of them. The score hardly tells good policies apart (ten steps are worth 0.004). docs/evaluation.md defines
-    every figure.
+    The two frontier rules are always evaluated too. `to rule` is the ratio of the mean steps to those of the better rule,
+    `to informed` to those of a planner that is shown the true map (with --informed). Episodes are played on all cores; the
+    table is the same for any number of them. The score hardly differs between good policies: ten steps change it by 0.004.
+    docs/evaluation.md defines every figure.
 
     \b
     Examples:
@@ -77,15 +77,15 @@ def evaluate(
     check_more(more, policies)
     names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
     configs = tuple(config_of(level, size) for level in _levels(levels) for size in sizes)
-    request = Request(tuple(names), configs, episodes, seed, plots is not None, ray)
-    with _places(json_path, csv_path, plots) as files:
-        table = _evaluated(request)
+    request = EvaluationRequest(tuple(names), configs, episodes, seed, plots is not None, ray)
+    with _open_outputs(json_path, csv_path, plots) as files:
+        table = _evaluate(request)
         for file, text in zip(files, (table.to_json() + "\n", table.to_csv()), strict=True):
             if file is not None:
                 file.write(text.encode())
         if plots is not None:
-            _draw(table, plots)
-    _show(table, informed)
+            _save_plots(table, plots)
+    _print(table, informed)
 
 
 def _levels(given: Sequence[str]) -> list[str]:
@@ -95,10 +95,10 @@ def _levels(given: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def _places(json_path: Path | None, csv_path: Path | None, plots: Path | None) -> Iterator[list[IO[bytes] | None]]:
-    """Yield the two files, None for one not asked for; they take their names when the block has ended well.
+def _open_outputs(json_path: Path | None, csv_path: Path | None, plots: Path | None) -> Iterator[list[IO[bytes] | None]]:
+    """Yield the JSON and CSV files, None for one not asked for; they appear when the block ends without an error.
 
-    They are opened before playing, so that nothing is played in vain.
+    The files are opened before playing, so that a path that cannot be written is found before anything is played.
     """
     from marsexplorer.files import write_whole
 
@@ -117,15 +117,15 @@ def _places(json_path: Path | None, csv_path: Path | None, plots: Path | None) -
         yield files
 
 
-def _evaluated(request: Request) -> Table:
-    from marsexplorer.evaluation import evaluate as measure
+def _evaluate(request: EvaluationRequest) -> Table:
+    from marsexplorer.evaluation import evaluate as evaluate_policies
     from marsexplorer.evaluation.cluster import ClusterError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     with progress("playing") as advance:
         try:
             return interruptible(
-                lambda: measure(
+                lambda: evaluate_policies(
                     request.names,
                     request.configs,
                     request.episodes,
@@ -143,7 +143,7 @@ def _evaluated(request: Request) -> Table:
             raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
 
 
-def _draw(table: Table, folder: Path) -> None:
+def _save_plots(table: Table, folder: Path) -> None:
     from marsexplorer.evaluation.plots import save_plots
 
     try:
@@ -153,8 +153,8 @@ def _draw(table: Table, folder: Path) -> None:
         raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --plots") from error
 
 
-def _show(table: Table, informed: bool) -> None:
-    """Print a row a policy, levels and sizes one below the other."""
+def _print(table: Table, informed: bool) -> None:
+    """Print a row for each policy, level and size."""
     first, last = table.seeds[0], table.seeds[-1]
     title = f"{len(table.seeds)} terrains each, seeds {first} to {last}, the same for all; ± half of the 95 % interval"
     columns = ["policy", "level", "size", "completion", "steps to 99 %", "to rule"]

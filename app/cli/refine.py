@@ -31,27 +31,27 @@ LOG_COLUMNS = {
 """Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it was."""
 
 
-@click.command(short_help="Let a trained policy learn from moves it did not make.")
+@click.command(short_help="Improve a trained policy by trying other moves.")
 @click.argument("policy", default="ppo")
 @click.option(
     "--rounds",
     type=click.IntRange(min=1),
     default=30,
     show_default=True,
-    help="More find more; the first is the longest.",
+    help="Rounds of playing and learning; the first takes longest.",
 )
 @click.option(
     "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and rounds give the same weights."
 )
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that play.  [default: one per core]")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that play episodes.  [default: one for each core]")
 def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int | None) -> None:
     """Improve a policy that `train --recipe best` made, POLICY being its name or file.
 
-    Its episodes on 21x21 are branched: at some moments another move is made and the episode played to its end, and the
-    network learns which moves would have been the better ones. On larger grids it is held where it was. The folder --out
-    gets the policy with its card and a log, whole after every round, so Ctrl-C loses the round under way alone. Takes
-    some 3 GiB of memory, and 1 GiB more for each process.
+    Its episodes on 21x21 are branched: at some steps another move is made and the episode is played to its end, so that the
+    network learns which moves would have been better. On larger grids the network is kept close to what it was. The folder
+    --out gets the policy with its card and a log after every round; Ctrl-C loses only the round under way. Refining takes
+    about 3 GiB of memory, and 1 GiB more for each process.
 
     \b
     Examples:

@@ -38,7 +38,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     help="Held-out terrains to measure each policy on.",
 )
 @click.option("--ray", default="local", show_default=True, metavar="ADDRESS", help="Ray cluster: HOST:PORT, auto, or local.")
-@click.option("--out", type=PATH, required=True, help="Folder that all machines see: policies, logs and sweep.csv.")
+@click.option("--out", type=PATH, required=True, help="Folder that all machines can reach: policies, logs and sweep.csv.")
 def sweep(
     levels: tuple[str, ...],
     sizes: tuple[int | tuple[int, int], ...],
@@ -49,11 +49,11 @@ def sweep(
     ray: str,
     out: Path,
 ) -> None:
-    """Train one policy for every level, size and seed, one core each, and measure all on terrains kept apart.
+    """Train one policy for every level, size and seed, each on one core, and measure all on terrains kept for evaluation.
 
-    The training runs are trials of Ray Tune, on this machine or on a cluster that runs already. Each leaves a folder as
-    `marsexplorer train` does; sweep.csv holds a line for each. A policy of several levels at once is what
-    `marsexplorer train --level all` makes. Needs the extra `ray`.
+    The training runs are trials of Ray Tune, on this machine or on a cluster that runs already. Each writes a folder as
+    `marsexplorer train` does; sweep.csv has a line for each. To train one policy on several levels at once, use
+    `marsexplorer train --level all`. This command needs the extra `ray`.
 
     \b
     Examples:

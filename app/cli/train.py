@@ -33,7 +33,7 @@ HELD_OUT_TERRAINS = 200
     type=click.Choice(["best", "paper"]),
     default="best",
     show_default=True,
-    help="best explores best; paper is what the paper did.",
+    help="best explores best; paper is the training of the paper.",
 )
 @click.option(
     "--level",
@@ -55,9 +55,9 @@ HELD_OUT_TERRAINS = 200
 @click.option(
     "--minutes",
     type=click.FloatRange(min=0, min_open=True),
-    help="Train for about so long: a short measurement fixes the steps.  [default: 30]",
+    help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
-@click.option("--steps", type=click.IntRange(min=1), help="Train for so many moves instead, rounded up to whole updates.")
+@click.option("--steps", type=click.IntRange(min=1), help="Train for this many moves instead, rounded up to whole updates.")
 @click.option(
     "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and steps give the same weights."
 )
@@ -79,11 +79,11 @@ def train(
     resume: bool,
     device: str,
 ) -> None:
-    """Train a network by PPO and write it with its card inside.
+    """Train a network by PPO and write it to a policy file with its card.
 
     The folder --out gets the policy file, a log, a learning curve (curve.png), TensorBoard events and, every minute,
-    a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as if nothing had happened. At the end
-    the policy plays 200 terrains that training never sees, beside the frontier rules; its card says how that went.
+    a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as without the interruption. At the end
+    the policy and the frontier rules play 200 terrains that training never uses; the policy's card gets the figures.
 
     \b
     Examples:
