@@ -17,7 +17,7 @@ DATABASE = click.option("--database", type=PATH, help="The database the study wa
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _study_errors() -> Iterator[None]:
     """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
     from app.study.folder import StudyError
 
@@ -84,7 +84,7 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
 
     config = config_of(level, size)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
-    with _told():
+    with _study_errors():
         _folder(studies).path(name)
         path = _folder(studies).create(default_protocol(name, config, **rest))
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
@@ -100,7 +100,7 @@ def freeze(name: str, studies: Path | None) -> None:
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
     """
-    with _told(), progress("drawing the terrains (the rules are compiled first)") as advance:
+    with _study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = _folder(studies).freeze(name, advance)
     click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
     click.echo(f"A running server offers it at once, at /study/{name}")
@@ -117,17 +117,17 @@ def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> 
     There is no way back: whoever knows the secret knows every terrain. A running server sees it at once.
     """
     folder = _folder(studies)
-    with _told():
+    with _study_errors():
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
         found = folder.close(name)
-    _tell_database(found, database or settings_of().database)
+    _note_in_database(found, database or settings_of().database)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
 def _confirm(question: str) -> None:
-    """Return when the answer is yes; where nobody can answer, say how to do without."""
+    """Ask a question; anything but yes ends the command, and where nobody can answer it says how to go without asking."""
     try:
         click.confirm(question, abort=True)
     except click.Abort:
@@ -136,8 +136,8 @@ def _confirm(question: str) -> None:
         raise click.ClickException("nothing was closed: the answer was not yes; --yes closes without asking") from None
 
 
-def _tell_database(found: Any, database: Path) -> None:
-    """Note the end in the database; one that a server has open is told by that server."""
+def _note_in_database(found: Any, database: Path) -> None:
+    """Note the end in the database; where a server has it open, that server does so."""
     if not database.exists():
         return
     from app.storage.store import Store, StoreError
@@ -161,7 +161,7 @@ def show(name: str, studies: Path | None) -> None:
     import json
 
     folder = _folder(studies)
-    with _told():
+    with _study_errors():
         status, protocol = folder.status(name), folder.draft(name)
         found = None if status == "draft" else folder.study(name)
     click.echo(f"{name}: {status}, {folder.path(name)}")
@@ -179,7 +179,7 @@ def list_(studies: Path | None) -> None:
     folder = _folder(studies)
     rows = []
     for name in folder.names():
-        with _told():
+        with _study_errors():
             protocol = folder.draft(name)
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
@@ -239,7 +239,7 @@ def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, fl
     from app.storage.store import StoreError
     from app.study.data import load
 
-    with _told():
+    with _study_errors():
         try:
             return spread_of(load(database or settings_of().database, name), metric)
         except StoreError as error:

@@ -1,4 +1,4 @@
-"""A database read at one moment, and rows by column."""
+"""Read-only connections that see a database at one moment, and rows as dictionaries."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from app.storage.database import StoreError, hold, open_read_only
 
 @contextmanager
 def reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """Return a block with a read-only connection that sees one moment of a database.
+    """Yield a read-only connection that sees a database as it is at the first query.
 
-    StoreError when it is not ours, and when it turns out to be damaged inside the block.
+    StoreError when the file is not one of ours, and when it turns out to be damaged inside the block.
     """
     db = open_read_only(path)
     release = hold(path)
@@ -33,7 +33,7 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:
-    """Return a query's rows by column, one at a time."""
+    """Yield a query's rows one at a time, each a dictionary by column."""
     cursor = conn.execute(sql, values)
     names = [column[0] for column in cursor.description]
     for row in cursor:
@@ -41,5 +41,5 @@ def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[st
 
 
 def rows(conn: sqlite3.Connection, sql: str, *values: Any) -> list[dict[str, Any]]:
-    """Return a query's rows by column."""
+    """Return a query's rows, each a dictionary by column."""
     return list(stream(conn, sql, *values))

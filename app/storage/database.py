@@ -1,7 +1,7 @@
 """The database file: recognised or refused before a byte is written, opened, and brought to the newest schema.
 
-Ours carries APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the file
-turns to WAL, so that it stands in the file itself even when the server is killed a moment later.
+A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the
+file turns to write-ahead logging (WAL), so that it is in the file itself even when the server is killed a moment later.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class StoreError(Exception):
 
 @contextmanager
 def transaction(conn: sqlite3.Connection) -> Iterator[None]:
-    """Return a block that is committed as a whole or, on any exception, not at all."""
+    """Commit what the block writes as a whole or, on any exception, nothing of it."""
     conn.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -45,7 +45,7 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
 
 
 def migrate(conn: sqlite3.Connection, path: Path, migrations: Sequence[Migration] = MIGRATIONS) -> None:
-    """Return with the newest schema in place; each step and its number are one transaction."""
+    """Bring the database to the newest schema; each migration and its number are one transaction."""
     _check_version(conn, path, len(migrations))
     for number in range(_version(conn) + 1, len(migrations) + 1):
         with transaction(conn):
@@ -67,10 +67,11 @@ def _check_version(conn: sqlite3.Connection, path: Path, known: int) -> None:
 
 
 def recognise(path: Path) -> None:
-    """Return when the file is absent, empty or ours; StoreError otherwise.
+    """Check that the file is absent, empty or ours; StoreError otherwise.
 
-    Reads the header itself: SQLite might write beside it. A file in use here was recognised before and is let be, because
-    closing any handle on it would drop SQLite's locks, and another program could take the log away.
+    The header is read without SQLite, which might write a file next to it. A file that this process has open was recognised
+    before and is not read again: closing any handle on it would drop SQLite's locks, and another program could take the log
+    away.
     """
     try:
         if path.is_dir():
@@ -99,7 +100,7 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def hold(path: Path) -> Callable[[], None]:
-    """Return what to call when a connection to the file is closed; until then the file counts as in use here."""
+    """Count the file as in use by this process, and return the function to call when the connection to it is closed."""
     held = [_identity(path)]
     _in_use.update(held)
 
@@ -111,17 +112,17 @@ def hold(path: Path) -> Callable[[], None]:
 
 
 def check_writable(path: Path) -> None:
-    """Return when the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
+    """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(f"the database {path} is read-only: make it writable or give another --database")
 
 
 def take_lock(path: Path) -> IO[bytes]:
-    """Return the open lock file beside the database; StoreError while another server holds it.
+    """Lock the database against other servers and return the open lock file; StoreError while another server holds it.
 
-    A lock of the system's: it is gone when the process is, however it ends. It lies beside the database because closing
-    a second handle on the database itself would drop SQLite's own locks.
+    The operating system holds the lock: it is gone when the process is, however that ends. The lock is a file of its own,
+    because closing a second handle on the database would drop SQLite's own locks.
     """
     lock_path = path.with_name(path.name + "-lock")
     try:
@@ -138,7 +139,7 @@ def take_lock(path: Path) -> IO[bytes]:
 
 
 def open_database(path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS) -> Database:
-    """Return the database for writing, recognised, migrated and in WAL mode; made when absent."""
+    """Open the database for writing, recognised, migrated and in WAL mode; it is made when absent."""
     check_writable(path)
     try:
         conn = sqlite3.connect(path, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False)
@@ -163,7 +164,7 @@ def open_database(path: Path, durable: bool = False, migrations: Sequence[Migrat
 
 
 def open_read_only(path: Path) -> Database:
-    """Return the database for reading, beside a running server or not; StoreError when it is not one of ours."""
+    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours."""
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
@@ -186,7 +187,7 @@ def open_read_only(path: Path) -> Database:
 
 
 def _explain(path: Path, error: sqlite3.Error) -> str:
-    """Return one sentence for a failure of SQLite's on opening."""
+    """Return one sentence for an error of SQLite on opening."""
     text = str(error)
     if "readonly" in text:
         return f"the database {path} is read-only: make it writable or give another --database"

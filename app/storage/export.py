@@ -1,4 +1,4 @@
-"""Finished episodes as CSV or JSON Lines, one row an episode or one row a step, each episode replayed on its way out.
+"""Finished episodes as CSV or JSON Lines, one row an episode or one row a step, each episode replayed before it is written.
 
 Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
 marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
@@ -47,7 +47,7 @@ def new_key() -> bytes:
 def rows(
     source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None, public: bool = False
 ) -> Iterator[bytes]:
-    """Return the table in pieces, the header first, one piece an episode.
+    """Yield the table in pieces, the header first, one piece an episode.
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
     who      "all", or "human" for the episodes that count for the human score
@@ -59,7 +59,7 @@ def rows(
 
 
 def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Callable[[int, int], None]) -> str:
-    """Return a sentence on what was written: `episodes.FMT` and `steps.FMT` in the folder, both whole or neither.
+    """Write `episodes.FMT` and `steps.FMT` in the folder, both whole or neither, and return a sentence on what was written.
 
     advance  called with (episodes written, of how many), both tables counted
     """

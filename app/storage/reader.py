@@ -1,7 +1,7 @@
 """Finished episodes as the database holds them: lists for the API, causes for replay, the counted ones.
 
-Works on the server's own connection or on a read-only one beside it; writes nothing. No answer holds a player's or a
-session's id: whoever knows a session's id can drive it.
+A reader works on the server's own connection or on a read-only one of its own, and writes nothing. No answer for the API
+holds a player's or a session's id, because a session's id is all that is needed to drive it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Who = Literal["all", "human"]
 COUNTED = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
     AND e.steps > 0 AND s.owner_id IS NOT NULL
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
-"""What counts for the human score. An episode without a move was driven by nobody: a script's cannot slip in. A study's
-episodes make a figure of their own."""
+"""The condition (SQL) for an episode to count for the human score. One without a move does not count, since nothing shows that
+a person drove it; a study's episodes do not count either, since they make a figure of their own."""
 
 _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
     JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
 
-# A rival that ended first would tell the terrain its player is still on.
+# A rival that ended first would show the terrain that its player is still exploring.
 FINISHED = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
@@ -50,17 +50,17 @@ class Reader:
 
     @classmethod
     def open(cls, path: Path | str, public: bool = False) -> Reader:
-        """Return a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
+        """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
         return cls(open_read_only(Path(path)), Path(path), public)
 
     def close(self) -> None:
-        """Return with the connection closed."""
+        """Close the connection."""
         self._db.close()
         self._release()
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
-        """Return a block that sees the database as it stands at the first query, whatever a server writes meanwhile."""
+        """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
         self._db.conn.execute("BEGIN")
         try:
             yield
@@ -68,7 +68,7 @@ class Reader:
             self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
-        """Return the rows of a SELECT of the caller's own; `given` fills its question marks."""
+        """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
         return list(self._db.query(sql, list(given)))
 
     def count(self, who: Who = "all") -> int:
@@ -81,7 +81,7 @@ class Reader:
         return list(self._db.query(sql))
 
     def finished(self, who: Who = "all") -> Iterator[dict[str, Any]]:
-        """Return finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
+        """Yield finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
         return self._db.query(f"{self._select}{_FILTER[who]} ORDER BY e.started_ms, e.id")
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:

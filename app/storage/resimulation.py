@@ -1,4 +1,4 @@
-"""One finished episode against what its cause gives: every difference by name."""
+"""A finished episode simulated again from what fixes it, and every difference from what was stored, by name."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The record of everything played: one row a step, committed when the call returns.
+"""The writer of everything that is played: one row a step, committed when the call returns.
 
 Every write is one IMMEDIATE transaction on one connection, called on the event loop's thread; a step costs about 50
-microseconds. `app.storage.database` opens the file, `app.storage.reader` reads what is finished; the SQL that writes is here.
+microseconds. `app.storage.database` opens the file, `app.storage.reader` reads what is finished, and `app.storage.studies`
+writes the tables of studies in transactions of the same store.
 """
 
 from __future__ import annotations
@@ -122,18 +123,18 @@ class Store(Reader):
         self._conn: sqlite3.Connection = self._db.conn
 
     def close(self) -> None:
-        """Return with everything on disk and the file free for another server."""
+        """Write everything to disk and leave the file to another server."""
         super().close()
         self._lock.close()
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """The one connection that writes: for SQL of a study's, inside `transaction`."""
+        """The one connection that writes, for the modules of this package; use it inside `transaction`."""
         return self._conn
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Return a block that is committed as a whole or not at all (StoreError); inside another it is a part of that."""
+        """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it."""
         if self._conn.in_transaction:
             yield
             return
@@ -150,12 +151,12 @@ class Store(Reader):
         return str(self._conn.execute("SELECT value FROM meta WHERE name = 'secret'").fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
-        """Return with the player known; a second time changes nothing."""
+        """Add a player; a second time changes nothing."""
         with self.transaction():
             self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
-        """Return with the session kept; a rival's belongs to its player's player."""
+        """Add a session; a rival's session belongs to the player whose rival it is."""
         with self.transaction():
             self._conn.execute(
                 _ADD_SESSION,
@@ -171,7 +172,7 @@ class Store(Reader):
             )
 
     def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
-        """Return with the pace kept for the next start."""
+        """Store a session's pace for the next start of the server."""
         with self.transaction():
             self._conn.execute(
                 "UPDATE sessions SET pace_mode = ?, moves_per_second = ? WHERE id = ?",
@@ -179,11 +180,11 @@ class Store(Reader):
             )
 
     def open_episode(self, row: EpisodeRow) -> None:
-        """Return with the episode open, and noted whether its player had met the terrain before."""
+        """Open an episode, and note whether its player had met the terrain before."""
         self.next_episode((), (row,))
 
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[EpisodeRow]) -> None:
-        """Return with the given episodes closed and the next ones open: all of it or nothing."""
+        """Close the given episodes and open the next ones, all of it or nothing."""
         with self.transaction():
             for episode_id, record, at_ms in closing:
                 self._close(episode_id, record, at_ms)
@@ -192,9 +193,9 @@ class Store(Reader):
                 self._open(row, met_before)
 
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:
-        """Return when the step is committed, with its episode closed when `closing` is its record.
+        """Commit a step, and close its episode when `closing` is its record.
 
-        A step from elsewhere than a person's hand makes a human episode a script's for ever.
+        A step that did not come from a person's key or touch makes a human episode a script's for ever.
         """
         values = (
             row.episode_id, row.step, row.action, row.reward, row.discovered, row.server_ms,
@@ -209,7 +210,7 @@ class Store(Reader):
                 self._close(row.episode_id, closing, row.server_ms)
 
     def close_episode(self, episode_id: str, record: Record, at_ms: int) -> None:
-        """Return with the episode closed under its record's outcome (abandoned)."""
+        """Close an episode under its record's outcome (abandoned)."""
         self.next_episode(((episode_id, record, at_ms),), ())
 
     def sessions_to_resume(self, now_ms: int | None = None) -> list[Resumable]:
@@ -218,8 +219,8 @@ class Store(Reader):
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
         """Return what `sessions_to_resume` holds for one id, a participant's at any age; None when it holds nothing."""
-        seated = self._conn.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
-        values = {"id": session_id, "participants": seated and seated[0]}
+        board = self._conn.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
+        values = {"id": session_id, "participants": board and board[0]}
         found = self._latest(" AND s.id = :id", values, now_ms)
         return self._resumable(found[0]) if found else None
 

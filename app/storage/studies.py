@@ -178,7 +178,8 @@ class StudyStore:
     def _has_run(self, episode_id: str, events: Sequence[InputEventRow]) -> bool:
         """Return whether a batch is kept already: its events follow each other somewhere, whatever came after them.
 
-        The page sends no two batches that are the same; what was under way when a line broke can come after its repeat.
+        The page sends no two batches that are the same. A batch that was being sent when the connection broke can arrive after
+        its repetition.
         """
         if not events:
             return True

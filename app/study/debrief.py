@@ -1,6 +1,6 @@
-"""What a participant is shown at the end: their own figures, and a policy beside them on the study's warm-up terrains.
+"""What a participant is shown at the end: their own figures, and those of a policy on the study's warm-up terrains.
 
-Warm-up terrains alone: the ranked ones stay secret until the study is closed.
+Replays show warm-up terrains alone, because the ranked ones stay secret until the study is closed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target
 
-MAX_CELLS = 2_000_000
+MAX_REPLAY_CELLS = 2_000_000
 """Most cells in the frames of one replay: beyond it some frames are left out."""
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Run:
+class PolicyRun:
     """What the debrief policy did on a warm-up terrain."""
 
     record: Record
@@ -34,15 +34,15 @@ class Run:
 
 
 class Debriefs:
-    """Debriefs of one server; what a policy does on a study's warm-up terrains is worked out once, in a thread."""
+    """Debriefs of one server; a study's debrief policy plays the warm-up terrains once, in a thread."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._runs: dict[str, list[Run]] = {}
+        self._runs: dict[str, list[PolicyRun]] = {}
         self._working = asyncio.Lock()
 
     async def summary(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> dict[str, Any]:
-        """Return `Where.debrief`."""
+        """Return the participant's figures as the page gets them under `debrief`."""
         config, runs = study.protocol.env_config, await self._policy_runs(study)
         ranked = [trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None]
         own = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in trials if trial.phase == "warm_up"]
@@ -77,16 +77,16 @@ class Debriefs:
         its = await asyncio.to_thread(frames, runs[index].record, f"policy-{index}")
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
-    async def _policy_runs(self, study: Study) -> list[Run]:
+    async def _policy_runs(self, study: Study) -> list[PolicyRun]:
         async with self._working:
             if study.protocol_hash not in self._runs:
                 self._runs[study.protocol_hash] = await asyncio.to_thread(_play, study)
             return self._runs[study.protocol_hash]
 
 
-def _play(study: Study) -> list[Run]:
+def _play(study: Study) -> list[PolicyRun]:
     """Return what the debrief policy does on the warm-up terrains; nothing when it cannot be loaded any more."""
-    config, runs = study.protocol.env_config, list[Run]()
+    config, runs = study.protocol.env_config, list[PolicyRun]()
     try:
         policy = load(study.protocol.debrief_policy, config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
@@ -97,23 +97,23 @@ def _play(study: Study) -> list[Run]:
         policy.reset(i)
         while not episode.ended:
             episode.step(policy.act(episode.codes.copy()))
-        runs.append(Run(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
+        runs.append(PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
     return runs
 
 
 def frames(record: Record, episode_id: str) -> list[dict[str, Any]]:
-    """Return the frames of a finished episode from its start to its end; evenly thinned out on large boards."""
+    """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
     config = record.config
-    stride = max(1, -(-len(record.actions) * config.n // MAX_CELLS))
+    stride = max(1, -(-len(record.actions) * config.n // MAX_REPLAY_CELLS))
     episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
-    told = [encode_frame(episode_id, episode)]
+    texts = [encode_frame(episode_id, episode)]
     for number, action in enumerate(record.actions, 1):
         episode.step(action)
         if number % stride == 0 or number == len(record.actions):
-            told.append(encode_frame(episode_id, episode))
+            texts.append(encode_frame(episode_id, episode))
     if record.outcome == "abandoned":
-        told.append(encode_frame(episode_id, replay(record)))
-    return [json.loads(each) for each in told]
+        texts.append(encode_frame(episode_id, replay(record)))
+    return [json.loads(each) for each in texts]
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -48,7 +48,7 @@ class Study:
     """A frozen study.
 
     closed_ms   milliseconds since 1970; None while it is open
-    secret      32 bytes; nobody's but the operator's until the study is closed
+    secret      32 bytes; the operator alone may see it until the study is closed
     """
 
     name: str
@@ -129,7 +129,7 @@ class Folder:
         return study
 
     def create(self, protocol: Protocol) -> Path:
-        """Return the path of a new draft's protocol.json; StudyError when there is a study of that name."""
+        """Write a new draft and return the path of its protocol.json; StudyError when there is a study of that name."""
         path = self.path(protocol.name)
         if (path / "protocol.json").exists():
             raise StudyError(
@@ -139,7 +139,7 @@ class Folder:
         return path / "protocol.json"
 
     def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
-        """Return the study, frozen: the protocol hashed, the secret drawn, every terrain found solvable.
+        """Freeze a study and return it: hash the protocol, draw the secret, and check that every terrain is solvable.
 
         advance  called with (terrains drawn, of how many)
         """
@@ -163,15 +163,15 @@ class Folder:
         _check_terrains(study, advance)
         _write(path / "secret", secret.hex(), private=True)
         _write(path / "protocol.json", protocol.model_dump(mode="json"))
-        told = {
+        frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": _iso(now),
             "core_version": CORE_VERSION, "software_version": version("marsexplorer-playground"),
         }  # fmt: skip
-        _write(path / "frozen.json", told)
+        _write(path / "frozen.json", frozen)
         return self.study(name)
 
     def close(self, name: str) -> Study:
-        """Return the study, closed: nobody can join or go on, and its secret is revealed."""
+        """Close a study and return it: nobody can join or go on, and its secret is revealed."""
         study = self.study(name)
         if not study.is_open:
             raise StudyError(f"the study {name!r} is closed already, since {_iso(study.closed_ms or 0)}")
@@ -211,16 +211,17 @@ class Folder:
         try:
             secret = bytes.fromhex(closed["secret"] if closed else (path / "secret").read_text().strip())
             closed_ms = _ms(closed["closed_at"]) if closed else None
-            told = (frozen["protocol_hash"], frozen["commitment"], _ms(frozen["frozen_at"]))
+            frozen_ms = _ms(frozen["frozen_at"])
+            fixed = {"protocol_hash": frozen["protocol_hash"], "commitment": frozen["commitment"], "frozen_ms": frozen_ms}
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
-        if commitment(secret) != told[1]:
+        if commitment(secret) != fixed["commitment"]:
             raise StudyError(f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup")
-        return Study(name, checked(raw), *told, closed_ms, secret)
+        return Study(name, checked(raw), **fixed, closed_ms=closed_ms, secret=secret)
 
 
 def _check_terrains(study: Study, advance: Advance) -> None:
-    """Return when every terrain can be solved; StudyError otherwise."""
+    """Draw every terrain; StudyError when one cannot be solved."""
     from marsexplorer.terrain import generate
 
     seeds = [TUTORIAL_SEED, *study.seeds()]
@@ -245,7 +246,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _write(path: Path, value: object, private: bool = False) -> None:
-    """Return with the value in the file, whole and on disk; a private one is readable by its owner alone."""
+    """Write the value to the file, whole and on disk; a private file is readable by its owner alone."""
     from marsexplorer.files import write_whole
 
     text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)

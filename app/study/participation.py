@@ -28,7 +28,7 @@ class StudyParticipation:
         return found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
 
     def check_open(self) -> None:
-        """Return while the study is open; RefusedError otherwise."""
+        """Check that the study is open; RefusedError when it is not."""
         if not self._study().is_open:
             raise RefusedError(CLOSED.format(self._participant.study))
 

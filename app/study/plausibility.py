@@ -1,5 +1,5 @@
 """Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
-strict figure leaves labelled participants out beside the figures that keep them.
+strict figure leaves labelled participants out; the other figures keep them.
 
 Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are the page's own clock (ms), which
 begins anew when the page is loaded again; an interval across that is not counted.
@@ -16,7 +16,7 @@ RULES_VERSION = "1"
 """Rises whenever the same rows would be labelled otherwise."""
 
 FEWEST_PRESSES = 5
-"""Fewer presses than this tell nothing about key-ups or speed."""
+"""Fewer presses than this say nothing about key-ups or speed."""
 FASTEST_MS = 80.0
 """Two moves closer than this are faster than seeing and deciding."""
 FAST_SHARE = 0.1
@@ -25,7 +25,7 @@ FEWEST_INTERVALS = 20
 STEADY = 0.1
 """Interquartile range over median of the intervals between presses, below which they are those of a clock."""
 AWAY_MS = 60_000.0
-"""Where no input event tells of pauses, a gap between two moves longer than this counts as one."""
+"""Where no input event shows pauses, a gap between two moves longer than this counts as one."""
 
 LABELS = {
     "robotic timing": f"of {FEWEST_INTERVALS} or more intervals between presses, the middle half lies within {STEADY:.0%}",

@@ -224,7 +224,7 @@ class ParticipantProgress:
         raise StageError(f"the study {study.name!r} cannot be played on this server now; tell whoever invited you")
 
     def _check_person(self, study: Study, player_id: str, kept: Mapping[str, str], found: Participant | None) -> None:
-        """Return when the first outside id and the cookie name the same person; StageError otherwise."""
+        """Check that the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids or (person := study.protocol.outside_ids[0]) not in kept:
             return
         other = self.study_store.player_with_identity(study.name, person, kept[person])

@@ -30,7 +30,7 @@ EXCLUSION: dict[str, Rules] = {
 
 
 class StudyError(Exception):
-    """A study cannot be used as asked; the message is one describe_errors: what was expected, what came, the way out."""
+    """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
 
 
 class UnknownStudyError(StudyError):
@@ -56,7 +56,7 @@ class Question(_Part):
     """One that shows whether the instructions were understood.
 
     answer   the index of the right choice
-    why      what whoever chose another is told before they try again
+    why      what a participant who chose another one reads before trying again
     """
 
     question: Line
@@ -84,7 +84,7 @@ class Protocol(_Part):
     return_url           where a participant goes from the last page; `{code}` becomes the completion code
     completion_code      the same for all; None: one drawn for each participant
     policies             compared in the report, on exactly the ranked terrains
-    debrief_policy       shown beside the participant on the warm-up terrains
+    debrief_policy       compared with the participant on the warm-up terrains
     exclusion            further figures of the report by name, with who enters them
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
     """
@@ -151,7 +151,7 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
 
 
 def checked(data: Mapping[str, Any]) -> Protocol:
-    """Return the protocol of plain values; StudyError with one describe_errors when they make none."""
+    """Return the protocol of plain values; StudyError with one sentence when they make none."""
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:

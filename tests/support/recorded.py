@@ -1,4 +1,4 @@
-"""Real episodes put into a store the way the server does it, for the tests of what stands on it."""
+"""Real episodes put into a store as the server does it, for the tests of what reads them."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMAL
 
 
 def add_steps(store: Store, row: EpisodeRow, episode: Episode, actions: Sequence[int], driver: str = "human") -> None:
-    """Return with the moves made and stored, up to the ending; the ending closes the episode."""
+    """Make the moves and store them, up to the ending; the ending closes the episode."""
     for action in actions:
         if episode.ended:
             return
         reward = episode.step(action)
         at = NOW + 10 * episode.steps
-        hand = "key" if driver == "human" else None
+        input_kind = "key" if driver == "human" else None
         step = StepRow(
-            row.id, episode.steps - 1, action, reward, episode.discovered, at, at + 0.5, 1.25, 80.5, hand, driver
+            episode_id=row.id, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
+            server_ms=at, client_ms=at + 0.5, key_down_ms=1.25, key_up_ms=80.5, input=input_kind, driver=driver,
         )  # fmt: skip
         store.add_step(step, episode.record() if episode.ended else None)
 

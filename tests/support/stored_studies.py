@@ -8,6 +8,7 @@ import random
 
 from app.storage import digests
 from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from app.storage.study_rows import Participant
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
 from app.study.seeds import TUTORIAL_SEED, order
@@ -22,7 +23,7 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 
 
 def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
-    """Return a frozen study of 2 + 3 episodes, closed unless told otherwise."""
+    """Return a frozen study of 2 + 3 episodes, closed unless `close` is False."""
     folder = Folder(root)
     known = {"warm_up": 2, "ranked": 3, "players": 3, "policies": ("random",), "debrief_policy": "random", **rest}
     folder.create(default_protocol(name, config, **known))
@@ -42,8 +43,8 @@ class Field:
         self.store.secret()
         protocol = json.dumps(study.protocol.model_dump(mode="json"))
         revealed = None if study.is_open else study.secret.hex()
-        told = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
-        self.insert("studies", study.name, protocol, *told)
+        values = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
+        self.insert("studies", study.name, protocol, *values)
 
     def insert(self, table, *values):
         self.conn.execute(f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values)
@@ -62,10 +63,14 @@ class Field:
         self.store.add_player(player, now)
         self.store.add_session(SessionRow(session, player, "human", None, "follow", 2.0, now))
         done = stage in ("debrief", "complete")
-        self.insert("participants", participant, self.study.name, player, session, kind,
-                    "noisy-frontier" if kind == "script" else None, stage, "1" if consent else None,
-                    now + 1 if consent else None, now, now + 9 if done else None, f"CODE-{number}-{self.token()[:6]}",
-                    json.dumps({"modality": "keyboard"}))  # fmt: skip
+        row = Participant(
+            id=participant, study=self.study.name, player_id=player, session_id=session, kind=kind,
+            script="noisy-frontier" if kind == "script" else None, stage=stage,
+            consent_version="1" if consent else None, consent_ms=now + 1 if consent else None,
+            joined_ms=now, completed_ms=now + 9 if done else None,
+            completion_code=f"CODE-{number}-{self.token()[:6]}", settings=json.dumps({"modality": "keyboard"}),
+        )  # fmt: skip
+        self.insert("participants", *vars(row).values())
         for name, value in outside.items():
             self.insert("identities", participant, name, value.format(number))
         for event, kind_of in enumerate(("joined", "stage", "answers")):
@@ -92,17 +97,23 @@ class Field:
         episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
         self.store.open_episode(
-            EpisodeRow(ident, session, number, config, seed, False, episode.record().terrain, episode.start, 3, driver, False,
-                       self.tick())
+            EpisodeRow(
+                id=ident, session_id=session, number=number, config=config, seed=seed, seed_chosen=False,
+                terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
+                started_ms=self.tick(),
+            )
         )  # fmt: skip
         self.insert("study_episodes", ident, participant, phase, trial, terrain)
         self._events(ident, 0, 0)
         for action in self._actions(episode, how):
             reward = episode.step(action)
-            hand = "key" if driver == "human" else None
+            input_kind = "key" if driver == "human" else None
             self._events(ident, 2 * episode.steps, episode.steps)
-            step = StepRow(ident, episode.steps - 1, action, reward, episode.discovered, self.tick(), self.clock / 7,
-                           self.clock / 7 - 1.5, self.clock / 7 + 80.25, hand, driver)  # fmt: skip
+            step = StepRow(
+                episode_id=ident, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
+                server_ms=self.tick(), client_ms=self.clock / 7, key_down_ms=self.clock / 7 - 1.5,
+                key_up_ms=self.clock / 7 + 80.25, input=input_kind, driver=driver,
+            )  # fmt: skip
             self.store.add_step(step, episode.record() if episode.ended else None)
         if how in ("abandon", "idle") and not episode.ended:
             episode.abandon()

@@ -18,6 +18,11 @@ from app.storage.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
 from tests.support.recorded import NOW, SMALL, add_session, add_steps, free_moves, open_episode, play, tour
 
+STEP = StepRow(
+    episode_id="", step=0, action=1, reward=0.5, discovered=9, server_ms=NOW,
+    client_ms=None, key_down_ms=None, key_up_ms=None, input="key", driver="human",
+)  # fmt: skip
+
 
 @pytest.fixture
 def path(tmp_path):
@@ -53,7 +58,7 @@ def test_what_was_committed_is_there_for_another_connection_at_once(store, path)
 def test_a_step_is_taken_once_and_in_order_and_never_after_the_end(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:2])
-    step = StepRow(row.id, 1, 1, 0.5, 9, NOW, None, None, None, "key", "human")
+    step = replace(STEP, episode_id=row.id, step=1)
     for wrong in (step, replace(step, step=3), replace(step, step=2, episode_id="nowhere"), replace(step, step=-1)):
         with pytest.raises(StoreError, match="nothing changed"):
             store.add_step(wrong)
@@ -68,9 +73,8 @@ def test_a_record_that_does_not_fit_the_steps_closes_nothing_and_takes_its_step_
     row, episode = open_episode(store, add_session(store), seed=1)
     episode.step(free_moves(episode)[0])
     record = replace(episode.record(), outcome="explored", steps=5)
-    step = StepRow(row.id, 0, 1, 0.5, 9, NOW, None, None, None, "key", "human")
     with pytest.raises(StoreError, match="not open with 5 steps"):
-        store.add_step(step, record)
+        store.add_step(replace(STEP, episode_id=row.id), record)
     assert store.steps(row.id) == []
     assert not store.sessions_to_resume(NOW)[0].ended
 

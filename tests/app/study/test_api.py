@@ -1,4 +1,4 @@
-"""A participant's whole way through a study, and each step that the server refuses."""
+"""A participant goes through a whole study, and the server refuses each step that does not belong there."""
 
 import json
 
@@ -22,7 +22,7 @@ def server(serve, study, tmp_path):
 
 
 def rows(server, sql, *values):
-    """Rows of the database as a reader beside the server sees them."""
+    """Rows of the database as a reader sees them while the server runs."""
     import sqlite3
     from contextlib import closing
 
@@ -34,8 +34,8 @@ def rows(server, sql, *values):
 def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server, study, tmp_path):
     client = server.client()
     assert client.get("/api/studies").json() == [{"name": "small", "title": study.protocol.title, "status": "open"}]
-    told = client.get("/api/studies/small").json()
-    assert told == {
+    described = client.get("/api/studies/small").json()
+    assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
         "commitment": study.commitment, "secret": None, "level": "random", "rows": 7, "cols": 9,
         "config": study.protocol.env_config.to_dict(),

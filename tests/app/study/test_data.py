@@ -65,7 +65,7 @@ def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
     assert (data.closed_ms, data.secret, data.people[0].completed_ms) == (None, None, None)
 
 
-def test_an_unknown_study_and_an_absent_file_are_told_apart(place, tmp_path):
+def test_an_unknown_study_and_an_absent_file_give_different_errors(place, tmp_path):
     folder, _, _ = place
     with pytest.raises(StudyError, match=r"nobody has joined a study 'moon' in .*; studies in it: dunes"):
         load(folder / "play.db", "moon")

@@ -32,7 +32,7 @@ def at_a_board(server):
     return person
 
 
-def tell(socket, episode, events):
+def send_events(socket, episode, events):
     """Send a batch and return what its answer says: (count, reason)."""
     socket.send({"kind": "events", "episode": episode, "events": events})
     answer = socket.receive("kept")
@@ -55,9 +55,9 @@ ONCE = [(0, "keydown", 12.3), (1, "blur", 13.0), (2, "keyup", 14.5)]
 def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
     episode = person.frame["episode"]
     with person.socket() as socket:
-        assert tell(socket, episode, BATCH) == (3, None)
-        assert tell(socket, episode, []) == (0, None)
-        assert tell(socket, episode, NEXT) == (1, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, []) == (0, None)
+        assert send_events(socket, episode, NEXT) == (1, None)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
         sql = "SELECT code, repeat, trusted, step, round_trip_ms FROM input_events ORDER BY number"
@@ -68,11 +68,11 @@ def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
 def test_a_batch_sent_again_is_kept_once_whatever_came_between(person, tmp_path):
     episode = person.frame["episode"]
     with person.socket() as socket, person.socket() as other_tab:
-        assert tell(socket, episode, BATCH) == (3, None)
-        assert tell(socket, episode, BATCH) == (3, None)
-        assert tell(other_tab, episode, NEXT) == (1, None)
-        assert tell(other_tab, episode, BATCH) == (3, None)
-        assert tell(socket, episode, NEXT) == (1, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
+        assert send_events(other_tab, episode, NEXT) == (1, None)
+        assert send_events(other_tab, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, NEXT) == (1, None)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
 
 
@@ -91,8 +91,8 @@ def test_a_batch_sent_again_is_kept_once_whatever_came_between(person, tmp_path)
 )
 def test_a_batch_that_differs_in_anything_is_another_one(person, tmp_path, events):
     with person.socket() as socket:
-        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
-        assert tell(socket, person.frame["episode"], events) == (len(events), None)
+        assert send_events(socket, person.frame["episode"], BATCH) == (3, None)
+        assert send_events(socket, person.frame["episode"], events) == (len(events), None)
     assert len(kept(tmp_path)) == 3 + len(events)
 
 
@@ -101,8 +101,8 @@ def test_the_same_events_of_another_episode_are_kept_too(person, tmp_path):
     person.play()
     person.call("next")
     with person.socket() as socket:
-        assert tell(socket, first, BATCH) == (3, None)
-        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
+        assert send_events(socket, first, BATCH) == (3, None)
+        assert send_events(socket, person.frame["episode"], BATCH) == (3, None)
     assert len(kept(tmp_path)) == 6
 
 
@@ -111,14 +111,14 @@ def test_a_batch_whose_answer_a_kill_swallowed_is_kept_once(spawn, tmp_path):
     person = at_a_board(server)
     episode = person.frame["episode"]
     with person.socket() as socket:
-        assert tell(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
         server.kill()
     server = spawn()
     again = Person(server, client=server.client(cookies=dict(person.client.cookies)), joins=False)
     again.me()
     with again.socket() as socket:
-        assert tell(socket, episode, BATCH) == (3, None)
-        assert tell(socket, episode, NEXT) == (1, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, NEXT) == (1, None)
     server.kill()
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
 
@@ -127,19 +127,19 @@ def test_what_is_not_kept_is_answered_with_the_reason(server, person, tmp_path, 
     other = at_a_board(server)
     begun = person.client.post("/api/sessions").json()
     with server.socket(begun["session"], person.client) as socket:
-        count, reason = tell(socket, begun["frame"]["episode"], BATCH)
+        count, reason = send_events(socket, begun["frame"]["episode"], BATCH)
         assert (count, "a study's episodes alone" in reason) == (0, True)
     with person.socket() as socket:
-        count, reason = tell(socket, other.frame["episode"], BATCH)
+        count, reason = send_events(socket, other.frame["episode"], BATCH)
         assert (count, "none of this participant's" in reason) == (0, True)
         monkeypatch.setattr(studies, "MAX_EVENTS_PER_EPISODE", 4)
-        assert tell(socket, person.frame["episode"], BATCH) == (3, None)
-        count, reason = tell(socket, person.frame["episode"], [*NEXT, *NEXT])
+        assert send_events(socket, person.frame["episode"], BATCH) == (3, None)
+        count, reason = send_events(socket, person.frame["episode"], [*NEXT, *NEXT])
         assert (count, "more input events than are kept" in reason) == (0, True)
-        assert tell(socket, person.frame["episode"], NEXT) == (1, None)
-        assert tell(socket, person.frame["episode"], BATCH) == (3, None), "there is always room for what is kept already"
+        assert send_events(socket, person.frame["episode"], NEXT) == (1, None)
+        assert send_events(socket, person.frame["episode"], BATCH) == (3, None), "there is always room for what is kept already"
         Folder(tmp_path / "studies").close("small")
-        count, reason = tell(socket, person.frame["episode"], BATCH)
+        count, reason = send_events(socket, person.frame["episode"], BATCH)
         assert (count, "is closed" in reason) == (0, True)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
 
@@ -157,9 +157,9 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(server, person, tm
         for where, what in (("app.storage.digests.extend_events", fail), ("app.study.folder.Folder.study", thaw)):
             with monkeypatch.context() as patch:
                 patch.setattr(where, what)
-                assert tell(socket, episode, BATCH) == (0, None)
+                assert send_events(socket, episode, BATCH) == (0, None)
         assert kept(tmp_path) == []
-        assert tell(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, BATCH) == (3, None)
     assert kept(tmp_path) == ONCE
 
 

@@ -35,7 +35,7 @@ def played(server, study):
 
 
 def secrets_of(study):
-    """All that would tell a terrain: secret, seeds, packed maps."""
+    """All that would reveal a terrain: secret, seeds, packed maps."""
     seeds = study.seeds()
     maps = [generate(study.protocol.env_config, seed) for seed in seeds]
     from numpy import packbits
@@ -93,9 +93,9 @@ def test_once_the_study_is_closed_its_episodes_are_public(server, study, played,
 
 def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_one(server, study, played):
     done, person = played
-    told = [done.client.get(f"{done.url}/debrief/{index}").text for index in range(2)]
-    told += [json.dumps(done.me()), json.dumps(person.me()), done.client.get("/api/episodes").text]
-    assert not [each for each in secrets_of(study) if any(each in text for text in told)]
+    texts = [done.client.get(f"{done.url}/debrief/{index}").text for index in range(2)]
+    texts += [json.dumps(done.me()), json.dumps(person.me()), done.client.get("/api/episodes").text]
+    assert not [each for each in secrets_of(study) if any(each in text for text in texts)]
     assert person.client.get(f"{person.url}/debrief/0").status_code == 409
     assert person.client.get(f"/api/sessions/{done.where['session']}").status_code == 404
 
@@ -159,7 +159,7 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, mon
     assert person.me()["about"]["frame"] == frame
 
 
-def test_scores_of_ranked_episodes_are_null_at_every_door_until_the_debrief(server, study):
+def test_scores_of_ranked_episodes_are_null_in_every_answer_until_the_debrief(server, study):
     from contextlib import ExitStack
 
     import msgspec

@@ -100,12 +100,12 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
         folder.study("small")
     study = folder.freeze("small")
     assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, small())
-    told = json.loads((path.parent / "frozen.json").read_text())
-    assert set(told) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
-    assert told["commitment"] == hashlib.sha256(study.secret).hexdigest()
+    frozen_json = json.loads((path.parent / "frozen.json").read_text())
+    assert set(frozen_json) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
+    assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
     secret = path.parent / "secret"
     assert (len(secret.read_text().strip()), stat.S_IMODE(secret.stat().st_mode)) == (64, 0o600)
-    assert study.secret.hex() not in path.read_text() + json.dumps(told) + repr(study)
+    assert study.secret.hex() not in path.read_text() + json.dumps(frozen_json) + repr(study)
     assert len({*study.seeds()}) == 5
     closed = folder.close("small")
     assert (folder.status("small"), closed.is_open, closed.secret) == ("closed", False, study.secret)

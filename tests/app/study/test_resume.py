@@ -1,4 +1,4 @@
-"""Whatever happens on the way, a participant goes on exactly where they stood: reload, second tab, lost connection, kill -9."""
+"""A participant goes on exactly where they stopped, after a reload, in a second tab, after a lost connection or kill -9."""
 
 import itertools
 import random
@@ -36,7 +36,7 @@ def in_ranked(server):
     return person
 
 
-def test_a_reload_finds_the_same_frame_and_nothing_more_is_told(server):
+def test_a_reload_finds_the_same_frame_and_reveals_nothing_more(server):
     person = in_ranked(server)
     again = Person(server, client=server.client(cookies=dict(person.client.cookies)), joins=False)
     assert again.me() == person.where
@@ -86,7 +86,7 @@ def test_two_tabs_that_ask_for_the_next_episode_at_once_get_the_same_one(server)
     assert rows(server.services.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'") == [(1,)]
 
 
-def test_a_board_that_slept_wakes_with_its_scores_hidden_and_its_door_shut(serve):
+def test_a_board_that_was_unloaded_comes_back_with_scores_hidden_and_closed_to_others(serve):
     server = serve(idle_s=0.2)
     person = in_ranked(server)
     session, lobby = person.where["session"], server.services.lobby
