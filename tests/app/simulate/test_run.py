@@ -162,7 +162,7 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "app.cli.main",
+        "app.cli",
         "simulate",
         "--study",
         study.name,
