@@ -1,56 +1,22 @@
 """People and policies on one scale: figures from the database and from real evaluation, kept, never invented."""
 
-import asyncio
-import json
-
 import numpy as np
 import pytest
-from scipy import stats
 
 from app.leaderboard import entries
 from app.leaderboard.closed_studies import ClosedStudies
-from app.leaderboard.evaluations import EvaluationJob, PolicyEvaluations, policy_hash
-from app.statistics.summaries import EpisodeSummary, coverage_curve, summarize, trial_summaries, visit_counts
 from app.storage.store import Store
 from app.study.folder import Folder
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
 from tests.support.recorded import SMALL, add_session, open_episode, play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
-TINY = EnvConfig("random", 5, 7)
 IDLE_WORK_S = 600
 """Evaluations for a board have the lowest priority: they take long while other jobs run."""
 pytestmark = pytest.mark.timeout(900)
-
-
-def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, outcome="explored"):
-    return EpisodeSummary(outcome, score, steps, discoveries, path)
-
-
-def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had():
-    made = coverage_curve(TINY, [[episode([7, 14]), episode([7, 21])], [episode([7, 7, 35])]])
-    assert made["steps"] == [0, 1, 2]
-    first, second = np.array([7, 17.5, 17.5]) / 35, np.array([7, 7, 35]) / 35
-    assert made["mean"] == pytest.approx((first + second) / 2, abs=1e-4)
-    low, high = stats.t.interval(0.95, 1, loc=(first[2] + second[2]) / 2, scale=stats.sem([first[2], second[2]]))
-    assert (made["low"][2], made["high"][2]) == pytest.approx((low, high), abs=1e-4)
-    alone = coverage_curve(TINY, [[episode([7, 14])]])
-    assert (alone["low"], alone["high"]) == ([], []), "one group gives no interval"
-
-
-def test_visits_count_each_stand_and_leave_out_what_lies_off_the_grid():
-    found = np.array(visit_counts(TINY, [[episode([1], [(0, 0), (0, 1), (0, 0), (-1, 0)])], [episode([1], [(0, 0), (4, 6)])]]))
-    assert found.shape == (5, 7)
-    assert (found[0, 0], found[0, 1], found[4, 6], found.sum()) == (1.5, 0.5, 0.5, 2.5)
-
-
-def test_trials_say_on_how_many_people_each_point_rests():
-    made = trial_summaries([[episode([1], steps=10), episode([1], steps=8)], [episode([1], steps=20)]])
-    assert [(each["trial"], each["players"], each["steps"]["mean"]) for each in made] == [(1, 2, 15.0), (2, 1, 8.0)]
-    assert made[1]["steps"]["low"] is None
 
 
 def test_policies_terrains_are_those_that_training_refuses():
@@ -175,59 +141,3 @@ def test_a_page_for_people_that_links_back(serve):
     answer = serve().client().get("/leaderboard")
     assert answer.status_code == 200
     assert 'href="./"' in answer.text
-
-
-def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path):
-    path = tmp_path / "figures.json"
-    kept = {"curve": {}}
-    path.write_text(json.dumps({f"{CORE_VERSION}|a": kept, "0|b": kept}))
-    assert list(PolicyEvaluations(path)._done) == [f"{CORE_VERSION}|a"]
-    path.write_text('{"1|a": {"cur')
-    assert PolicyEvaluations(path)._done == {}
-
-
-def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
-    async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json")
-        jobs = [EvaluationJob("nope", TINY, (1, 2)), EvaluationJob("frontier-cost", TINY, (1, 2))]
-        try:
-            while any(each["state"] in ("waiting", "computing") for each in figures.request(jobs)):
-                await asyncio.sleep(0.05)
-            return figures.request(jobs)
-        finally:
-            await figures.close()
-
-    failed, made = asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S))
-    assert (failed["state"], failed["figure"], made["state"]) == ("failed", None, "ready")
-    assert 'no policy "nope"' in failed["error"]
-
-
-def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
-    async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json")
-        jobs = [EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))), EvaluationJob("random", TINY, (1, 2))]
-        try:
-            while figures.request(jobs)[0]["done"] == 0:
-                await asyncio.sleep(0.05)
-            figures._process.kill()
-            while figures.request(jobs)[0]["state"] == "computing":
-                await asyncio.sleep(0.05)
-            return figures.request(jobs)
-        finally:
-            await figures.close()
-
-    for state in asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S)):
-        assert (state["state"], state["figure"]) == ("failed", None)
-        assert state["error"] == "the evaluation ended early; restart the server to try again"
-
-
-def test_a_policys_hash_is_of_its_file(tmp_path):
-    one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
-    one.write_bytes(b"1")
-    two.write_bytes(b"2")
-    assert len({policy_hash(str(one)), policy_hash(str(two)), policy_hash("ppo"), policy_hash("random")}) == 4
-
-
-def test_the_unit_of_a_figure_is_the_group():
-    made = summarize(TINY, [[episode([1], steps=10), episode([1], steps=20, outcome="collided")], [episode([1], steps=30)]])
-    assert (made["groups"], made["episodes"], made["steps"]["mean"], made["completed"]) == (2, 3, 22.5, 0.75)

@@ -1,4 +1,4 @@
-"""Variance components, crossed bootstrap, comparisons and learning, against textbooks and literal twins."""
+"""Variance components, crossed bootstrap and comparisons, against textbooks and literal twins."""
 
 import itertools
 import math
@@ -19,8 +19,6 @@ from app.statistics.comparisons import (
     variance_components,
 )
 from app.statistics.intervals import printed_interval
-from app.statistics.learning import assess_learning, tost
-from marsexplorer.evaluation.intervals import t_interval
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
 """Shrout and Fleiss 1979, table 2: between mean square 11.24, within 6.26, ICC(1,1) = 0.17."""
@@ -176,45 +174,3 @@ def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
     assert (found.these, found.new, found.ratio_interval, found.normalized) == (None, None, None, None)
     assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None
-
-
-def test_slopes_and_changes_over_trials():
-    rng = np.random.default_rng(6)
-    table = 100 - 0.3 * np.arange(12) + rng.normal(0, 1, (9, 12))
-    found = assess_learning("steps", table, 5.0)
-    slopes = [np.polyfit(np.arange(12), row, 1)[0] for row in table]
-    assert found.slope == pytest.approx(np.mean(slopes))
-    assert found.slope_interval == pytest.approx(t_interval(np.array(slopes)))
-    changes = table[:, -4:].mean(1) - table[:, :4].mean(1)
-    assert found.change == pytest.approx(changes.mean())
-    assert found.change_interval == pytest.approx(t_interval(changes))
-    assert found.verdict == "changed, within the margin"
-    assert found.by_trial[3][:2] == (9, pytest.approx(table[:, 3].mean()))
-
-
-def test_the_equivalence_test_is_two_one_sided_t_tests():
-    changes = np.array([1.0, -2.0, 0.5, 3.0, -1.0, 2.0])
-    ends, p = tost(changes, 4.0)
-    above = stats.ttest_1samp(changes, -4.0, alternative="greater").pvalue
-    below = stats.ttest_1samp(changes, 4.0, alternative="less").pvalue
-    assert p == pytest.approx(max(above, below))
-    assert ends == pytest.approx(stats.t.interval(0.9, 5, changes.mean(), stats.sem(changes)))
-    assert (p < 0.05) == (ends[0] > -4 and ends[1] < 4)
-
-
-@pytest.mark.parametrize(
-    ("shift", "noise", "margin", "verdict"),
-    [(0, 1, 5.0, "flat"), (-30, 1, 5.0, "changed"), (0, 60, 5.0, "undecided"), (0, 1, None, "undecided")],
-)
-def test_verdicts_on_learning(shift, noise, margin, verdict):
-    rng = np.random.default_rng(8)
-    table = 100 + np.linspace(0, shift, 9) + rng.normal(0, noise, (10, 9))
-    assert assess_learning("steps", table, margin).verdict == verdict
-
-
-def test_learning_of_one_player_or_of_gaps_is_undecided_not_an_error():
-    assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
-    gaps = np.array([[1.0, NAN, NAN, NAN, NAN, NAN], [1.0, 2.0, 2.0, 3.0, 3.0, 2.0], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]])
-    found = assess_learning("steps", gaps, 5.0)
-    assert [row[0] for row in found.by_trial] == [3, 2, 2, 2, 2, 2]
-    assert found.change == pytest.approx(np.mean([1.0, 0.0]))

@@ -1,0 +1,52 @@
+"""Learning over the ranked trials: slopes, changes and the equivalence test, against literal twins and scipy."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from app.statistics.learning import assess_learning, tost
+from marsexplorer.evaluation.intervals import t_interval
+
+NAN = float("nan")
+
+
+def test_slopes_and_changes_over_trials():
+    rng = np.random.default_rng(6)
+    table = 100 - 0.3 * np.arange(12) + rng.normal(0, 1, (9, 12))
+    found = assess_learning("steps", table, 5.0)
+    slopes = [np.polyfit(np.arange(12), row, 1)[0] for row in table]
+    assert found.slope == pytest.approx(np.mean(slopes))
+    assert found.slope_interval == pytest.approx(t_interval(np.array(slopes)))
+    changes = table[:, -4:].mean(1) - table[:, :4].mean(1)
+    assert found.change == pytest.approx(changes.mean())
+    assert found.change_interval == pytest.approx(t_interval(changes))
+    assert found.verdict == "changed, within the margin"
+    assert found.by_trial[3][:2] == (9, pytest.approx(table[:, 3].mean()))
+
+
+def test_the_equivalence_test_is_two_one_sided_t_tests():
+    changes = np.array([1.0, -2.0, 0.5, 3.0, -1.0, 2.0])
+    ends, p = tost(changes, 4.0)
+    above = stats.ttest_1samp(changes, -4.0, alternative="greater").pvalue
+    below = stats.ttest_1samp(changes, 4.0, alternative="less").pvalue
+    assert p == pytest.approx(max(above, below))
+    assert ends == pytest.approx(stats.t.interval(0.9, 5, changes.mean(), stats.sem(changes)))
+    assert (p < 0.05) == (ends[0] > -4 and ends[1] < 4)
+
+
+@pytest.mark.parametrize(
+    ("shift", "noise", "margin", "verdict"),
+    [(0, 1, 5.0, "flat"), (-30, 1, 5.0, "changed"), (0, 60, 5.0, "undecided"), (0, 1, None, "undecided")],
+)
+def test_verdicts_on_learning(shift, noise, margin, verdict):
+    rng = np.random.default_rng(8)
+    table = 100 + np.linspace(0, shift, 9) + rng.normal(0, noise, (10, 9))
+    assert assess_learning("steps", table, margin).verdict == verdict
+
+
+def test_learning_of_one_player_or_of_gaps_is_undecided_not_an_error():
+    assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
+    gaps = np.array([[1.0, NAN, NAN, NAN, NAN, NAN], [1.0, 2.0, 2.0, 3.0, 3.0, 2.0], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]])
+    found = assess_learning("steps", gaps, 5.0)
+    assert [row[0] for row in found.by_trial] == [3, 2, 2, 2, 2, 2]
+    assert found.change == pytest.approx(np.mean([1.0, 0.0]))
