@@ -38,14 +38,14 @@ class BoardCamera:
         """Look at a board of this size; the direction that the user has chosen stays when the size is the same."""
         if self._board != (rows, cols):
             self._board = rows, cols
-            self._look()
+            self._point_at_board()
 
     async def _on_update(self, camera: viser.CameraHandle) -> None:
         if self._board != (0, 0) and abs(aspect_of(camera) / self._aspect - 1) > 0.02:
-            self._look()
+            self._point_at_board()
             self._client.flush()
 
-    def _look(self) -> None:
+    def _point_at_board(self) -> None:
         camera, (rows, cols) = self._client.camera, self._board
         self._aspect = aspect_of(camera)
         y, distance = camera_for(rows, cols, self._aspect)

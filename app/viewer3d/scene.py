@@ -24,7 +24,7 @@ PLAYER, RIVAL = (255, 179, 71), (95, 208, 197)
 PALE, DARK = (232, 224, 214), (46, 42, 44)
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
-CHUNK = 32
+ITEMS_PER_NODE = 32
 """Rocks, and steps of a path, in one node of the scene: a move sends only the last one again."""
 
 DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
@@ -99,8 +99,8 @@ class Scene:
             self._paired, self._paired_steps = paired, 0
         if paired is None or paired.steps == self._paired_steps:
             return
-        for start in range(self._paired_steps // CHUNK * CHUNK, paired.steps, CHUNK):
-            corners, faces = dashes(paired.path[start : start + CHUNK + 1])
+        for start in range(self._paired_steps // ITEMS_PER_NODE * ITEMS_PER_NODE, paired.steps, ITEMS_PER_NODE):
+            corners, faces = dashes(paired.path[start : start + ITEMS_PER_NODE + 1])
             if len(faces):
                 self._add_episode_node(add_dashes(self._scene, f"/paired_path/{start}", corners, faces, self._other))
         self._paired_steps = paired.steps
@@ -167,7 +167,7 @@ class Scene:
         self._shown |= fresh
         self._open_rocks += [(int(row), int(col)) for row, col in np.argwhere(fresh)]
         self._add_episode_node(add_rocks(self._scene, f"/rocks/{self._rock_nodes}", np.array(self._open_rocks)))
-        if len(self._open_rocks) >= CHUNK:
+        if len(self._open_rocks) >= ITEMS_PER_NODE:
             self._open_rocks, self._rock_nodes = [], self._rock_nodes + 1
 
     def _add_episode_node(self, node: viser.SceneNodeHandle) -> None:
@@ -177,8 +177,8 @@ class Scene:
     def _show_trail(self, since: int) -> None:
         """Draw the path from step `since` on, in chunks, so that a move sends only the last one."""
         path = self.episode.path
-        for start in range(since // CHUNK * CHUNK, len(path) - 1, CHUNK):
-            cells = np.array(path[start : start + CHUNK + 1], np.float32)
+        for start in range(since // ITEMS_PER_NODE * ITEMS_PER_NODE, len(path) - 1, ITEMS_PER_NODE):
+            cells = np.array(path[start : start + ITEMS_PER_NODE + 1], np.float32)
             points = np.stack([cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)], axis=1).astype(np.float32)
             segments = np.stack([points[:-1], points[1:]], axis=1)
             self._add_episode_node(

@@ -127,7 +127,7 @@ async def overview(admin: Operator) -> dict[str, Any]:
 
 
 @router.get("/api/admin/studies/{name}")
-async def study(admin: Operator, name: str) -> dict[str, Any]:
+async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     """Return a study as it stands: participants, figure, labels, exports."""
     found = _study(admin, name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
@@ -162,7 +162,7 @@ async def study(admin: Operator, name: str) -> dict[str, Any]:
 
 
 @router.post("/api/admin/studies/{name}/close")
-async def close(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
+async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
     """Close the study for good; 422 unless its name was typed."""
     if given.name != name:
         raise HTTPException(422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}")
@@ -198,7 +198,7 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
 
 
 @router.post("/api/admin/check")
-async def check(admin: Operator) -> dict[str, Any]:
+async def check_database(admin: Operator) -> dict[str, Any]:
     """Check the database now and return the health."""
     await asyncio.to_thread(admin.health.check)
     return await asyncio.to_thread(admin.health.state)

@@ -37,7 +37,7 @@ SHOWN_MODELS = ("Frame", "History", "Pace")
 """The answers whose fields are listed."""
 
 
-def render(schema: dict[str, Any]) -> str:
+def render_docs(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
     models = schema["components"]["schemas"]
     page: str = _TEMPLATE.render(

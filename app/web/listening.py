@@ -29,8 +29,8 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         sock.close()
         reason = (error.strerror or str(error)).lower()
-        way_out = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
-        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {way_out}") from error
+        option = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
+        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {option}") from error
     sock.set_inheritable(True)
     return sock
 

@@ -21,30 +21,30 @@ static_files = StaticFiles(directory=STATIC)
 
 
 @router.get("/")
-async def play() -> Response:
+async def play_page() -> Response:
     """Serve the page to play on."""
     return FileResponse(STATIC / "play" / "index.html")
 
 
 @router.get("/study/{name}")
-async def study(name: str) -> Response:
+async def study_page(name: str) -> Response:
     """Serve a study's page, which says so itself when there is no such study."""
     return FileResponse(STATIC / "study" / "index.html")
 
 
 @router.get("/leaderboard")
-async def leaderboard() -> Response:
+async def leaderboard_page() -> Response:
     """Serve the leaderboard."""
     return FileResponse(STATIC / "leaderboard" / "index.html")
 
 
 @router.get("/docs")
-async def docs(request: Request) -> Response:
+async def docs_page(request: Request) -> Response:
     """Serve the documentation of the API."""
-    return HTMLResponse(api_docs.render(request.app.openapi()))
+    return HTMLResponse(api_docs.render_docs(request.app.openapi()))
 
 
 @admin_router.get("/admin")
-async def admin() -> Response:
+async def admin_page() -> Response:
     """Serve the operator's page."""
     return FileResponse(STATIC / "admin" / "index.html", headers={"Content-Security-Policy": ADMIN_CSP})

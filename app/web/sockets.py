@@ -35,7 +35,7 @@ router = APIRouter()
 
 
 @router.websocket("/ws/sessions/{session_id}")
-async def play(websocket: WebSocket, session_id: str) -> None:
+async def play_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one play socket until it leaves."""
     if has_own_origin(websocket) is False:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")

@@ -235,8 +235,8 @@ async def answers(request: Request, progress: ProgressOf, player: Player, name: 
     """
     with answering_study_errors():
         right = progress.answer(name, player, given.answers)
-    asked = progress.study(name).protocol.questions
-    why = ["" if each else question.why for each, question in zip(right, asked, strict=True)]
+    questions = progress.study(name).protocol.questions
+    why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
     return {**await _present_state(request, name), "right": right, "why": why}
 
 

@@ -168,7 +168,7 @@ class CatalogueWithBroken(PolicyCatalogue):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_policy_that_fails_stops_and_says_so(serve):
+def test_a_policy_that_fails_stops_and_is_reported(serve):
     server = serve(policies=CatalogueWithBroken())
     client = server.client()
     begun = client.post("/api/sessions", json={"player": "random", "seed": 5}).json()

@@ -98,7 +98,7 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
         view.recv(timeout=PATIENCE_S)
     assert PROTOCOL in closed.value.rcvd.reason
     camera = msgspec.msgpack.decode(CAMERA)
-    for rubbish, code in (
+    for invalid, code in (
         (b"\x00\x01garbage", 1007),
         (b"", 1007),
         (msgspec.msgpack.encode(7), 1007),
@@ -111,10 +111,10 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
         with open_view(server, about["session"]) as view:
             view.send(CAMERA)
             read_until(view, is_named("/border"))
-            view.send(rubbish)
+            view.send(invalid)
             with pytest.raises(ConnectionClosed) as closed:
                 read_until(view, lambda _: False)
-            assert closed.value.rcvd.code == code, rubbish[:40]
+            assert closed.value.rcvd.code == code, invalid[:40]
             assert "expected" in closed.value.rcvd.reason
     assert client.get("/api/health").status_code == 200
 
@@ -275,7 +275,7 @@ def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before
         assert all(colour_of(message) == TEAL for message in drawn)
 
 
-def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_under_way(server):
+def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_still_moving(server):
     client = server.client()
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
     mine, other = about["session"], about["rival"]["session"]

@@ -16,7 +16,7 @@ from marsexplorer.policies.files.weights import save_network
 from tests.support.servers import PATIENCE_S
 
 
-def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
+def test_a_port_in_use_is_reported_before_anything_starts(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ServerError, match=f"cannot listen on 127.0.0.1 port {port}: address already in use"):
@@ -24,7 +24,7 @@ def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
     assert not (tmp_path / "new.db").exists()
 
 
-def test_an_address_of_another_machine_is_said():
+def test_an_address_of_another_machine_is_reported():
     with pytest.raises(ServerError, match=r"cannot listen on 203\.0\.113\.1 .*choose another with --host"):
         listen("203.0.113.1", 0)
     with pytest.raises(ServerError, match="cannot listen on no such host"):
@@ -39,7 +39,7 @@ def test_a_foreign_database_is_left_alone(tmp_path):
     assert path.read_text() == "not a database, but dear to somebody"
 
 
-def test_a_policy_file_that_is_none_is_said(tmp_path):
+def test_a_policy_file_that_is_none_is_reported(tmp_path):
     path = tmp_path / "model.safetensors"
     path.write_bytes(b"no policy at all")
     save_network(torch.nn.Linear(2, 2), tmp_path / "other.safetensors", {"summary": "of others"})

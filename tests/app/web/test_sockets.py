@@ -139,7 +139,7 @@ def test_subscribers_are_counted_and_leave(server, board):
     eventually(lambda: channel.subscribers == 0)
 
 
-def test_a_server_that_stops_says_so_to_its_sockets(server, board):
+def test_a_server_that_stops_closes_its_sockets_with_a_code_that_says_it(server, board):
     client, begun = board
     with server.socket(begun["session"], client) as socket:
         socket.receive("history")
