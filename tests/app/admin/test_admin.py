@@ -352,4 +352,4 @@ def test_settings_do_not_print_the_password(monkeypatch):
     assert PASSWORD not in repr(Settings())
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", "")
     assert AdminLogin.of(Settings()) is None
-    assert AdminLogin.of(Settings(admin=True)).drawn
+    assert AdminLogin.of(Settings(admin=True)).drawn_password
