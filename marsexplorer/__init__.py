@@ -1,6 +1,7 @@
 """MarsExplorer: explore unknown terrain with a lidar rover (Koutras et al. 2021).
 
-Importing the package registers MarsExplorer-v0 with Gymnasium.
+Importing the package registers MarsExplorer-v0 with Gymnasium and loads nothing else;
+`gymnasium.make("marsexplorer:MarsExplorer-v0")` imports it by itself.
 """
 
 import gymnasium

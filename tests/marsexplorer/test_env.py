@@ -1,5 +1,8 @@
 """The Gymnasium adapters keep Gymnasium's contract and add nothing to the rules."""
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -120,3 +123,37 @@ def test_codes_are_given_without_a_copy():
     first, _ = vector.reset(seed=1)
     second = vector.step(np.array([1, 2]))[0]
     assert np.shares_memory(first, second)
+
+
+REGISTERED = """
+import sys
+import subprocess
+import sys
+
+import gymnasium
+assert "marsexplorer" not in sys.modules
+env = gymnasium.make("marsexplorer:MarsExplorer-v0", size=(9, 14))
+observation, info = env.reset(seed=3)
+envs = gymnasium.make_vec("marsexplorer:MarsExplorer-v0", 2, "vector_entry_point", size=(9, 14))
+observations, _ = envs.reset(seed=3)
+assert observation.shape == (9, 14) and observations.shape == (2, 9, 14)
+assert (observation == observations[0]).all()
+"""
+
+LIGHT = """
+import sys
+import subprocess
+import sys
+
+import gymnasium
+before = set(sys.modules)
+import marsexplorer
+loaded = {name for name in set(sys.modules) - before if name.startswith("marsexplorer")}
+assert loaded == {"marsexplorer"}, loaded
+assert not {"numba", "torch"} & set(sys.modules)
+"""
+
+
+@pytest.mark.parametrize("code", [REGISTERED, LIGHT], ids=["made by module and id", "import registers only"])
+def test_the_environment_is_made_without_an_import_and_an_import_only_registers_it(code):
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

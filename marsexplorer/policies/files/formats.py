@@ -1,7 +1,7 @@
 """The formats of policy files, and how older ones become the newest: only names change, no number does.
 
-marsexplorer-network-2 became -3 when the tensors and the recipe in the card took the field's names; marsexplorer-paper-1 became
--2 with the recipe alone. Older files are converted as they are read, so they play exactly as before; `convert_file` writes the
+marsexplorer-network-2 became -3 when the tensors and the keys of the card took the field's names; marsexplorer-paper-1 became
+-2 with the card alone. Older files are converted as they are read, so they play exactly as before; `convert_file` writes the
 newest format.
 """
 
@@ -39,6 +39,33 @@ NEWER_RECIPE_KEYS = {
 }
 """Key of a training recipe as older cards and checkpoints have it -> as it is called now."""
 
+NEWER_PLAN_KEYS = {
+    "levels": "tasks_per_level",
+    "episodes": "episodes_per_task",
+    "each": "pairs_per_episode",
+    "held": "anchor_sizes",
+    "opening": "first_round_tasks",
+    "first": "first_round_steps",
+    "steps": "gradient_steps",
+    "batch": "batch_size",
+    "newest": "newest_pairs",
+    "window": "max_pairs",
+    "looks": "max_observations",
+    "held_batch": "anchor_batch_size",
+    "rate": "learning_rate",
+    "opening_rate": "first_round_learning_rate",
+    "decay": "weight_decay",
+    "average": "ema_decay",
+    "softer": "logit_scale",
+    "hold_values": "vf_coef",
+    "scale": "cost_scale",
+    "max_grad": "max_grad_norm",
+}
+"""The same for the plan of a refinement."""
+
+NEWER_KEYS = {"recipe": NEWER_RECIPE_KEYS, "plan": NEWER_PLAN_KEYS}
+"""Part of a card -> its keys that were renamed."""
+
 
 def current_recipe(recipe: dict[str, Any]) -> dict[str, Any]:
     """Return a training recipe with today's keys, in its order; keys that are today's already stay."""
@@ -48,7 +75,7 @@ def current_recipe(recipe: dict[str, Any]) -> dict[str, Any]:
 def current_card(card: dict[str, Any]) -> dict[str, Any]:
     """Return a card as the newest format has it; one of no older format is returned unchanged."""
     newer = NEWER_FORMATS.get(str(card.get("format")))
-    return card if newer is None else {**_with_current_recipes(card), "format": newer}
+    return card if newer is None else {**_with_current_keys(card), "format": newer}
 
 
 def current_tensor_names(file_format: object, names: list[str]) -> dict[str, str]:
@@ -73,11 +100,15 @@ def convert_file(source: Path, target: Path) -> None:
     target.write_bytes(len(text).to_bytes(8, "little") + text + data[end:])
 
 
-def _with_current_recipes(value: Any) -> Any:
-    """Return a card's value with every recipe in it renamed, also those of the runs that it began with."""
-    if isinstance(value, dict):
-        renamed = {key: _with_current_recipes(each) for key, each in value.items()}
-        return {
-            key: current_recipe(each) if key == "recipe" and isinstance(each, dict) else each for key, each in renamed.items()
-        }
-    return [_with_current_recipes(each) for each in value] if isinstance(value, list) else value
+def _with_current_keys(value: Any) -> Any:
+    """Return a card's value with the keys of NEWER_KEYS renamed, also in the runs that it began with."""
+    if isinstance(value, list):
+        return [_with_current_keys(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    card = {}
+    for key, part in value.items():
+        names = NEWER_KEYS.get(key, {}) if isinstance(part, dict) else {}
+        inside = _with_current_keys(part)
+        card[key] = {names.get(name, name): each for name, each in inside.items()} if names else inside
+    return card
