@@ -198,7 +198,7 @@ def list_(studies: Path | None) -> None:
 @click.option("--ranked", type=int, default=30, show_default=True, help="Episodes each player plays.")
 @click.option("--assurance", type=float, default=0.8, show_default=True, help="Share of studies that reach the width.")
 @DATABASE
-def plan_sample_size(
+def power(
     half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
     assurance: float, database: Path | None,
 ) -> None:  # fmt: skip
