@@ -15,3 +15,11 @@ test("a long curve is thinned, its last point kept", () => {
   assert.ok(sampled(7057, 600).length <= 601);
   assert.deepEqual(sampled(0, 10), []);
 });
+
+test("values span from the lowest to the highest that came", () => {
+  assert.equal(span([]), null);
+  assert.equal(span([null, undefined]), null);
+  assert.deepEqual(span([3, null, -1]), [-1, 3]);
+  assert.deepEqual(span([2]), [1.5, 2.5]);
+  assert.equal(axisEnd(10), 40);
+});

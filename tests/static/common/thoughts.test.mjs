@@ -1,6 +1,5 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axisEnd, span } from "../../../static/common/chart_scale.js";
 import { ghostOf, thoughtOf, wedges } from "../../../static/common/thoughts.js";
 import { apply, initialState } from "../../../static/common/game_state.js";
 
@@ -50,12 +49,4 @@ test("ghosts appear on both boards when the player's episode is over, and not be
   assert.deepEqual(ghostOf(state, "player"), [[0, 0], [0, 1]]);
   assert.deepEqual(ghostOf(state, "rival"), [[0, 0], [1, 0]]);
   assert.equal(ghostOf({ ...state, rival: null }, "player"), null);
-});
-
-test("values span from the lowest to the highest that came", () => {
-  assert.equal(span([]), null);
-  assert.equal(span([null, undefined]), null);
-  assert.deepEqual(span([3, null, -1]), [-1, 3]);
-  assert.deepEqual(span([2]), [1.5, 2.5]);
-  assert.equal(axisEnd(10), 40);
 });
