@@ -1,11 +1,11 @@
-"""PPO in one file, in the manner of CleanRL, on the vectorized environment with its same-step autoreset.
+"""PPO in one file, in the style of CleanRL, on the vectorized environment with its same-step autoreset.
 
-    pip install .
+    pip install . torch
     python examples/cleanrl_ppo.py --steps 20000
 
-Where an episode ends, the vector environment has already begun the next: `observations` is the first of the new episode and
-the last of the old one is `info["final_obs"]`. A truncated episode goes on in the agent's mind, so its last reward gets the
-value of that final observation; a terminated one ends for good.
+When an episode ends, the vector environment begins the next in the same step: `observations` holds the first observation of
+the new episode, and `info["final_obs"]` the last one of the old episode. A truncated episode is bootstrapped: the discounted
+value of its final observation is added to its last reward. A terminated one is not.
 """
 
 import argparse
@@ -17,8 +17,6 @@ import torch
 from torch import nn
 from torch.distributions import Categorical
 
-import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
-
 
 def layer(module: nn.Module, gain: float = 2**0.5) -> nn.Module:
     """Return the module with orthogonal weights and no bias to begin with."""
@@ -28,7 +26,7 @@ def layer(module: nn.Module, gain: float = 2**0.5) -> nn.Module:
 
 
 class Agent(nn.Module):
-    """Actor and critic on two convolutions over four planes of the state matrix."""
+    """An actor and a critic that share two convolutions over four planes of the state matrix."""
 
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
@@ -82,7 +80,7 @@ def main() -> None:
     given = arguments()
     torch.manual_seed(given.seed)
     envs = gymnasium.make_vec(
-        "MarsExplorer-v0",
+        "marsexplorer:MarsExplorer-v0",
         num_envs=given.num_envs,
         vectorization_mode="vector_entry_point",
         level=given.level,
@@ -103,7 +101,7 @@ def main() -> None:
     began, played, scores = time.time(), 0, []
     while played < given.steps:
         for t in range(span):
-            codes[t] = torch.from_numpy(observations)  # copied: the environment writes its codes in place
+            codes[t] = torch.from_numpy(observations)  # a copy: the environment overwrites its codes at each step
             masks[t] = torch.from_numpy(envs.unwrapped.action_masks())
             with torch.no_grad():
                 distribution, values[t] = agent(codes[t], masks[t])

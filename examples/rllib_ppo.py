@@ -3,8 +3,8 @@
     pip install . "ray[rllib]" torch
     python examples/rllib_ppo.py --steps 2000
 
-The state matrix goes in flat, into RLlib's default network. RLlib does not mask moves by itself, so a beginner drives into
-walls and pays for it first. RLlib pins an older Gymnasium; any from 1.0 on serves the environment.
+The network is RLlib's default one, and its input is the flattened state matrix. RLlib does not mask invalid moves by itself,
+so an untrained policy collides often. RLlib pins an older Gymnasium; the environment works with any from 1.0 on.
 """
 
 import argparse
@@ -17,10 +17,8 @@ from ray.tune.registry import register_env
 
 
 def make_env(given: dict) -> gymnasium.Env:
-    """Return one environment; RLlib's workers import this function, hence the import inside."""
-    import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
-
-    env = gymnasium.make("MarsExplorer-v0", **given)
+    """Return one environment with a flat observation, float32[rows * cols]."""
+    env = gymnasium.make("marsexplorer:MarsExplorer-v0", **given)
     flat = gymnasium.spaces.Box(0.0, 1.0, (int(np.prod(env.observation_space.shape)),), np.float32)
     return gymnasium.wrappers.TransformObservation(env, np.ravel, flat)
 

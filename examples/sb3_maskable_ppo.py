@@ -1,9 +1,9 @@
-"""MaskablePPO of sb3-contrib on MarsExplorer: invalid moves are masked, a small convolutional net looks at the state matrix.
+"""MaskablePPO of sb3-contrib on MarsExplorer, with invalid moves masked and a small convolutional network.
 
     pip install . stable-baselines3 sb3-contrib
     python examples/sb3_maskable_ppo.py --steps 4096 --out mine.zip
 
-The file can be watched, and compared, without Stable-Baselines3:
+The file can be evaluated and served without Stable-Baselines3:
 
     marsexplorer evaluate --policy mine.zip --policy random
     marsexplorer serve --policy mine.zip
@@ -18,13 +18,11 @@ from sb3_contrib.common.wrappers import ActionMasker
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
-
 
 class TerrainFeatures(BaseFeaturesExtractor):
-    """Four planes (unknown, free, rover, obstacle) of the state matrix, two convolutions, a dense layer.
+    """Two convolutions and a dense layer over four planes of the state matrix: unknown, free, rover, obstacle.
 
-    Keep the name and the layers as they are, in any width, and the trained file loads in the playground by path.
+    The playground loads a trained file by path if this class keeps its name and its layers; the widths may differ.
     """
 
     def __init__(self, observation_space: gymnasium.Space, features_dim: int = 128) -> None:
@@ -47,8 +45,8 @@ class TerrainFeatures(BaseFeaturesExtractor):
 
 
 def make_env(level: str, size: int) -> gymnasium.Env:
-    """Return one environment that tells MaskablePPO which moves are valid."""
-    env = gymnasium.make("MarsExplorer-v0", level=level, size=size)
+    """Return one environment that gives MaskablePPO the mask of valid moves."""
+    env = gymnasium.make("marsexplorer:MarsExplorer-v0", level=level, size=size)
     return ActionMasker(env, lambda wrapped: wrapped.unwrapped.action_masks())
 
 

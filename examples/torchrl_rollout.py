@@ -12,11 +12,9 @@ import torch
 from torchrl.envs import GymWrapper, TransformedEnv
 from torchrl.envs.transforms import ActionMask, StepCounter
 
-import marsexplorer  # noqa: F401  # registers MarsExplorer-v0
-
 
 class WithMask(gymnasium.Wrapper):
-    """Adds `action_mask` bool[4] beside the state matrix, where TorchRL's ActionMask looks for it."""
+    """Add `action_mask`, int8[4], to the observation, where TorchRL's ActionMask expects it."""
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
@@ -38,7 +36,7 @@ class WithMask(gymnasium.Wrapper):
 
 
 def main() -> None:
-    """Play random valid moves and say what was discovered."""
+    """Play random valid moves and print what was discovered."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=200, help="moves to make")
     parser.add_argument("--level", default="random")
@@ -47,7 +45,7 @@ def main() -> None:
     given = parser.parse_args()
 
     torch.manual_seed(given.seed)
-    made = gymnasium.make("MarsExplorer-v0", level=given.level, size=given.size)
+    made = gymnasium.make("marsexplorer:MarsExplorer-v0", level=given.level, size=given.size)
     env = TransformedEnv(GymWrapper(WithMask(made), categorical_action_encoding=True), ActionMask())
     env.append_transform(StepCounter())
     env.set_seed(given.seed)
