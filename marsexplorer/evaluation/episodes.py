@@ -19,7 +19,7 @@ import numpy as np
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.informed import informed_walk
+from marsexplorer.evaluation.informed import informed_actions
 from marsexplorer.policies import Policy
 from marsexplorer.score import steps_to_target
 
@@ -110,7 +110,7 @@ def play_chunk(chunk: EpisodeChunk) -> list[Result]:
     for seed in chunk.seeds:
         if policy is None:
             episode = Episode.begin(chunk.config, seed=seed)
-            for action in informed_walk(chunk.config, episode.terrain, seed):
+            for action in informed_actions(chunk.config, episode.terrain, seed):
                 episode.step(action)
         else:
             episode = play_episode(policy, chunk.config, seed)

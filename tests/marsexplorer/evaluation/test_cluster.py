@@ -1,4 +1,4 @@
-"""On a local Ray of two workers: the same table, the same weights, and a run that fails fails alone."""
+"""On a local Ray of two workers: the same table, the same weights, and one failed run leaves the others as they are."""
 
 import importlib.util
 from dataclasses import replace

@@ -82,7 +82,7 @@ def test_bad_requests_are_refused_before_anything_is_played():
         evaluate(["random"], CONFIG, 3, 2**53 - 2)
 
 
-def test_explicit_seeds_are_played_as_given_and_traces_hold_the_way():
+def test_explicit_seeds_are_played_as_given_and_traces_hold_the_path():
     table = evaluate(["frontier-cost"], CONFIG, seeds=[17, 4, 9], traces=True, workers=1)
     assert [result.seed for result in table.results] == [17, 4, 9] == list(table.seeds)
     assert [replace(result, trace=None) for result in table.results] == [

@@ -1,4 +1,4 @@
-"""The yardstick: walks that do what they say, near the shortest there is where that can be known."""
+"""The informed planner: its walks explore the terrain, and are the shortest where that can be worked out."""
 
 from itertools import product
 
@@ -7,7 +7,7 @@ import pytest
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.informed import Search, informed_walk
+from marsexplorer.evaluation.informed import AnnealingConfig, informed_actions
 from marsexplorer.terrain import generate
 from tests.support.reference import visible
 
@@ -47,27 +47,27 @@ def test_the_rules_say_that_the_walk_explores_the_terrain(level, size):
     config = EnvConfig.of(level, size)
     for seed in range(3):
         terrain = generate(config, seed)
-        assert steps_of(config, terrain, informed_walk(config, terrain, seed, Search(20_000, 1))) < config.n / 2
+        assert steps_of(config, terrain, informed_actions(config, terrain, seed, AnnealingConfig(20_000, 1))) < config.n / 2
 
 
 def test_on_small_terrains_no_walk_is_shorter():
     config = EnvConfig("random", 5, 7, sensor_radius=2)
     for seed in range(6):
         terrain = generate(config, seed)
-        assert steps_of(config, terrain, informed_walk(config, terrain, 0)) == fewest_moves(config, terrain), seed
+        assert steps_of(config, terrain, informed_actions(config, terrain, 0)) == fewest_moves(config, terrain), seed
 
 
 def test_a_terrain_has_one_answer_and_a_mirrored_one_a_walk_as_long():
     config = EnvConfig("random", 9, 9, sensor_radius=3)
     terrain = generate(config, 5)
-    walk = informed_walk(config, terrain, 5)
-    assert informed_walk(config, terrain, 5) == walk
-    assert len(informed_walk(config, np.ascontiguousarray(terrain.T), 5)) == len(walk)
+    walk = informed_actions(config, terrain, 5)
+    assert informed_actions(config, terrain, 5) == walk
+    assert len(informed_actions(config, np.ascontiguousarray(terrain.T), 5)) == len(walk)
 
 
 def test_a_budget_too_small_and_a_grid_too_large_are_refused():
     config = EnvConfig()
     with pytest.raises(ValueError, match="no walk found in 1 x 2 changes"):
-        informed_walk(config, generate(config, 0), 0, Search(2, 1))
+        informed_actions(config, generate(config, 0), 0, AnnealingConfig(2, 1))
     with pytest.raises(ValueError, match="up to 16384 cells, got 200x200"):
-        informed_walk(EnvConfig.of("random", 200), np.zeros((200, 200), np.bool_), 0)
+        informed_actions(EnvConfig.of("random", 200), np.zeros((200, 200), np.bool_), 0)
