@@ -1,6 +1,8 @@
 """Branched rollouts and refining: costs are what a literal replay finds, and a network learns from them."""
 
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -127,6 +129,19 @@ def test_transposing_exchanges_rows_and_columns():
     assert np.allclose(moves[:, ::-1, alike], flipped[:, :, alike])
 
 
+def test_the_weights_are_the_same_on_any_number_of_workers():
+    tiny = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1)
+    began_with, nets = untrained_net(), []
+    for workers in (1, 2):
+        run = RefineRun(deepcopy(began_with), 4, tiny)
+        with ThreadPoolExecutor(workers) as pool:
+            run.train_round(pool)
+        nets.append(run.net)
+    assert all(torch.equal(*both) for both in zip(*(net.parameters() for net in nets), strict=True))
+    assert not all(torch.equal(*both) for both in zip(nets[0].parameters(), began_with.parameters(), strict=True))
+
+
+@pytest.mark.long
 def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_number_of_workers():
     runs = []
     for workers in (1, 2):
