@@ -18,18 +18,16 @@ LARGEST_HEADER = 1 << 20
 """Bytes; a larger header is refused unread."""
 
 
-def shipped_folders() -> list[Path]:
-    """Return where shipped policies may lie: data/policies of a checkout, then inside an installed package."""
-    package = Path(__file__).resolve().parents[3]
-    return [package.parent / "data" / "policies", package / "data" / "policies"]
+def shipped_folder() -> Path:
+    """Return where the shipped policies lie: data/policies of a checkout, or of the installed package."""
+    package = Path(__file__).resolve().parents[2]
+    is_checkout = (package.parent / "pyproject.toml").is_file()
+    return (package.parent if is_checkout else package) / "data" / "policies"
 
 
 def shipped() -> dict[str, Path]:
     """Return the shipped policy files by name (their stem), `ppo` first."""
-    found: dict[str, Path] = {}
-    for folder in shipped_folders():
-        for path in sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else []:
-            found.setdefault(path.stem, path)
+    found = {path.stem: path for path in sorted(shipped_folder().glob(f"*{SUFFIX}"))}
     return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
 
 
