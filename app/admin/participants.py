@@ -26,7 +26,7 @@ STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
-SHOWN = ("id", "kind", "script", "stage", "joined_ms", "session_id")
+PARTICIPANT_FIELDS = ("id", "kind", "script", "stage", "joined_ms", "session_id")
 """What the operator sees of a participant's row."""
 
 
@@ -44,7 +44,7 @@ def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str,
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
         found.append(
             {
-                **{name: getattr(person, name) for name in SHOWN},
+                **{name: getattr(person, name) for name in PARTICIPANT_FIELDS},
                 "label": participant_label(person.id),
                 "last_ms": last_ms,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,

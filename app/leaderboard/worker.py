@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Any
 
-from app.statistics.summaries import EpisodeSummary, summarize, summary_of
+from app.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
@@ -22,12 +22,12 @@ def main() -> None:
     os.nice(19)
     for line in sys.stdin:
         try:
-            send({"figure": evaluate(json.loads(line))})
+            send({"figure": evaluate_job(json.loads(line))})
         except (ValueError, LookupError, OSError, RuntimeError) as error:
             send({"error": str(error) or type(error).__name__})
 
 
-def evaluate(job: dict[str, Any]) -> dict[str, Any]:
+def evaluate_job(job: dict[str, Any]) -> dict[str, Any]:
     """Return the figure of a job, and send a message after each episode."""
     config = EnvConfig(**job["config"])
     policy = policies.load(job["policy"], config.sensor_radius)
@@ -35,7 +35,7 @@ def evaluate(job: dict[str, Any]) -> dict[str, Any]:
     for seed in job["seeds"]:
         groups.append([summary_of(play_episode(policy, config, seed))])
         send({"done": len(groups)})
-    return summarize(config, groups)
+    return summarize_episodes(config, groups)
 
 
 def send(message: dict[str, Any]) -> None:

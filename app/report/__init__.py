@@ -1,9 +1,11 @@
-"""The report of a study: `build(data, runs)` gives its numbers, `page.render(report)` the page, `report.to_json()` the file.
+"""The report of a study: `build(data, runs)` gives its numbers, `page.render(report)` the page, `to_json()` the file.
 
-It is over the people or, marked SYNTHETIC, over the scripts that played; never over both.
+It is over the people or, marked SYNTHETIC, over the scripts that played; never over both. `live_figure(data)` is the people's
+score so far.
 """
 
 from app.report.build import build
 from app.report.model import Report
+from app.statistics.study_figures import live_figure
 
-__all__ = ["Report", "build"]
+__all__ = ["Report", "build", "live_figure"]

@@ -69,7 +69,7 @@ def _about_failures(group: GroupReport) -> str:
 
 
 def _described(cell: coverage_table.Cell) -> str:
-    rate = {population.name: population.collisions for population in coverage_table.POPULATIONS}[cell.population]
+    rate = {population.name: population.collisions for population in coverage_table.SCORE_POPULATIONS}[cell.population]
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 
 

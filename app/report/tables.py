@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.report.model import GroupReport, Metric, Report
-from app.statistics.coverage_table import POPULATIONS, Cell, nearest
+from app.statistics.coverage_table import SCORE_POPULATIONS, Cell, nearest
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, number, p_value, percent
 from app.statistics.study_figures import StudyFigure
@@ -124,7 +124,7 @@ def coverage_table(report: Report) -> PageTable | None:
 
 
 def _coverage_row(cell: Cell) -> tuple[str, ...]:
-    summary = {population.name: population.summary for population in POPULATIONS}[cell.population]
+    summary = {population.name: population.summary for population in SCORE_POPULATIONS}[cell.population]
     shares = (cell.printed, cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
     return (f"{cell.population}: {summary}", f"{cell.icc:g}", *(number(share, 1) for share in shares))
 

@@ -19,7 +19,7 @@ from rich.progress import Progress as ProgressBar
 from scipy import stats
 
 from app.statistics.comparisons import crossed_means, drawn_terrains, log_interval, new_terrains_interval
-from app.statistics.coverage_table import COVERAGE_FILE, POPULATIONS, Cell, ScorePopulation
+from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.run import Progress
@@ -77,7 +77,7 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
 
 def measure_cell(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
-    rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
+    rng = np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
     truth, everywhere = mean_score(population) + terrain.mean(1), np.full(studies, mean_score(population))
     means = scores.mean(2)
@@ -112,7 +112,7 @@ def measure_ratio(population: ScorePopulation, icc: float, players: int, studies
 
     The policy scores 0.92 in the mean, on each terrain what the terrain adds and a little of its own.
     """
-    rng = np.random.default_rng([seed, players, round(100 * icc), POPULATIONS.index(population)])
+    rng = np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
     values = POLICY_SCORE + terrain + 0.01 * rng.standard_normal(terrain.shape)
     truth, covered = POLICY_SCORE / mean_score(population), 0
@@ -144,7 +144,7 @@ def measure_cells(
     studies: int, seed: int, players: Sequence[int] = PLAYERS, progress: Progress | None = None
 ) -> Iterator[Cell]:
     """Yield every cell: populations x ICC x players; progress is called with (cells done, cells in all)."""
-    cells = [(population, icc, count) for population in POPULATIONS for icc in ICCS for count in players]
+    cells = [(population, icc, count) for population in SCORE_POPULATIONS for icc in ICCS for count in players]
     for done, (population, icc, count) in enumerate(cells, 1):
         yield measure_cell(population, icc, count, studies, seed)
         if progress:
@@ -167,7 +167,7 @@ def _ratios(studies: int, seed: int, players: Sequence[int], progress: Progress)
     """Yield the rows of a Markdown table: population, ICC, and the coverage of the ratio's interval by players."""
     yield ("population", "ICC", *(f"{count} players" for count in players))
     yield ("---", "---", *("---:" for _ in players))
-    rows = [(population, icc) for population in POPULATIONS for icc in ICCS]
+    rows = [(population, icc) for population in SCORE_POPULATIONS for icc in ICCS]
     for done, (population, icc) in enumerate(rows, 1):
         found = [measure_ratio(population, icc, count, studies, seed) for count in players]
         yield (population.name, f"{icc:g}", *(f"{share:.1f}" for share in found))

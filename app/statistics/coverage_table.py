@@ -25,7 +25,7 @@ class ScorePopulation:
     collisions: float = 0.0
 
 
-POPULATIONS = (
+SCORE_POPULATIONS = (
     ScorePopulation("symmetric", "normal players and episodes"),
     ScorePopulation("skewed", "exponential tails (skewness 2)", "exponential"),
     ScorePopulation("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),

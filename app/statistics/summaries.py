@@ -54,7 +54,7 @@ def summary_of(episode: Episode) -> EpisodeSummary:
 EpisodeGroup = Sequence[EpisodeSummary]
 
 
-def summarize(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+def summarize_episodes(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
     """Return everything that is shown of some groups (at least one, none of them empty)."""
     return {
         "groups": len(groups),

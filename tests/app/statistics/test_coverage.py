@@ -16,11 +16,11 @@ from app.statistics.coverage import (
     measure_ratio,
     simulate_studies,
 )
-from app.statistics.coverage_table import POPULATIONS, nearest, saved
+from app.statistics.coverage_table import SCORE_POPULATIONS, nearest, saved
 from app.statistics.intervals import RULE_VERSION
 
 DOCS = Path(__file__).parents[3] / "docs/report.md"
-BY_NAME = {population.name: population for population in POPULATIONS}
+BY_NAME = {population.name: population for population in SCORE_POPULATIONS}
 STUDIES = 400
 
 
@@ -51,7 +51,7 @@ def test_no_interval_knows_of_failures_that_happened_to_nobody_but_the_guarantee
     assert cell.guaranteed >= 95
 
 
-@pytest.mark.parametrize("population", POPULATIONS, ids=lambda population: population.name)
+@pytest.mark.parametrize("population", SCORE_POPULATIONS, ids=lambda population: population.name)
 @pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
 def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
     scores, terrain = simulate_studies(population, icc, 20, 400, np.random.default_rng(14))
@@ -73,7 +73,7 @@ def test_the_ratios_interval_covers_the_ratio_over_players_and_terrains():
 
 
 def test_the_same_seed_gives_the_same_cell():
-    assert measure_cell(POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(POPULATIONS[0], 0.2, 5, 50, 1)
+    assert measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1)
 
 
 def test_a_row_of_the_quoted_table_comes_out_again():
@@ -86,7 +86,10 @@ def test_a_row_of_the_quoted_table_comes_out_again():
 def test_the_quoted_table_is_whole_and_stands_in_the_documents():
     cells = saved()
     assert {(cell.population, cell.icc, cell.players) for cell in cells} == {
-        (population.name, icc, players) for population in POPULATIONS for icc in (0, 0.2, 0.5) for players in (5, 10, 20, 30)
+        (population.name, icc, players)
+        for population in SCORE_POPULATIONS
+        for icc in (0, 0.2, 0.5)
+        for players in (5, 10, 20, 30)
     }
     assert all(cell.studies >= 2000 for cell in cells)
     text = DOCS.read_text()

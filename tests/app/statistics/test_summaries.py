@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.summaries import EpisodeSummary, coverage_curve, summarize, trial_summaries, visit_counts
+from app.statistics.summaries import EpisodeSummary, coverage_curve, summarize_episodes, trial_summaries, visit_counts
 from marsexplorer.config import EnvConfig
 
 TINY = EnvConfig("random", 5, 7)
@@ -38,5 +38,7 @@ def test_trials_name_the_number_of_people_behind_each_point():
 
 
 def test_the_unit_of_a_figure_is_the_group():
-    made = summarize(TINY, [[episode([1], steps=10), episode([1], steps=20, outcome="collided")], [episode([1], steps=30)]])
+    made = summarize_episodes(
+        TINY, [[episode([1], steps=10), episode([1], steps=20, outcome="collided")], [episode([1], steps=30)]]
+    )
     assert (made["groups"], made["episodes"], made["steps"]["mean"], made["completed"]) == (2, 3, 22.5, 0.75)
