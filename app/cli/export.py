@@ -10,7 +10,7 @@ import click
 from app.cli.console import PATH, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.storage.export import Format
+    from app.storage.export import ExportFormat
     from app.storage.reader import Who
 
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 )
 @click.option("--out", type=PATH, required=True, help="Folder for episodes.* and steps.*; made when absent.")
 @click.option("--who", type=click.Choice(["all", "human"]), default="all", show_default=True, help="human: the counted ones.")
-def export(database: Path | None, fmt: Format, out: Path, who: Who) -> None:
+def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
     Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.

@@ -25,11 +25,11 @@ from app.release.tables import TableWriters, released_episodes
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
-from app.study.protocol import Protocol, StudyError, checked
+from app.study.folder import Advance
+from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
 from marsexplorer.files import replace_whole
 
-Advance = Callable[[int, int], None]
 COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN_REASON = "a participant asked to be forgotten"
 
@@ -120,7 +120,7 @@ def _header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseH
 
 def _protocol(row: dict[str, Any]) -> Protocol:
     try:
-        return checked(json.loads(row["protocol"]))
+        return parse_protocol(json.loads(row["protocol"]))
     except (ValueError, StudyError) as error:
         raise ReleaseError(f"no release: the protocol of the study {row['name']!r} cannot be read: {error}") from error
 

@@ -18,7 +18,8 @@ from app.storage.database import StoreError, take_lock, transaction
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
 from app.storage.releases import ReleaseRow, note_imported_release
 from app.storage.resimulation import Finding
-from app.study.verification import Advance, Verification, verify_database
+from app.study.folder import Advance
+from app.study.verification import Verification, verify_database
 
 
 @dataclass(frozen=True)

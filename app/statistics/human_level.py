@@ -1,7 +1,7 @@
 """The figure people are compared with: per configuration, the mean of the players' means and its 95 % t interval.
 
 The unit of analysis is the player: pooling episodes would make the interval far too narrow, as one player's episodes
-resemble each other. Only counted episodes enter (`app.storage.reader.COUNTED`).
+resemble each other. Only counted episodes enter (`app.storage.reader.HUMAN_SCORE_CONDITION`).
 """
 
 from __future__ import annotations

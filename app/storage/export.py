@@ -23,8 +23,8 @@ from marsexplorer.episode import Episode
 from marsexplorer.files import write_whole
 from marsexplorer.score import steps_to_target
 
-Table = Literal["episodes", "steps"]
-Format = Literal["csv", "jsonl"]
+ExportTable = Literal["episodes", "steps"]
+ExportFormat = Literal["csv", "jsonl"]
 
 EPISODE_COLUMNS = (
     "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
@@ -36,7 +36,7 @@ STEP_COLUMNS = (
     "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
     "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver", "verified",
 )  # fmt: skip
-COLUMNS: dict[Table, tuple[str, ...]] = {"episodes": EPISODE_COLUMNS, "steps": STEP_COLUMNS}
+COLUMNS: dict[ExportTable, tuple[str, ...]] = {"episodes": EPISODE_COLUMNS, "steps": STEP_COLUMNS}
 
 
 def new_key() -> bytes:
@@ -44,8 +44,13 @@ def new_key() -> bytes:
     return secrets.token_bytes(32)
 
 
-def rows(
-    source: Reader | Path | str, table: Table, fmt: Format, who: Who = "all", key: bytes | None = None, public: bool = False
+def export_table(
+    source: Reader | Path | str,
+    table: ExportTable,
+    fmt: ExportFormat,
+    who: Who = "all",
+    key: bytes | None = None,
+    public: bool = False,
 ) -> Iterator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
@@ -58,7 +63,7 @@ def rows(
     return _stream(reader, table, fmt, who, columns, key or new_key())
 
 
-def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Callable[[int, int], None]) -> str:
+def export_to(database: Path, folder: Path, fmt: ExportFormat, who: Who, advance: Callable[[int, int], None]) -> str:
     """Write `episodes.FMT` and `steps.FMT` in the folder, both whole or neither, and return a sentence on what was written.
 
     advance  called with (episodes written, of how many), both tables counted
@@ -71,7 +76,7 @@ def export_to(database: Path, folder: Path, fmt: Format, who: Who, advance: Call
     key, done, lines, unverified = new_key(), 0, [0, 0], 0
     with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
-            for piece in rows(database, table, fmt, who, key):
+            for piece in export_table(database, table, fmt, who, key):
                 file.write(piece)
                 done += 1
                 lines[number] += piece.count(b"\n")
@@ -97,7 +102,9 @@ def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:
     return COLUMNS["episodes" if table == "episodes" else "steps"]
 
 
-def _stream(reader: Reader, table: Table, fmt: Format, who: Who, columns: tuple[str, ...], key: bytes) -> Iterator[bytes]:
+def _stream(
+    reader: Reader, table: ExportTable, fmt: ExportFormat, who: Who, columns: tuple[str, ...], key: bytes
+) -> Iterator[bytes]:
     try:
         if fmt == "csv":
             yield (",".join(columns) + "\n").encode()
@@ -110,7 +117,7 @@ def _stream(reader: Reader, table: Table, fmt: Format, who: Who, columns: tuple[
         reader.close()
 
 
-def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: Table, key: bytes) -> list[tuple[Any, ...]]:
+def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes) -> list[tuple[Any, ...]]:
     episode, findings = simulate(row, steps)
     verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
@@ -144,7 +151,7 @@ def _step_values(row: dict[str, Any], step: dict[str, Any], episode: Episode | N
     return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
 
 
-def _encoded(values: list[tuple[Any, ...]], fmt: Format) -> bytes:
+def _encoded(values: list[tuple[Any, ...]], fmt: ExportFormat) -> bytes:
     out = io.StringIO()
     if fmt == "csv":
         words = {True: "true", False: "false"}

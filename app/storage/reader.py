@@ -21,7 +21,7 @@ from marsexplorer.score import steps_to_target
 
 Who = Literal["all", "human"]
 
-COUNTED = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
+HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
     AND e.steps > 0 AND s.owner_id IS NOT NULL
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
 """The condition (SQL) for an episode to count for the human score. One without a move does not count, since nothing shows that
@@ -31,12 +31,12 @@ _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participan
     JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
 
 # A rival that ended first would show the terrain that its player is still exploring.
-FINISHED = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
+FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
-_SELECT = f"""SELECT e.*, s.owner_id, {COUNTED} AS counts FROM episodes e JOIN sessions s ON s.id = e.session_id
-    WHERE {FINISHED}"""
-_FILTER = {"all": "", "human": f" AND {COUNTED}"}
+_SELECT = f"""SELECT e.*, s.owner_id, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e JOIN sessions s ON s.id = e.session_id
+    WHERE {FINISHED_CONDITION}"""
+_FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
 
 class Reader:

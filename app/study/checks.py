@@ -14,7 +14,7 @@ from app.storage.checks import StudyEpisodeRow, episodes_of, participants_of, st
 from app.storage.resimulation import Finding
 from app.storage.study_rows import StudyRow
 from app.study import seeds
-from app.study.protocol import Protocol, StudyError, canonical_json, checked
+from app.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
 
 ORIGINAL_ID = re.compile(r"[0-9a-f]{32}")
 """A participant's id as a server draws it. A pseudonym is not one: the order of terrains was drawn for the id it hides."""
@@ -43,7 +43,7 @@ def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None)
     try:
         data = json.loads(study.protocol)
         found = hashlib.sha256(canonical_json(data)).hexdigest()
-        protocol = checked(data)
+        protocol = parse_protocol(data)
         secret = bytes.fromhex(study.secret) if study.secret else known
     except (ValueError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))

@@ -24,7 +24,7 @@ from app.storage.study_reader import (
 )
 from app.storage.study_rows import ParticipantKind, Phase
 from app.study.plausibility import pause_share, plausibility_labels
-from app.study.protocol import Protocol, StudyError, checked
+from app.study.protocol import Protocol, StudyError, parse_protocol
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
 
@@ -136,7 +136,7 @@ def _load(reader: Reader, study: str) -> StudyData:
     people = _people(reader, study)
     kinds = {person.id: person.kind for person in people}
     return StudyData(
-        protocol=checked(json.loads(row.protocol)),
+        protocol=parse_protocol(json.loads(row.protocol)),
         protocol_hash=row.protocol_hash,
         commitment=row.commitment,
         frozen_ms=row.frozen_ms,

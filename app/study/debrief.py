@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class PolicyRun:
+class WarmUpRun:
     """What the debrief policy did on a warm-up terrain."""
 
     record: Record
@@ -38,7 +38,7 @@ class Debriefs:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._runs: dict[str, list[PolicyRun]] = {}
+        self._runs: dict[str, list[WarmUpRun]] = {}
         self._working = asyncio.Lock()
 
     async def summary(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> dict[str, Any]:
@@ -77,16 +77,16 @@ class Debriefs:
         its = await asyncio.to_thread(frames, runs[index].record, f"policy-{index}")
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
-    async def _policy_runs(self, study: Study) -> list[PolicyRun]:
+    async def _policy_runs(self, study: Study) -> list[WarmUpRun]:
         async with self._working:
             if study.protocol_hash not in self._runs:
                 self._runs[study.protocol_hash] = await asyncio.to_thread(_play, study)
             return self._runs[study.protocol_hash]
 
 
-def _play(study: Study) -> list[PolicyRun]:
+def _play(study: Study) -> list[WarmUpRun]:
     """Return what the debrief policy does on the warm-up terrains; nothing when it cannot be loaded any more."""
-    config, runs = study.protocol.env_config, list[PolicyRun]()
+    config, runs = study.protocol.env_config, list[WarmUpRun]()
     try:
         policy = load(study.protocol.debrief_policy, config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
@@ -97,7 +97,7 @@ def _play(study: Study) -> list[PolicyRun]:
         policy.reset(i)
         while not episode.ended:
             episode.step(policy.act(episode.codes.copy()))
-        runs.append(PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
+        runs.append(WarmUpRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
     return runs
 
 

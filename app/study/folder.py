@@ -31,10 +31,10 @@ from app.study.protocol import (
     UnknownStudyError,
     canonical,
     canonical_json,
-    checked,
+    parse_protocol,
     protocol_hash,
 )
-from app.study.seeds import TUTORIAL_SEED, Label, commitment, seed
+from app.study.seeds import TUTORIAL_SEED, SeedLabel, commitment, seed
 from marsexplorer.config import CORE_VERSION
 
 __all__ = ["Folder", "Study", "StudyError"]
@@ -72,7 +72,7 @@ class Study:
             self.name, protocol, self.protocol_hash, self.commitment, self.frozen_ms, closed_ms=self.closed_ms, secret=secret
         )
 
-    def seed(self, label: Label, i: int) -> int:
+    def seed(self, label: SeedLabel, i: int) -> int:
         """Return the seed of a terrain of this study."""
         return seed(self.secret, self.protocol_hash, label, i)
 
@@ -112,7 +112,7 @@ class Folder:
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
         raw = _read(self._existing(name) / "protocol.json")
-        protocol = checked(raw)
+        protocol = parse_protocol(raw)
         if protocol.name != name:
             raise StudyError(f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two")
         return protocol
@@ -147,7 +147,8 @@ class Folder:
 
         if self.status(name) != "draft":
             raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
-        protocol, path = checked(self.draft(name).model_dump(mode="json")), self.path(name)  # every field set from now on
+        path = self.path(name)
+        protocol = parse_protocol(self.draft(name).model_dump(mode="json"))  # every field set from now on
         if protocol.core_version != CORE_VERSION:
             raise StudyError(
                 f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
@@ -217,7 +218,7 @@ class Folder:
             raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
         if commitment(secret) != fixed["commitment"]:
             raise StudyError(f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup")
-        return Study(name, checked(raw), **fixed, closed_ms=closed_ms, secret=secret)
+        return Study(name, parse_protocol(raw), **fixed, closed_ms=closed_ms, secret=secret)
 
 
 def _check_terrains(study: Study, advance: Advance) -> None:

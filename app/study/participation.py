@@ -11,7 +11,7 @@ from app.storage.studies import InputEventRow, StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder, Study, StudyError
 
-CLOSED = "the study {!r} is closed: nobody can take part or go on any more"
+CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
 
 
 class StudyParticipation:
@@ -30,7 +30,7 @@ class StudyParticipation:
     def check_open(self) -> None:
         """Check that the study is open; RefusedError when it is not."""
         if not self._study().is_open:
-            raise RefusedError(CLOSED.format(self._participant.study))
+            raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
 
     def note_script(self, episode_id: str) -> None:
         """Note the deviation: a script moved where a person was at the controls."""

@@ -20,7 +20,7 @@ from app.storage.store import EpisodeRow
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Folder, Study
-from app.study.participation import CLOSED, Participations
+from app.study.participation import CLOSED_MESSAGE, Participations
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.seeds import TUTORIAL_SEED, order
 from marsexplorer.config import CORE_VERSION
@@ -73,7 +73,7 @@ class ParticipantProgress:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
         study = self.study(name)
         if not study.is_open or self.study_store.is_closed(name):
-            raise StageError(CLOSED.format(name))
+            raise StageError(CLOSED_MESSAGE.format(name))
         if study.protocol.core_version != CORE_VERSION:
             _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
             raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you")

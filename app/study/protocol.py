@@ -21,8 +21,8 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
-Rules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
-EXCLUSION: dict[str, Rules] = {
+ExclusionRules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
+EXCLUSION: dict[str, ExclusionRules] = {
     "protocol": {"completed": True, "all_ranked_driver_human": True},
     "strict": {"completed": True, "all_ranked_driver_human": True, "no_labels": True, "max_pause_share": 0.5},
 }
@@ -108,7 +108,7 @@ class Protocol(_Part):
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
     policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
     debrief_policy: Line = "ppo"
-    exclusion: dict[str, Rules] = Field(default_factory=lambda: dict(EXCLUSION))
+    exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
     equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
@@ -147,10 +147,10 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
         "consent": {"text": consent_text(config, kept["warm_up"], kept["ranked"], kept["data_licence"])},
         "questions": questions(config),
     }
-    return checked({**parts, **rest})
+    return parse_protocol({**parts, **rest})
 
 
-def checked(data: Mapping[str, Any]) -> Protocol:
+def parse_protocol(data: Mapping[str, Any]) -> Protocol:
     """Return the protocol of plain values; StudyError with one sentence when they make none."""
     try:
         return Protocol.model_validate(data)

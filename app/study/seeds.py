@@ -9,7 +9,7 @@ import hashlib
 import hmac
 from typing import Literal
 
-Label = Literal["ranked", "warm-up"]
+SeedLabel = Literal["ranked", "warm-up"]
 TUTORIAL_SEED = 1
 """The tutorial's terrain is the same in every study, and public."""
 
@@ -19,7 +19,7 @@ def commitment(secret: bytes) -> str:
     return hashlib.sha256(secret).hexdigest()
 
 
-def seed(secret: bytes, protocol_hash: str, label: Label, i: int) -> int:
+def seed(secret: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
     """Return the seed of terrain i (from 0): the first 53 bits of HMAC-SHA256(secret, "hash|label|i"), 0..2^53-1."""
     return int.from_bytes(_hmac(secret, f"{protocol_hash}|{label}|{i}")[:8], "big") >> 11
 

@@ -11,7 +11,7 @@ import multiprocessing
 import signal
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ from app.storage import checks
 from app.storage.connection import reading
 from app.storage.resimulation import Finding
 from app.study.checks import check_studies
+from app.study.folder import Advance
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import cores, one_thread
@@ -28,7 +29,6 @@ PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""
 
 EPISODES_PER_TASK = 200
-Advance = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import StreamingResponse
 
 from app.statistics.human_level import human_level
-from app.storage.export import rows
+from app.storage.export import export_table
 from app.storage.reader import Reader
 from app.web.access import services_of
 
@@ -61,5 +61,5 @@ async def export(
     """Export every finished episode under pseudonyms; `who=human` exports those that count for the human score."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
     headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
-    pieces = rows(services_of(request).store, table, fmt, who, public=True)
+    pieces = export_table(services_of(request).store, table, fmt, who, public=True)
     return StreamingResponse(pieces, media_type=kind, headers=headers)

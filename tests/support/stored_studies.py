@@ -31,8 +31,8 @@ def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
     return folder.close(name) if close else study
 
 
-class Field:
-    """A store in which participants play a study."""
+class StudyRecorder:
+    """Records participants who play a study into a store."""
 
     def __init__(self, path, study):
         self.path, self.study = path, study
@@ -157,15 +157,15 @@ def _tour(episode):
 
 def play_study(path, study, kinds=("human", "human", "script"), first=0):
     """Return the participants' ids of a study played to its end by a few, with every sort of ending, in a closed file."""
-    field = Field(path, study)
+    recorder = StudyRecorder(path, study)
     people = []
     for number, kind in enumerate(kinds, first):
-        person = field.join(number, kind)
+        person = recorder.join(number, kind)
         people.append(person)
-        field.play(person, "tutorial", 0, "idle" if number == 1 else "abandon")
+        recorder.play(person, "tutorial", 0, "idle" if number == 1 else "abandon")
         for trial in range(study.protocol.warm_up):
-            field.play(person, "warm_up", trial, "crash" if trial else "tour")
+            recorder.play(person, "warm_up", trial, "crash" if trial else "tour")
         for trial in range(study.protocol.ranked):
-            field.play(person, "ranked", trial, "abandon" if number == trial == 0 else "tour")
-    field.close()
+            recorder.play(person, "ranked", trial, "abandon" if number == trial == 0 else "tour")
+    recorder.close()
     return people

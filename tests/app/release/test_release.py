@@ -28,11 +28,11 @@ from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.storage import digests
 from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
-from app.study.protocol import canonical, canonical_json, checked
+from app.study.protocol import canonical, canonical_json, parse_protocol
 from app.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
+from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
 ROOT = Path(__file__).parents[3]
 
@@ -43,9 +43,9 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     study = freeze(folder / "studies")
     play_study(folder / "play.db", study)
-    field = Field(folder / "play.db", study)
-    field.join(7, stage="withdrawn", consent=False)
-    field.close()
+    recorder = StudyRecorder(folder / "play.db", study)
+    recorder.join(7, stage="withdrawn", consent=False)
+    recorder.close()
     built = build_release(ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",)))
     return folder, built
 
@@ -187,9 +187,9 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
     import minari
 
     study = freeze(tmp_path / "studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1)
-    field = Field(tmp_path / "play.db", study)
-    ident = field.play(field.join(0), "ranked", 0)
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    ident = recorder.play(recorder.join(0), "ranked", 0)
+    recorder.close()
     build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
     dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
@@ -201,19 +201,19 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
 
 
 def test_a_release_is_built_while_a_server_runs(copy):
-    field = Field(copy / "play.db", freeze(copy / "studies2", "unused"))
+    recorder = StudyRecorder(copy / "play.db", freeze(copy / "studies2", "unused"))
     assert build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new")).header.version == 2
-    field.play(field.join(9), "warm_up", 0)
-    field.close()
+    recorder.play(recorder.join(9), "warm_up", 0)
+    recorder.close()
     assert verify_database(copy / "play.db").findings == ()
     assert [row[1] for row in table(copy / "play.db", "releases", "version")] == [1, 2]
 
 
 def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
     study = freeze(tmp_path / "studies")
-    field = Field(tmp_path / "play.db", study)
-    field.play(field.join(0, stage="ranked"), "warm_up", 0, "open")
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    recorder.play(recorder.join(0, stage="ranked"), "warm_up", 0, "open")
+    recorder.close()
     built = build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     assert (built.header.rows["participants"], built.header.rows["episodes"]) == (1, 0)
     assert built.header.left_out["open_episodes"] == 1
@@ -252,7 +252,7 @@ def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_version
     assert hashlib.sha256(canonical_json(text)).hexdigest() == manifest["protocol_hash"]
     without = {name: value for name, value in text.items() if name != "title"} | {"title": "older"}
     del without["equivalence_margin"]  # as if this field had come later
-    assert json.loads(canonical(checked(without))) == without
+    assert json.loads(canonical(parse_protocol(without))) == without
 
 
 def test_openssl_alone_can_check_the_signature(made):
@@ -327,10 +327,10 @@ def test_an_import_is_taken_once_and_refused_under_other_names(made, copy):
 
 def test_an_import_waits_for_no_server(made, tmp_path):
     study = freeze(tmp_path / "studies", "other")
-    field = Field(tmp_path / "play.db", study)
+    recorder = StudyRecorder(tmp_path / "play.db", study)
     with pytest.raises(StoreError, match="in use by another server"):
         import_release(made[0] / "out", tmp_path / "play.db")
-    field.close()
+    recorder.close()
 
 
 def test_a_harmed_release_is_not_imported_and_leaves_no_database(copy):
@@ -421,11 +421,11 @@ def test_no_release_where_free_text_holds_an_identity(copy):
 
 def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
-    field = Field(tmp_path / "play.db", study)
-    person = field.join(0)
-    field.play(person, "ranked", 0)
-    field.play(person, "ranked", 1, "open")
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    person = recorder.join(0)
+    recorder.play(person, "ranked", 0)
+    recorder.play(person, "ranked", 1, "open")
+    recorder.close()
     refused(tmp_path, "still open.*--interim")
     known = {study.name: (None, study.secret)}
     built = build_release(ReleaseRequest(tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known))
@@ -443,9 +443,9 @@ def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret
 def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path, capsys):
     """`study close` may have run while no server noted it in the database."""
     study = freeze(tmp_path / "studies", close=False)
-    field = Field(tmp_path / "play.db", study)
-    field.play(field.join(0), "ranked", 0)
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    recorder.play(recorder.join(0), "ranked", 0)
+    recorder.close()
     from app.study.folder import Folder
 
     Folder(tmp_path / "studies").close(study.name)
@@ -460,13 +460,13 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
 
 def test_playground_episodes_of_the_same_database_stay_out(copy):
     study = freeze(copy / "studies2", "unused")
-    field = Field(copy / "play.db", study)
+    recorder = StudyRecorder(copy / "play.db", study)
     from tests.support.recorded import play
 
-    play(field.store, seed=5, player="somebody-else", config=CONFIG)
-    (player,) = field.conn.execute("SELECT player_id FROM participants LIMIT 1").fetchone()
-    field.store.add_session(SessionRow("own-board", player, "human", None, "follow", 2.0, field.tick()))
-    field.close()
+    play(recorder.store, seed=5, player="somebody-else", config=CONFIG)
+    (player,) = recorder.conn.execute("SELECT player_id FROM participants LIMIT 1").fetchone()
+    recorder.store.add_session(SessionRow("own-board", player, "human", None, "follow", 2.0, recorder.tick()))
+    recorder.close()
     built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
     assert built.header.rows["episodes"] == 18
     assert {row[0] for row in table(copy / "new/study.sqlite", "studies", "name")} == {"dunes"}

@@ -18,7 +18,7 @@ from app.storage.store import StoreError
 from app.storage.study_rows import participant_label
 from app.study.verification import verify_database
 from tests.support.recorded import play
-from tests.support.stored_studies import CONFIG, IDENTITIES, Field, freeze, play_study
+from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +27,10 @@ def origin(tmp_path_factory):
     folder = tmp_path_factory.mktemp("origin")
     study = freeze(folder / "studies")
     people = play_study(folder / "play.db", study)
-    field = Field(folder / "play.db", study)
-    (player,) = field.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
-    play(field.store, seed=5, player=player, config=CONFIG)
-    field.close()
+    recorder = StudyRecorder(folder / "play.db", study)
+    (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
+    play(recorder.store, seed=5, player=player, config=CONFIG)
+    recorder.close()
     return folder, study, people
 
 
@@ -103,10 +103,10 @@ def test_it_leaves_the_log_empty_of_a_database_that_was_not_closed_well(copy):
 
 def test_a_server_or_another_program_keeps_it_from_beginning(copy):
     path, study, people = copy
-    field = Field(path, study)
+    recorder = StudyRecorder(path, study)
     with pytest.raises(StoreError, match="in use by another server"):
         forget(path, people[0])
-    field.close()
+    recorder.close()
     other = sqlite3.connect(path)
     other.execute("SELECT count(*) FROM episodes").fetchone()
     with pytest.raises(StoreError, match="open in another program"):
@@ -118,10 +118,10 @@ def test_a_server_or_another_program_keeps_it_from_beginning(copy):
 
 def test_nobody_is_erased_by_a_word_that_many_share(copy):
     path, study, people = copy
-    field = Field(path, study)
+    recorder = StudyRecorder(path, study)
     for person in people:
-        field.insert("identities", person, "STUDY_ID", "the-shared-study-id")
-    field.close()
+        recorder.insert("identities", person, "STUDY_ID", "the-shared-study-id")
+    recorder.close()
     with pytest.raises(ParticipantLookupError, match="stands for 3 participants"):
         forget(path, "the-shared-study-id")
     with pytest.raises(ParticipantLookupError, match="no participant 'nobody'"):
@@ -224,20 +224,20 @@ def test_a_kept_episode_meets_its_older_copy_in_a_merge_without_its_person(tmp_p
 def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     path = tmp_path / "play.db"
     first, second = freeze(tmp_path / "studies", "first"), freeze(tmp_path / "studies", "second")
-    field = Field(path, first)
-    person = field.join(0)
-    field.play(person, "ranked", 0)
-    field.close()
-    field = Field(path, second)
-    other = field.join(0)
-    field.play(other, "ranked", 0)
-    (player,) = field.conn.execute("SELECT player_id FROM participants WHERE id = ?", [person]).fetchone()
-    field.conn.execute("UPDATE participants SET player_id = ? WHERE id = ?", (player, other))
-    field.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
+    recorder = StudyRecorder(path, first)
+    person = recorder.join(0)
+    recorder.play(person, "ranked", 0)
+    recorder.close()
+    recorder = StudyRecorder(path, second)
+    other = recorder.join(0)
+    recorder.play(other, "ranked", 0)
+    (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [person]).fetchone()
+    recorder.conn.execute("UPDATE participants SET player_id = ? WHERE id = ?", (player, other))
+    recorder.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
     from app.storage import digests
 
-    digests.write(field.conn, "participant", other)
-    field.close()
+    digests.write(recorder.conn, "participant", other)
+    recorder.close()
     with pytest.raises(ParticipantLookupError, match="studies: first, second"):
         forget(path, IDENTITIES["PROLIFIC_PID"].format(0))
     assert forget(path, IDENTITIES["PROLIFIC_PID"].format(0), "first").episodes == 1

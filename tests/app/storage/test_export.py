@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.storage.export import COLUMNS, export_to, new_key, rows
+from app.storage.export import COLUMNS, export_table, export_to, new_key
 from app.storage.store import Store
 from marsexplorer.episode import replay
 from tests.support import earlier
@@ -26,7 +26,7 @@ def store(tmp_path):
 
 
 def table(source, name, fmt="jsonl", **rest):
-    text = b"".join(rows(source, name, fmt, **rest)).decode()
+    text = b"".join(export_table(source, name, fmt, **rest)).decode()
     if fmt == "csv":
         return list(csv.DictReader(io.StringIO(text)))
     return [json.loads(line) for line in text.splitlines()]
@@ -103,7 +103,7 @@ def test_unfinished_episodes_are_left_out(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:2])
     assert table(store, "episodes") == table(store, "steps") == []
-    assert b"".join(rows(store, "steps", "csv")) == (",".join(COLUMNS["steps"]) + "\n").encode()
+    assert b"".join(export_table(store, "steps", "csv")) == (",".join(COLUMNS["steps"]) + "\n").encode()
 
 
 def test_human_exports_hold_the_counted_episodes_only(store):
@@ -124,7 +124,7 @@ def test_pseudonyms_agree_within_an_export_and_never_between_two(store):
     assert lines[0]["player"] == lines[1]["player"] != lines[2]["player"]
     assert {line["player"] for line in lines} == {line["player"] for line in table(store, "steps", key=key)}
     assert not {line["player"] for line in lines} & {line["player"] for line in table(store, "episodes")}
-    text = b"".join(rows(store, "episodes", "csv")) + b"".join(rows(store, "steps", "jsonl"))
+    text = b"".join(export_table(store, "episodes", "csv")) + b"".join(export_table(store, "steps", "jsonl"))
     assert b"ada-lovelace" not in text
     assert b"session-" not in text
 
@@ -132,7 +132,7 @@ def test_pseudonyms_agree_within_an_export_and_never_between_two(store):
 def test_an_export_shows_the_database_as_it_was_when_it_began(store):
     for seed in range(3):
         play(store, seed=seed)
-    pieces = rows(store, "episodes", "jsonl")
+    pieces = export_table(store, "episodes", "jsonl")
     first = next(pieces)
     play(store, seed=9, started_ms=NOW + 10**6)
     assert len(b"".join([first, *pieces]).splitlines()) == 3
@@ -142,7 +142,7 @@ def test_an_export_shows_the_database_as_it_was_when_it_began(store):
 def test_an_export_given_up_halfway_leaves_the_store_working(store):
     for seed in range(3):
         play(store, seed=seed)
-    pieces = rows(store, "steps", "csv")
+    pieces = export_table(store, "steps", "csv")
     next(pieces), next(pieces)
     pieces.close()
     assert store.episode(play(store, seed=7).id)["counts"]
@@ -174,7 +174,7 @@ def test_episodes_that_do_not_verify_are_counted_in_what_is_said(store, tmp_path
 @pytest.mark.parametrize("wrong", [("players", "csv", "all"), ("steps", "xml", "all"), ("steps", "csv", "me")])
 def test_an_unknown_table_format_or_filter_is_refused_before_anything_is_read(store, wrong):
     with pytest.raises(ValueError, match="must be one of"):
-        rows(store, *wrong)
+        export_table(store, *wrong)
 
 
 def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):

@@ -10,7 +10,7 @@ from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import verify_bundle
 from app.storage.merging import MergeError, merge
 from app.study.verification import verify_database
-from tests.support.stored_studies import Field, freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -103,15 +103,15 @@ def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
 
 def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(servers, tmp_path, capsys):
     folder, study = servers
-    field = Field(tmp_path / "live.db", study)
-    field.play(field.join(0), "warm_up", 0)
+    recorder = StudyRecorder(tmp_path / "live.db", study)
+    recorder.play(recorder.join(0), "warm_up", 0)
     with pytest.raises(SystemExit) as left:
         main(["merge", str(folder / "a.db"), str(tmp_path / "live.db"), "--out", str(tmp_path / "c.db")])
     said = capsys.readouterr()
     assert (left.value.code, said.err) == (0, "")
     assert "3 participants and 13 episodes from 2 databases" in said.out
     assert "1 outside ids took part in a study twice" in said.out
-    field.close()
+    recorder.close()
 
 
 def test_nothing_is_written_over(servers, tmp_path, capsys):

@@ -10,7 +10,7 @@ from app.storage.reader import Reader
 from app.study.data import load, trial_records
 from app.study.protocol import StudyError
 from marsexplorer.episode import replay
-from tests.support.stored_studies import IDENTITIES, Field, freeze, play_study
+from tests.support.stored_studies import IDENTITIES, StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +55,10 @@ def test_nothing_of_an_identity_is_in_it(place):
 
 def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
-    field = Field(tmp_path / "play.db", study)
-    person = field.join(0, stage="ranked")
-    field.play(person, "ranked", 0, "open")
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    person = recorder.join(0, stage="ranked")
+    recorder.play(person, "ranked", 0, "open")
+    recorder.close()
     data = load(tmp_path / "play.db", "dunes")
     (trial,) = data.trials
     assert (trial.ended_ms, trial.outcome, trial.steps_to_99, trial.score) == (None, None, None, None)
@@ -75,9 +75,9 @@ def test_an_unknown_study_and_an_absent_file_give_different_errors(place, tmp_pa
 
 def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
-    field = Field(tmp_path / "play.db", study)
-    field.join(0, stage="ranked")
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    recorder.join(0, stage="ranked")
+    recorder.close()
     from app.study.folder import Folder
 
     Folder(tmp_path / "studies").close("dunes")
@@ -94,8 +94,8 @@ def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
 def test_a_study_that_nobody_has_joined_is_known_from_its_folder(tmp_path):
     freeze(tmp_path / "studies")
     other = freeze(tmp_path / "others", "moon")
-    field = Field(tmp_path / "play.db", other)
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", other)
+    recorder.close()
     reader = Reader.open(tmp_path / "play.db")
     data, seeds = load_with_folder(reader, tmp_path / "studies", "dunes")
     assert (data.people, data.trials, len(seeds)) == ((), (), 3)
@@ -104,8 +104,8 @@ def test_a_study_that_nobody_has_joined_is_known_from_its_folder(tmp_path):
 
 def test_two_studies_of_one_name_are_not_mixed(tmp_path):
     freeze(tmp_path / "studies", ranked=4)
-    field = Field(tmp_path / "play.db", freeze(tmp_path / "others"))
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "others"))
+    recorder.close()
     reader = Reader.open(tmp_path / "play.db")
     with pytest.raises(StudyError, match="another protocol than the one in"):
         load_with_folder(reader, tmp_path / "studies", "dunes")

@@ -11,7 +11,7 @@ import pytest
 
 from app.cli.main import main
 from app.study.folder import Folder, StudyError
-from app.study.protocol import Protocol, canonical, checked, default_protocol, protocol_hash
+from app.study.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
 from app.study.seeds import commitment, order, seed
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
@@ -49,9 +49,9 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
     text = json.dumps(raw, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
     assert canonical(protocol) == text
     assert protocol_hash(protocol) == hashlib.sha256(text).hexdigest()
-    assert checked(raw) == protocol
+    assert parse_protocol(raw) == protocol
     changed = {"ranked": 4, "consent": {"version": "2", "text": "yes"}, "equivalence_margin": 5.5, "return_url": "https://a.b"}
-    hashes = {protocol_hash(checked({**raw, name: value})) for name, value in changed.items()}
+    hashes = {protocol_hash(parse_protocol({**raw, name: value})) for name, value in changed.items()}
     assert len(hashes | {protocol_hash(protocol)}) == 5
 
 
@@ -72,7 +72,7 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
 )
 def test_a_wrong_field_is_named(wrong, said):
     with pytest.raises(StudyError, match="the protocol does not hold") as error:
-        checked({**json.loads(canonical(small())), **wrong})
+        parse_protocol({**json.loads(canonical(small())), **wrong})
     assert said in str(error.value)
 
 

@@ -9,7 +9,7 @@ from app.cli.main import main
 from app.storage import digests
 from app.study import verification
 from app.study.verification import verify_database
-from tests.support.stored_studies import Field, freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -157,11 +157,11 @@ def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
 
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
-    field = Field(tmp_path / "play.db", study)
-    person = field.join(0)
-    field.play(person, "warm_up", 0)
-    field.play(person, "ranked", 0, "open")
-    field.close()
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    person = recorder.join(0)
+    recorder.play(person, "warm_up", 0)
+    recorder.play(person, "ranked", 0, "open")
+    recorder.close()
     result = verify_database(tmp_path / "play.db", secrets={study.name: study.secret})
     assert (result.findings, result.episodes, result.still_open) == ((), 1, 1)
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
