@@ -45,7 +45,7 @@ def report(
 
     settings = settings_of()
     try:
-        found = _made(name, database or settings.database, studies or settings.studies, synthetic, not no_policies)
+        found = _build_report(name, database or settings.database, studies or settings.studies, synthetic, not no_policies)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -60,7 +60,8 @@ def report(
     _show(found)
 
 
-def _made(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
+def _build_report(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
+    """Return the report of a study; with policies only if somebody has finished a ranked episode."""
     from app.report.build import build
     from app.report.seeds import load_with_folder
     from app.statistics.group_summaries import summarize_groups
@@ -81,6 +82,7 @@ def _made(name: str, database: Path, studies: Path, synthetic: bool, with_polici
 
 
 def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
+    """Return the runs of the protocol's policies and of `random`; ClickException when one cannot be loaded."""
     from app.report.policies import run_policies
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
@@ -94,6 +96,7 @@ def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
 
 
 def _show(found: Report) -> None:
+    """Print the report on the terminal."""
     click.echo(f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})")
     click.echo(found.sentence)
     for group in found.groups:
@@ -103,9 +106,18 @@ def _show(found: Report) -> None:
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
-    from app.statistics.formatting import interval, number, p_value
-
+    """Print a group's figures, comparisons, deviations and cautions."""
     mark = "SYNTHETIC, script " if found.synthetic else ""
+    _print_figures(mark, group)
+    _print_comparisons(mark, group)
+    for line in (*group.deviations, *group.cautions):
+        click.echo(f"- {line}")
+
+
+def _print_figures(mark: str, group: GroupReport) -> None:
+    """Print the figure under each exclusion set; nothing where no set has players."""
+    from app.statistics.formatting import interval, number
+
     rows = []
     for figure in group.figures:
         score, steps = figure.score, figure.steps
@@ -115,6 +127,12 @@ def _show_group(found: Report, group: GroupReport) -> None:
     if rows:
         columns = ("set", "players", "episodes", "score", "95 % interval", "steps to 99 %", "95 % interval")
         print_table(f"{mark}{group.name}: means over players", columns, rows)
+
+
+def _print_comparisons(mark: str, group: GroupReport) -> None:
+    """Print the comparisons in score; nothing where there are none."""
+    from app.statistics.formatting import interval, number, p_value
+
     compared = [
         (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.these, 4), p_value(each.p_adjusted),
          f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
@@ -123,5 +141,3 @@ def _show_group(found: Report, group: GroupReport) -> None:
     if compared:
         heads = ("policy", "score", "minus people", "95 %, these terrains", "p (Holm)", "ratio (95 %, new terrains too)")
         print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)
-    for line in (*group.deviations, *group.cautions):
-        click.echo(f"- {line}")

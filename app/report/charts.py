@@ -6,6 +6,7 @@ import io
 import re
 import threading
 from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any
 
 import matplotlib
@@ -44,7 +45,7 @@ WIDTH = 5.6
 
 
 def draw_svg(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str) -> str:
-    """Return a figure as an SVG element with its description; `name` keeps its ids apart from other figures'."""
+    """Return a chart as an SVG element with its description; its ids begin with `name`, so that no two charts share one."""
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
         draw(canvas)
@@ -59,8 +60,7 @@ def draw_svg(name: str, height: float, draw: Callable[[Canvas], None], is_synthe
     svg = re.sub(size, "", svg, count=1)
     for element in set(re.findall(r'id="([^"]+)"', svg)):  # ids are one name space in a page
         svg = re.sub(rf'(id="|#){re.escape(element)}(?=["\)])', rf"\g<1>{name}-{element}", svg)
-    label = alt.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    return svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
 
 
 def charts(report: Report, group: GroupReport) -> dict[str, str]:
