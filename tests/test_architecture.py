@@ -162,6 +162,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.config",
         "marsexplorer.episode",
         "marsexplorer.files",
+        "marsexplorer.lidar",
         "marsexplorer.policies",
         "marsexplorer.policies.kernels",
         "marsexplorer.random_numbers",

@@ -32,7 +32,7 @@ SHUTDOWN_TIMEOUT_S = 5.0
 """Seconds to wait for work whose processes were killed to end."""
 
 
-class Size(click.ParamType):  # type: ignore[type-arg]
+class SizeType(click.ParamType):  # type: ignore[type-arg]
     """`21` for a square, `42x84` for rows x columns."""
 
     name = "size"
@@ -67,7 +67,7 @@ def settings_of(**flags: Any) -> Settings:
         raise click.UsageError(f"setting {name}: {first['msg'].lower()}, got {first['input']!r}") from error
 
 
-def config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
+def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
     """Return the configuration of a level and size; raise UsageError when there is none."""
     from marsexplorer.config import EnvConfig
 

@@ -10,11 +10,11 @@ from typing import IO, TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, Size, check_more, config_of, interruptible, print_table, progress, reason
+from app.cli.console import PATH, SizeType, check_more, env_config_of, interruptible, print_table, progress, reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
-    from marsexplorer.evaluation import Row, Table
+    from marsexplorer.evaluation import EvaluationRow, EvaluationTable
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,12 @@ class EvaluationRequest:
     "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
 )
 @click.option(
-    "--size", "sizes", type=Size(), multiple=True, default=["21"], help="21 for a square, 42x84 for rows x columns; repeatable."
+    "--size",
+    "sizes",
+    type=SizeType(),
+    multiple=True,
+    default=["21"],
+    help="21 for a square, 42x84 for rows x columns; repeatable.",
 )
 @click.option("--episodes", type=click.IntRange(min=2), default=100, show_default=True, help="Terrains of each level and size.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first terrain's seed.")
@@ -76,7 +81,7 @@ def evaluate(
 
     check_more(more, policies)
     names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
-    configs = tuple(config_of(level, size) for level in _levels(levels) for size in sizes)
+    configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
     request = EvaluationRequest(tuple(names), configs, episodes, seed, plots is not None, ray)
     with _open_outputs(json_path, csv_path, plots) as files:
         table = _evaluate(request)
@@ -117,7 +122,7 @@ def _open_outputs(json_path: Path | None, csv_path: Path | None, plots: Path | N
         yield files
 
 
-def _evaluate(request: EvaluationRequest) -> Table:
+def _evaluate(request: EvaluationRequest) -> EvaluationTable:
     from marsexplorer.evaluation import evaluate as evaluate_policies
     from marsexplorer.evaluation.cluster import ClusterError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -143,7 +148,7 @@ def _evaluate(request: EvaluationRequest) -> Table:
             raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
 
 
-def _save_plots(table: Table, folder: Path) -> None:
+def _save_plots(table: EvaluationTable, folder: Path) -> None:
     from marsexplorer.evaluation.plots import save_plots
 
     try:
@@ -153,7 +158,7 @@ def _save_plots(table: Table, folder: Path) -> None:
         raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --plots") from error
 
 
-def _print(table: Table, informed: bool) -> None:
+def _print(table: EvaluationTable, informed: bool) -> None:
     """Print a row for each policy, level and size."""
     first, last = table.seeds[0], table.seeds[-1]
     title = f"{len(table.seeds)} terrains each, seeds {first} to {last}, the same for all; ± half of the 95 % interval"
@@ -164,7 +169,7 @@ def _print(table: Table, informed: bool) -> None:
         click.echo("informed is shown the true map: no policy, and its steps are an upper bound of the fewest possible")
 
 
-def _cells(table: Table, row: Row, informed: bool) -> list[str]:
+def _cells(table: EvaluationTable, row: EvaluationRow, informed: bool) -> list[str]:
     cells = [row.policy, row.level, f"{row.rows}x{row.cols}", f"{row.completion:.1%}"]
     cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
     for against in ("rule", "informed") if informed else ("rule",):

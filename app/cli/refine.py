@@ -21,7 +21,7 @@ from app.cli.train import commit, measure_policy
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics
 
-LOG_COLUMNS = {
+ROUND_LOG_COLUMNS = {
     "round": "round",
     "num_pairs": "pairs",
     "better_share": "better",
@@ -133,7 +133,7 @@ class _RefineOutput:
         """Add a round to the log and write both files."""
         from marsexplorer.files import write_whole
 
-        line = {LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
+        line = {ROUND_LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
         self._lines.append({**line, "seconds": round(time.monotonic() - self._started, 1)})
         text = "".join(json.dumps(line) + "\n" for line in self._lines)
         with write_whole(self._file.with_name("log.jsonl")) as file:

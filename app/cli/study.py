@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from app.cli.console import PATH, Size, config_of, print_table, progress, settings_of
+from app.cli.console import PATH, SizeType, env_config_of, print_table, progress, settings_of
 
 STUDIES = click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]")
 DATABASE = click.option("--database", type=PATH, help="The database the study was played in, if it is not the default one.")
@@ -55,7 +55,7 @@ def study() -> None:
 @click.argument("name")
 @click.option("--title", help="What participants read at the top.")
 @click.option("--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2.")
-@click.option("--size", type=Size(), default="21", show_default=True, help="21 for a square, 42x84 for rows x columns.")
+@click.option("--size", type=SizeType(), default="21", show_default=True, help="21 for a square, 42x84 for rows x columns.")
 @click.option("--warm-up", type=int, default=15, show_default=True, help="Episodes that do not count, before the others.")
 @click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
 @click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
@@ -82,7 +82,7 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
     """
     from app.study.protocol import default_protocol
 
-    config = config_of(level, size)
+    config = env_config_of(level, size)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with _study_errors():
         _folder(studies).path(name)

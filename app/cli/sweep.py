@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, Size, config_of, interruptible, print_table, progress, reason
+from app.cli.console import PATH, SizeType, env_config_of, interruptible, print_table, progress, reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -25,7 +25,12 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
 )
 @click.option(
-    "--size", "sizes", type=Size(), multiple=True, default=["21"], help="21 for a square, 42x84 for rows x columns; repeatable."
+    "--size",
+    "sizes",
+    type=SizeType(),
+    multiple=True,
+    default=["21"],
+    help="21 for a square, 42x84 for rows x columns; repeatable.",
 )
 @click.option("--seed", "seeds", type=click.IntRange(0, 1000), multiple=True, default=[0], help="Training seed; repeatable.")
 @click.option("--recipe", type=click.Choice(["best", "paper"]), default="best", show_default=True, help="As in train.")
@@ -63,7 +68,7 @@ def sweep(
     from marsexplorer.training.config import FAMILIES
 
     names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
-    configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
+    configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     runs = [_sweep_run(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")

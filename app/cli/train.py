@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, Size, config_of, reason
+from app.cli.console import PATH, SizeType, env_config_of, reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -46,7 +46,7 @@ HELD_OUT_TERRAINS = 200
 @click.option(
     "--size",
     "sizes",
-    type=Size(),
+    type=SizeType(),
     multiple=True,
     default=("21",),
     show_default=True,
@@ -101,7 +101,7 @@ def train(
     from marsexplorer.training.ppo import TrainingRun
 
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
-    configs = [config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
+    configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     _check_device(device)
     config = RECIPES[recipe]
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig
-from marsexplorer.evaluation.tours import UNREACHABLE, anneal, fill_distances, fill_views, walk_tour
+from marsexplorer.evaluation.tours import NO_PATH, anneal, fill_distances, fill_views, walk_tour
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
 
@@ -55,7 +55,7 @@ class KnownTerrain:
         n, self.words = config.n, (config.n + 63) // 64
         neighbours, distance = np.zeros((n, 4), np.int32), np.zeros((n, n), np.uint16)
         fill_distances(terrain, neighbours, distance, np.zeros(n, np.int32))
-        self.free = np.flatnonzero(distance[0] != UNREACHABLE).astype(np.int32)
+        self.free = np.flatnonzero(distance[0] != NO_PATH).astype(np.int32)
         obstacles, unknown = (VisibilityMap(terrain.shape, config.sensor_radius) for _ in range(2))
         obstacles.fill(np.where(terrain, np.uint8(OBSTACLE), np.uint8(FREE)))
         unknown.fill(np.full(terrain.shape, UNKNOWN, np.uint8))

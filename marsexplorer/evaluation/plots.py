@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import EpisodeTrace, Result
-from marsexplorer.evaluation.table import Table
+from marsexplorer.evaluation.table import EvaluationTable
 from marsexplorer.files import replace_whole
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+POLICY_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
 """Colours that colour-blind people can tell apart (Okabe and Ito)."""
 
-STYLES = ("-", "--", "-.", ":")
+POLICY_LINE_STYLES = ("-", "--", "-.", ":")
 SHOWN_SHARE = 0.99
 """Share of the explored episodes that have ended at the right edge of a coverage plot."""
 
 
-def save_plots(table: Table, folder: Path) -> list[Path]:
+def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
     """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths."""
     folder.mkdir(parents=True, exist_ok=True)
     figures = {f"coverage-{_place(config)}": coverage_figure(table, config) for config in table.configs}
@@ -36,7 +36,7 @@ def save_plots(table: Table, folder: Path) -> list[Path]:
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
 
-def coverage_figure(table: Table, config: EnvConfig) -> Figure:
+def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
     """Plot coverage against moves: each policy's mean over terrains, and the band from the 5th to the 95th percentile."""
     policies = dict.fromkeys(result.policy for result in table.results)
     groups = {policy: _results(table, config, policy) for policy in policies}
@@ -45,10 +45,16 @@ def coverage_figure(table: Table, config: EnvConfig) -> Figure:
     moves = _shown_moves([result for results in groups.values() for result in results])
     for number, (policy, results) in enumerate(groups.items()):
         curves = 100 * coverage_curves(results, moves) / config.n
-        steps, colour = np.arange(moves + 1), COLOURS[number % len(COLOURS)]
+        steps, colour = np.arange(moves + 1), POLICY_COLOURS[number % len(POLICY_COLOURS)]
         low, high = np.percentile(curves, (5, 95), axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(steps, curves.mean(axis=0), color=colour, linestyle=STYLES[number % len(STYLES)], label=Path(policy).stem)
+        axes.plot(
+            steps,
+            curves.mean(axis=0),
+            color=colour,
+            linestyle=POLICY_LINE_STYLES[number % len(POLICY_LINE_STYLES)],
+            label=Path(policy).stem,
+        )
     axes.axhline(100 * config.beta, color="0.4", linewidth=0.8, linestyle=(0, (1, 2)))
     axes.set(xlabel="moves", ylabel="coverage (%)", xlim=(0, moves), ylim=(0, 101))
     axes.set_title(f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile", fontsize=10)
@@ -57,7 +63,7 @@ def coverage_figure(table: Table, config: EnvConfig) -> Figure:
     return figure
 
 
-def heat_figure(table: Table, policy: str) -> Figure:
+def heat_figure(table: EvaluationTable, policy: str) -> Figure:
     """Plot a panel for each configuration: blue for visits to each cell, green for obstacles found there."""
     configs = [config for config in table.configs if _results(table, config, policy)]
     columns = min(4, len(configs))
@@ -126,7 +132,7 @@ def _trace(result: Result) -> EpisodeTrace:
     return result.trace
 
 
-def _results(table: Table, config: EnvConfig, policy: str) -> list[Result]:
+def _results(table: EvaluationTable, config: EnvConfig, policy: str) -> list[Result]:
     return [result for result in table.results if result.config_hash == config.hash and result.policy == policy]
 
 

@@ -8,7 +8,7 @@ from marsexplorer import policies as policy_files
 from marsexplorer.config import EnvConfig, check_seed
 from marsexplorer.evaluation.episodes import INFORMED, Result, make_chunks, play_chunks
 from marsexplorer.evaluation.informed import check_size
-from marsexplorer.evaluation.table import Table, tabulate
+from marsexplorer.evaluation.table import EvaluationTable, tabulate
 
 Progress = Callable[[int, int], None]
 
@@ -24,7 +24,7 @@ def evaluate(
     seeds: Sequence[int] | None = None,
     traces: bool = False,
     ray: str | None = None,
-) -> Table:
+) -> EvaluationTable:
     """Play policies on `episodes` terrains from `seed` on, or on the terrains of `seeds`, and return the table of figures.
 
     policies  names or paths; "informed" stands for the planner that is shown the true map

@@ -22,7 +22,7 @@ RULES = ("frontier-cost", "frontier-utility")
 
 
 @dataclass(frozen=True)
-class Row:
+class EvaluationRow:
     """One policy over all terrains of one configuration; *_low and *_high bound the mean.
 
     completion  share of episodes explored, 0..1
@@ -75,16 +75,16 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Table:
+class EvaluationTable:
     """The result of `evaluate`: a row for each configuration and policy, in the order given, and every episode."""
 
     configs: tuple[EnvConfig, ...]
     seeds: tuple[int, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[EvaluationRow, ...]
     comparisons: tuple[Comparison, ...]
     results: tuple[Result, ...]
 
-    def compared(self, row: Row, against: str) -> Comparison | None:
+    def compared(self, row: EvaluationRow, against: str) -> Comparison | None:
         """Return the comparison of a row's policy with "rule" or "informed", None when there is none."""
         key = (row.policy, row.level, row.rows, row.cols, against)
         found = (each for each in self.comparisons if (each.policy, each.level, each.rows, each.cols, each.against) == key)
@@ -105,7 +105,10 @@ class Table:
     def to_csv(self) -> str:
         """Return the rows as CSV, each with its comparisons beside it; a cell is empty where there is none."""
         fields = ("reference", *(f"{what}_{end}" for what in ("difference", "ratio") for end in ("mean", "low", "high")))
-        names = [*Row.__dataclass_fields__, *(f"{against}_{name}" for against in ("rule", INFORMED) for name in fields)]
+        names = [
+            *EvaluationRow.__dataclass_fields__,
+            *(f"{against}_{name}" for against in ("rule", INFORMED) for name in fields),
+        ]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)
@@ -118,30 +121,32 @@ class Table:
         return text.getvalue()
 
 
-def tabulate(configs: Sequence[EnvConfig], policies: Sequence[str], seeds: Sequence[int], results: Iterable[Result]) -> Table:
+def tabulate(
+    configs: Sequence[EnvConfig], policies: Sequence[str], seeds: Sequence[int], results: Iterable[Result]
+) -> EvaluationTable:
     """Return the table of results that came in any order: by configuration, policy and seed as given."""
     config_of = {config.hash: number for number, config in enumerate(configs)}
     policy_of = {name: number for number, name in enumerate(policies)}
     seed_of = {seed: number for number, seed in enumerate(seeds)}
     ordered = sorted(results, key=lambda one: (config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]))
-    rows: list[Row] = []
+    rows: list[EvaluationRow] = []
     comparisons: list[Comparison] = []
     for config in configs:
         by_policy = {
             name: [one for one in ordered if one.config_hash == config.hash and one.policy == name] for name in policies
         }
-        rows += [summarize(own) for own in by_policy.values()]
+        rows += [summarize_policy(own) for own in by_policy.values()]
         comparisons += compare(by_policy)
-    return Table(tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered))
+    return EvaluationTable(tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered))
 
 
-def summarize(results: Sequence[Result]) -> Row:
+def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
     """Return the row of one policy's episodes of one configuration (at least two)."""
     scores, steps, areas = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
     outcomes = [result.outcome for result in results]
     first = results[0]
     (score_low, score_high), (steps_low, steps_high), (auc_low, auc_high) = map(_interval, (scores, steps, areas))
-    return Row(
+    return EvaluationRow(
         policy=first.policy,
         level=first.level,
         rows=first.rows,

@@ -5,7 +5,7 @@ shortest paths to it in tie_breaks int8[capacity]. Cells are flat, row * cols + 
 bit c of uint64[words]. A known terrain is the tuple `known` of
 
     neighbours  int32[n, 4]        the cells one move north, east, south, west; -1 for off the grid or an obstacle
-    distance    uint16[n, n]       moves between free cells, UNREACHABLE where there is no path
+    distance    uint16[n, n]       moves between free cells, NO_PATH where there is no path
     views       uint64[n, words]   what the lidar shows from each free cell
     first_word  int64[n]           the first word of a cell's view that is not zero
     end_word    int64[n]           one more than the last word that is not zero
@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from marsexplorer.compiled import inlined, kernel, popcount
+from marsexplorer.lidar import ONE
 from marsexplorer.policies.kernels.grid import neighbour
 from marsexplorer.policies.kernels.visibility import count_visible
 from marsexplorer.random_numbers import below, uniform
@@ -31,10 +32,9 @@ MISSING_CELL_COST = 1.5
 DRAWS = 400
 """Random cells that are tried to find one that sees a given cell."""
 
-UNREACHABLE = 65535
+NO_PATH = 65535
 INFINITE = 1 << 40
 U = np.uint64
-ONE = np.uint64(1)
 
 
 @kernel
@@ -50,7 +50,7 @@ def fill_distances(terrain, neighbours, distance, queue):
                 there = -1
             neighbours[cell, action] = there
     # 2. Search breadth first from every free cell: all moves cost the same.
-    distance[:] = UNREACHABLE
+    distance[:] = NO_PATH
     for source in range(n):
         if terrain[source // cols, source % cols]:
             continue
@@ -63,7 +63,7 @@ def fill_distances(terrain, neighbours, distance, queue):
             head += 1
             for action in range(4):
                 there = neighbours[cell, action]
-                if there >= 0 and row[there] == UNREACHABLE:
+                if there >= 0 and row[there] == NO_PATH:
                     row[there] = row[cell] + 1
                     queue[tail] = there
                     tail += 1

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from app.cli.console import Size
+from app.cli.console import SizeType
 from app.cli.extras import EXTRA_OF_COMMAND, EXTRAS, INCLUDED, missing_extra
 from app.cli.main import cli, main
 from app.settings import DEFAULT_DATABASE
@@ -163,7 +163,7 @@ def test_a_wrong_setting_in_the_environment_is_one_sentence(run, monkeypatch):
 
 
 def test_sizes_are_read_as_sides_or_rows_by_columns():
-    read = Size().convert
+    read = SizeType().convert
     assert read("21", None, None) == 21
     assert read("42x84", None, None) == read("42X84", None, None) == (42, 84)
 
