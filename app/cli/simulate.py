@@ -69,7 +69,8 @@ def simulate(
     from app.simulate.outcome_log import OutcomeLog
     from app.simulate.participant import StudyOverError
     from app.simulate.persona import assign_kinds
-    from app.simulate.run import SimulationConfig, StudyNotReadyError, fetch_study, simulate
+    from app.simulate.run import fetch_study, simulate
+    from app.simulate.state_file import SimulationConfig, StudyNotReadyError
 
     log, url = OutcomeLog(), url.rstrip("/")
     try:
@@ -83,19 +84,19 @@ def simulate(
     except StudyNotReadyError as error:
         raise click.UsageError(str(error)) from error
     except StudyOverError as error:
-        _print(log)
+        _print_outcome(log)
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
         advice = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
         click.echo(f"marsexplorer: stopped after {log.episodes} episodes; {advice}", err=True)
         raise click.Abort from None
-    _print(log)
+    _print_outcome(log)
     if log.faults:
         more = f" (and {len(log.faults) - 1} more)" if len(log.faults) > 1 else ""
         raise click.ClickException(f"the server did what it must not: {log.faults[0]}{more}")
 
 
-def _print(log: OutcomeLog) -> None:
+def _print_outcome(log: OutcomeLog) -> None:
     """Print one line for each player, then the load of the server."""
     rows = []
     for player in log.players:

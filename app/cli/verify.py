@@ -12,7 +12,7 @@ from app.cli.console import PATH, progress, reason, settings_of
 if TYPE_CHECKING:
     from app.study.verification import Verification
 
-SHOWN = 200
+MAX_PRINTED = 200
 """Findings that are printed; more are counted."""
 
 
@@ -49,10 +49,10 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
-    for finding in result.findings[:SHOWN]:
+    for finding in result.findings[:MAX_PRINTED]:
         click.echo(str(finding))
-    if len(result.findings) > SHOWN:
-        click.echo(f"... and {len(result.findings) - SHOWN} more")
+    if len(result.findings) > MAX_PRINTED:
+        click.echo(f"... and {len(result.findings) - MAX_PRINTED} more")
     click.echo(_sentence(result, about))
     return 1 if result.findings else 0
 

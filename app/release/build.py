@@ -72,21 +72,21 @@ def build_release(request: ReleaseRequest, advance: Advance = lambda done, total
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
         raise ReleaseError(f"{request.out} is there already: a release is written into a new folder; choose another --out")
     with reading(request.database) as source:  # it sees one moment, whatever a server writes meanwhile
-        header, closed = _header(source, request)
-        total = 2 * _episodes(source, request.study)
-        _verify(source, request, advance, total)
+        header, closed = _new_header(source, request)
+        total = 2 * _count_episodes(source, request.study)
+        _verify_study(source, request, advance, total)
         with _whole_folder(request.out) as folder:
             left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-            written = _write(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
+            written = _write_files(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
             key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, key)
     if not header.interim:
-        _note_in_database(request, written[0], manifest_hash)
+        _note_published(request, written[0], manifest_hash)
     return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
 
 
-def _header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
+def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
     found = rows(conn, "SELECT * FROM studies WHERE name = ?", request.study)
     if not found:
         known = ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name")) or "none"
@@ -130,13 +130,13 @@ def _superseded(last: dict[str, Any]) -> dict[str, Any]:
     return {"version": last["version"], "manifest_sha256": last["manifest_hash"], "reason": reason}
 
 
-def _episodes(conn: sqlite3.Connection, study: str) -> int:
+def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
     sql = """SELECT count(*) FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
         JOIN participants p ON p.id = s.participant_id WHERE p.study = ? AND e.ended_ms IS NOT NULL"""
     return int(conn.execute(sql, [study]).fetchone()[0])
 
 
-def _verify(source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int) -> None:
+def _verify_study(source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int) -> None:
     known = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
     result = verify_moment(source, request.database, lambda done, _: advance(done, total), known, request.study)
     if result.findings:
@@ -146,7 +146,7 @@ def _verify(source: sqlite3.Connection, request: ReleaseRequest, advance: Advanc
         )
 
 
-def _write(folder: Path, header: ReleaseHeader, advance: Callable[[int], None]) -> tuple[ReleaseHeader, dict[str, int]]:
+def _write_files(folder: Path, header: ReleaseHeader, advance: Callable[[int], None]) -> tuple[ReleaseHeader, dict[str, int]]:
     """Write everything but the manifest; return the header with its counts, and the rows by file."""
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
@@ -181,7 +181,7 @@ def _whole_folder(out: Path) -> Iterator[Path]:
         raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
 
 
-def _note_in_database(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
+def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
     """Keep the release in the database, so that the next one knows its number; a server may be running."""
     conn = sqlite3.connect(request.database, timeout=BUSY_MS / 1000, isolation_level=None)
     try:

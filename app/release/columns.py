@@ -35,7 +35,7 @@ terrain_index | integer  | which of the phase's terrains, the same for everybody
 episode       | text     | id of the episode; joins the tables
 """
 
-EPISODES = _columns(
+EPISODE_TABLE = _columns(
     _WHO
     + """
 driver        | text     | human when every move came from a trusted key or touch of the participant, else script
@@ -65,7 +65,7 @@ trajectory_hash | text   | SHA-256 over configuration, terrain, start and each m
 """
 )
 
-STEPS = _columns(
+STEP_TABLE = _columns(
     """
 participant   | text     | pseudonym, as in episodes
 episode       | text     | id of the episode
@@ -85,7 +85,7 @@ driver        | text     | who made this move: human or script
 """
 )
 
-INPUT_EVENTS = _columns(
+INPUT_EVENT_TABLE = _columns(
     """
 participant   | text     | pseudonym, as in episodes
 episode       | text     | id of the episode
@@ -101,9 +101,9 @@ server_ms     | integer  | when the server received it, milliseconds since 1970 
 """
 )
 
-SCORES = tuple(
+SCORE_TABLE = tuple(
     column
-    for column in EPISODES
+    for column in EPISODE_TABLE
     if column.name
     in {
         *("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "seed", "started_ms", "ended_ms"),
@@ -112,10 +112,10 @@ SCORES = tuple(
 )
 
 BUNDLE_COLUMNS: dict[str, tuple[Column, ...]] = {
-    "episodes": EPISODES,
-    "steps": STEPS,
-    "input_events": INPUT_EVENTS,
-    "scores": SCORES,
+    "episodes": EPISODE_TABLE,
+    "steps": STEP_TABLE,
+    "input_events": INPUT_EVENT_TABLE,
+    "scores": SCORE_TABLE,
 }
 SUMMARIES = {
     "episodes": "one row an episode: who, what was played, what it came to",
@@ -144,7 +144,7 @@ def dictionary() -> dict[str, Any]:
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
     properties: dict[str, Any] = {}
-    for column in EPISODES:
+    for column in EPISODE_TABLE:
         types: Any = [_JSON[column.type], "null"] if column.optional else _JSON[column.type]
         properties[column.name] = {"type": types, "description": column.meaning}
     actions = {"type": "array", "items": {"enum": ["north", "east", "south", "west"]}, "description": "the moves, in order"}

@@ -10,13 +10,13 @@ class ReleaseError(Exception):
     """A release cannot be written or imported; the message says what was expected, and what to do."""
 
 
-LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
+EXPORT_LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
 """The libraries of the extra `export`."""
 
 
 def check_libraries() -> None:
     """Check that everything that writing a release needs is installed; ReleaseError naming the first that is not."""
-    for name in LIBRARIES:
+    for name in EXPORT_LIBRARIES:
         library(name)
 
 

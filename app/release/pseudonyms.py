@@ -28,12 +28,14 @@ FREE_TEXT = {"stage_events": ("detail",), "participants": ("settings", "script")
 _REFERENCES = {"participant_id": "participants", "session_id": "sessions", "player_id": "players"}
 _PEOPLE = "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
 _OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
-_EPISODES = f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+_EPISODE_IDS = (
+    f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+)
 _SELECTS = {
-    "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODES}) ORDER BY started_ms, id",
-    "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id, step",
-    "study_episodes": f"SELECT * FROM study_episodes WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id",
-    "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODES}) ORDER BY episode_id, number",
+    "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
+    "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",
+    "study_episodes": f"SELECT * FROM study_episodes WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id",
+    "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, number",
     "stage_events": f"SELECT * FROM stage_events WHERE {_OF} ORDER BY participant_id, number",
 }
 
@@ -115,7 +117,7 @@ def _players_and_sessions(
     source: sqlite3.Connection, study: str, people: list[dict[str, Any]], pseudonyms: Pseudonyms
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Return the players and sessions that the people and their episodes refer to."""
-    played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODES})"
+    played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODE_IDS})"
     used = {row["session_id"] for row in rows(source, played_on, study)}
     used |= {person["session_id"] for person in people if person["session_id"]}
     sessions = [row for ident in sorted(used) for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)]
@@ -167,6 +169,6 @@ def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
 
 
 def _left_out(source: sqlite3.Connection, study: str) -> LeftOut:
-    sql = f"""SELECT (SELECT count(*) FROM study_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODES})),
+    sql = f"""SELECT (SELECT count(*) FROM study_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
     return LeftOut(*source.execute(sql, (study, study, study)).fetchone())

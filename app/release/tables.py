@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from app.release.columns import EPISODES, INPUT_EVENTS, SCORES, STEPS, Column
+from app.release.columns import EPISODE_TABLE, INPUT_EVENT_TABLE, SCORE_TABLE, STEP_TABLE, Column
 from app.release.errors import library
 from app.storage.connection import rows
 from app.storage.reader import config_of, record_of
@@ -20,8 +20,8 @@ from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, replay
 from marsexplorer.score import steps_to_target
 
-Row = dict[str, Any]
-_EPISODES = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index, p.id AS participant, p.kind, p.script
+TableRow = dict[str, Any]
+_RELEASED_EPISODES = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index, p.id AS participant, p.kind, p.script
     FROM episodes e JOIN study_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
     ORDER BY e.started_ms, e.id"""
 ROWS_PER_GROUP = 20_000
@@ -32,9 +32,9 @@ ROWS_PER_GROUP = 20_000
 class ReleasedEpisode:
     """One episode of a release: its rows as the tables hold them, and its replay."""
 
-    header: Row
-    steps: list[Row]
-    events: list[Row]
+    header: TableRow
+    steps: list[TableRow]
+    events: list[TableRow]
     episode: Episode
 
     @property
@@ -45,7 +45,7 @@ class ReleasedEpisode:
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
     """Return every episode of a release's database, oldest first."""
-    for row in rows(conn, _EPISODES):
+    for row in rows(conn, _RELEASED_EPISODES):
         steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", row["id"])
         events = rows(conn, "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", row["id"])
         episode = replay(record_of(row, steps))
@@ -54,7 +54,7 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
         yield ReleasedEpisode(header, _steps(who, steps, episode), [{**who, **_event(event)} for event in events], episode)
 
 
-def _header(row: Row) -> Row:
+def _header(row: TableRow) -> TableRow:
     config = config_of(row)
     made = {
         **row,
@@ -65,24 +65,24 @@ def _header(row: Row) -> Row:
         "return": row["total"],
         "steps_to_99": steps_to_target(config, row["outcome"], row["steps"]),
     }
-    return {column.name: made[column.name] for column in EPISODES}
+    return {column.name: made[column.name] for column in EPISODE_TABLE}
 
 
-def _steps(who: Row, steps: list[Row], episode: Episode) -> list[Row]:
+def _steps(who: TableRow, steps: list[TableRow], episode: Episode) -> list[TableRow]:
     found = []
     for here, step in enumerate(steps, 1):
         row, col = episode.path[here]
         derived = {"action": ACTIONS[step["action"]], "row": row, "col": col, "coverage": step["discovered"] / episode.config.n}
         made = {**who, **step, **derived}
-        found.append({column.name: made[column.name] for column in STEPS})
+        found.append({column.name: made[column.name] for column in STEP_TABLE})
     return found
 
 
-def _event(event: Row) -> Row:
+def _event(event: TableRow) -> TableRow:
     made = {**event, "event": event["kind"]}
     for name in ("repeat", "trusted"):
         made[name] = None if event[name] is None else bool(event[name])
-    return {column.name: made[column.name] for column in INPUT_EVENTS if column.name in made}
+    return {column.name: made[column.name] for column in INPUT_EVENT_TABLE if column.name in made}
 
 
 class TableWriters:
@@ -97,10 +97,10 @@ class TableWriters:
     def __enter__(self) -> TableWriters:
         folder = self._folder
         (folder / "parquet").mkdir()
-        kinds: tuple[tuple[str, tuple[Column, ...], Callable[[ReleasedEpisode], list[Row]]], ...] = (
-            ("parquet/episodes.parquet", EPISODES, lambda each: [each.header]),
-            ("parquet/steps.parquet", STEPS, lambda each: each.steps),
-            ("parquet/input_events.parquet", INPUT_EVENTS, lambda each: each.events),
+        kinds: tuple[tuple[str, tuple[Column, ...], Callable[[ReleasedEpisode], list[TableRow]]], ...] = (
+            ("parquet/episodes.parquet", EPISODE_TABLE, lambda each: [each.header]),
+            ("parquet/steps.parquet", STEP_TABLE, lambda each: each.steps),
+            ("parquet/input_events.parquet", INPUT_EVENT_TABLE, lambda each: each.events),
         )
         for name, columns, rows_of in kinds:
             self._parquet(name, columns, rows_of)
@@ -116,7 +116,7 @@ class TableWriters:
         for add in self._add:
             add(each)
 
-    def _parquet(self, name: str, columns: tuple[Column, ...], rows_of: Callable[[ReleasedEpisode], list[Row]]) -> None:
+    def _parquet(self, name: str, columns: tuple[Column, ...], rows_of: Callable[[ReleasedEpisode], list[TableRow]]) -> None:
         table = ParquetTable(self._folder / name, columns)
         self._stack.callback(table.close)
         self.rows[name] = 0
@@ -140,7 +140,7 @@ class TableWriters:
 
     def _scores(self, name: str) -> None:
         file = self._stack.enter_context((self._folder / name).open("w", encoding="utf-8", newline=""))
-        table = csv.DictWriter(file, [column.name for column in SCORES], extrasaction="ignore", lineterminator="\n")
+        table = csv.DictWriter(file, [column.name for column in SCORE_TABLE], extrasaction="ignore", lineterminator="\n")
         table.writeheader()
         self.rows[name] = 0
 
@@ -163,9 +163,9 @@ class ParquetTable:
         self._make = pa.Table.from_pylist
         self._schema = pa.schema(fields)
         self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
-        self._waiting: list[Row] = []
+        self._waiting: list[TableRow] = []
 
-    def add(self, found: list[Row]) -> None:
+    def add(self, found: list[TableRow]) -> None:
         """Add rows; they are written ROWS_PER_GROUP at a time."""
         self._waiting += found
         if len(self._waiting) >= ROWS_PER_GROUP:

@@ -17,6 +17,7 @@ from app.simulate.input_device import SEND_AFTER_EVENTS, InputDevice, PageClock
 from app.simulate.outbox import Outbox
 from app.simulate.outcome_log import OutcomeLog, PlayerOutcome
 from app.simulate.persona import PHASES, Persona, PlayStyle
+from app.simulate.state_file import SavedPlayer
 
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 2.0
 """The first and the longest wait between two attempts to reach the server again, as in the page."""
@@ -29,18 +30,6 @@ STEPS_BEFORE_LEAVING = 3
 
 class StudyOverError(Exception):
     """The study cannot go on for anybody; one sentence."""
-
-
-@dataclass
-class SavedPlayer:
-    """What a player needs to come back as itself; the names of the fields are keys of the state file.
-
-    has_left  whether the player has left for ever
-    """
-
-    cookie: str | None = None
-    outside_ids: dict[str, str] | None = None
-    has_left: bool = False
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class Skills:
         return 1.0 / (1.0 + np.exp(-logit)), self.crash[players]
 
 
-POPULATIONS = {
+SIMULATED_POPULATIONS = {
     each.name: each
     for each in (
         SimulatedPopulation("skilled", slip=0.05, skill_sd=0.5, luck_sd=0.4),

@@ -22,8 +22,6 @@ from marsexplorer.world import Worlds, positions, totals
 BOARDS_AT_A_TIME = 1000
 """The number of boards that are stepped together."""
 
-Progress = Callable[[int, int], None]
-
 
 @dataclass(frozen=True)
 class SimulatedEpisodes:
@@ -62,7 +60,7 @@ def play_episodes(
     slip: NDArray[np.float64],
     crash: NDArray[np.float64],
     rng: np.random.Generator,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> SimulatedEpisodes:
     """Play one episode for each seed, with the player's slip and crash at the same index.
 
@@ -103,7 +101,7 @@ def true_level(
     population: SimulatedPopulation,
     episodes: int = 10_000,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> TrueLevel:
     """Return the mean over players of a population on the terrains of `seeds`, each episode by a player of its own.
 

@@ -110,7 +110,7 @@ def test_nobody_is_found_in_any_byte_of_it(made):
     assert b"P" in (folder / "out/scores.csv").read_bytes()
 
 
-def test_all_formats_tell_the_same(made):
+def test_all_formats_hold_the_same(made):
     out = made[0] / "out"
     lines = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
     parquet = pq.read_table(out / "parquet/episodes.parquet").to_pylist()
@@ -498,7 +498,7 @@ def run(capsys, *args):
     return left.value.code, said.out, said.err
 
 
-def test_the_commands_tell_what_they_did(copy, capsys):
+def test_the_commands_report_what_they_did(copy, capsys):
     code, out, _ = run(capsys, "verify", "--database", copy / "play.db", "--studies", copy / "none")
     assert (code, "all as recorded; 18 episodes" in out) == (0, True)
     code, out, _ = run(capsys, "verify", "--dataset", copy / "out", "--signer", "00")

@@ -6,7 +6,7 @@ import pytest
 from app.simulate.board import SimulatedBoard
 from app.simulate.decisions import DecisionKernel
 from app.simulate.persona import PLAYER_KINDS, PlayStyle, assign_kinds, draw_persona
-from app.simulate.population import POPULATIONS, RANDOM_MOVES, draw_players
+from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS, draw_players
 from app.simulate.true_level import play_episodes, play_studies, true_level
 from app.statistics.intervals import printed_interval
 from marsexplorer import policies
@@ -96,11 +96,11 @@ def test_a_crash_takes_every_invalid_move_as_often():
 
 
 def test_populations_differ_as_their_names_say():
-    found = {name: true_level(CONFIG, SEEDS, population, 2000, 4) for name, population in POPULATIONS.items()}
+    found = {name: true_level(CONFIG, SEEDS, population, 2000, 4) for name, population in SIMULATED_POPULATIONS.items()}
     assert found["skilled"].mean_score > found["mixed"].mean_score > found["clumsy"].mean_score
     assert found["skilled"].mean_steps < found["mixed"].mean_steps < found["clumsy"].mean_steps
     assert found["skilled"].collisions == 0 < found["mixed"].collisions < found["clumsy"].collisions
-    again = true_level(CONFIG, SEEDS, POPULATIONS["clumsy"], 2000, 5)
+    again = true_level(CONFIG, SEEDS, SIMULATED_POPULATIONS["clumsy"], 2000, 5)
     assert abs(again.mean_score - found["clumsy"].mean_score) < 4 * 2**0.5 * again.score_error
     assert abs(again.mean_steps - found["clumsy"].mean_steps) < 4 * 2**0.5 * again.steps_error
 
@@ -118,31 +118,31 @@ def coverage(config, seeds, population, count, players, episodes=10_000):
 
 
 def test_intervals_of_small_simulated_studies_cover_the_truth():
-    _, shares = coverage(CONFIG, SEEDS, POPULATIONS["clumsy"], 100, 10, 4000)
+    _, shares = coverage(CONFIG, SEEDS, SIMULATED_POPULATIONS["clumsy"], 100, 10, 4000)
     assert all(share >= 0.88 for (_, how), share in shares.items() if how == "printed"), shares
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", POPULATIONS)
+@pytest.mark.parametrize("name", SIMULATED_POPULATIONS)
 def test_intervals_of_two_hundred_whole_studies_cover_the_truth(name):
     config, seeds = EnvConfig.of("random", 21), range(900, 930)
-    truth, shares = coverage(config, seeds, POPULATIONS[name], 200, 10)
+    truth, shares = coverage(config, seeds, SIMULATED_POPULATIONS[name], 200, 10)
     print(name, truth, shares)
     assert all(share >= 0.915 for (_, how), share in shares.items() if how == "printed"), shares  # 3 SE below 0.95 is 0.904
 
 
 def test_a_persona_is_the_same_whenever_it_is_asked_for():
-    one, two = (draw_persona(3, "reloader", POPULATIONS["mixed"], 8) for _ in range(2))
+    one, two = (draw_persona(3, "reloader", SIMULATED_POPULATIONS["mixed"], 8) for _ in range(2))
     assert one == two
     assert one.style("ranked", 4) == two.style("ranked", 4)
     styles = {one.style(phase, trial).stream for phase in ("warm_up", "ranked") for trial in range(20)}
     assert len(styles) == 40
-    assert draw_persona(4, "reloader", POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
+    assert draw_persona(4, "reloader", SIMULATED_POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
 
 
 def test_personas_are_drawn_from_their_population():
-    slips = [draw_persona(number, "idler", POPULATIONS["clumsy"], 8).style("ranked", 0).slip for number in range(400)]
-    whole = draw_players(POPULATIONS["clumsy"], 4000, np.random.default_rng(0)).draw_episodes(
+    slips = [draw_persona(number, "idler", SIMULATED_POPULATIONS["clumsy"], 8).style("ranked", 0).slip for number in range(400)]
+    whole = draw_players(SIMULATED_POPULATIONS["clumsy"], 4000, np.random.default_rng(0)).draw_episodes(
         np.arange(4000), np.random.default_rng(1)
     )[0]
     error = (np.var(slips) / 400 + np.var(whole) / 4000) ** 0.5

@@ -8,7 +8,7 @@ import pytest
 
 from app.simulate.input_device import InputDevice, PageClock
 from app.simulate.persona import PLAYER_KINDS, draw_persona
-from app.simulate.population import POPULATIONS
+from app.simulate.population import SIMULATED_POPULATIONS
 from app.study.plausibility import intervals, pause_share, plausibility_labels
 
 
@@ -17,7 +17,7 @@ def press(kind, presses, speed=1e6, number=0, idle_ms=0.0):
 
     async def work():
         device = InputDevice(
-            draw_persona(number, kind, POPULATIONS["mixed"], 1), PageClock(speed), np.random.default_rng(number)
+            draw_persona(number, kind, SIMULATED_POPULATIONS["mixed"], 1), PageClock(speed), np.random.default_rng(number)
         )
         for step in range(presses):
             action = ("east", "south")[step // 3 % 2]

@@ -17,8 +17,9 @@ from app.report.build import build
 from app.simulate.cheating import ATTEMPTS
 from app.simulate.outcome_log import OutcomeLog
 from app.simulate.participant import StudyOverError
-from app.simulate.population import POPULATIONS
-from app.simulate.run import SavedPlayers, SimulationConfig, StudyNotReadyError, simulate
+from app.simulate.population import SIMULATED_POPULATIONS
+from app.simulate.run import simulate
+from app.simulate.state_file import SavedPlayers, SimulationConfig, StudyNotReadyError
 from app.simulate.true_level import true_level
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
@@ -269,7 +270,7 @@ def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatc
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("population", POPULATIONS)
+@pytest.mark.parametrize("population", SIMULATED_POPULATIONS)
 def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn, tmp_path, population):
     """10 x (15 + 30) at 21x21, reloads and a kill -9, a leaver, a cheater; the report's interval covers the truth."""
     study = freeze(tmp_path / "studies", size=21, warm_up=15, ranked=30, players=10, break_every=10)
@@ -290,11 +291,22 @@ def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn,
     data = load(path, study.name)
     print(check_labels(data))
     group = next(group for group in build(data, synthetic=True).groups if group.name == "noisy-frontier")
-    truth = true_level(study.protocol.env_config, [study.seed("ranked", i) for i in range(30)], POPULATIONS[population])
-    score, steps = group.figure.score, group.figure.steps
-    print(
-        population, truth, score, steps, log.seconds(), log.moves, log.latency_ms(), log.reloads, log.lost_connections, sep="\n"
+    truth = true_level(
+        study.protocol.env_config, [study.seed("ranked", i) for i in range(30)], SIMULATED_POPULATIONS[population]
     )
+    score, steps = group.figure.score, group.figure.steps
+    for line in (
+        population,
+        truth,
+        score,
+        steps,
+        log.seconds(),
+        log.moves,
+        log.latency_ms(),
+        log.reloads,
+        log.lost_connections,
+    ):
+        print(line)
     assert group.figure.players == 10
     assert group.figure.episodes == 300
     assert score.interval[0] <= truth.mean_score <= score.interval[1]
