@@ -263,7 +263,7 @@ def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatc
 
     study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
     monkeypatch.setattr(StudyParticipation, "hides_scores", lambda self, episode: False)
-    monkeypatch.setattr("app.web.access.owns", lambda connection, session: True)
+    monkeypatch.setattr("app.web.access.is_owner", lambda connection, session: True)
     log = Simulation(SimulationConfig(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)).result()
     assert any(fault.startswith("a ranked frame tells its score") for fault in log.faults)
     assert any("somebody else" in fault for fault in log.faults), log.faults
