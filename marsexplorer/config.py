@@ -41,13 +41,13 @@ class Level:
 
     topology    0 for `random`; else d_t of section 3.3, the largest shift of an obstacle from its lattice point (cells)
     morphology  0 for `random`; else d_m, sides are 1..2 cells for 1 and 1..4 for 2
-    pays_bonus  d_b of section 3.3: True (1) when completion and failure are paid, False (2) when neither is
+    has_bonus   d_b of section 3.3: True (1) with a bonus for completion and a penalty for failure, False (2) with neither
     """
 
     name: str
     topology: int
     morphology: int
-    pays_bonus: bool
+    has_bonus: bool
     summary: str
 
 
@@ -143,12 +143,12 @@ class EnvConfig:
 
     @cached_property
     def r_bonus(self) -> int:
-        """Reward for discovering beta of the cells: n, or 0 on levels that do not pay (section 3.3, d_b = 2)."""
-        return self.n if LEVELS[self.level].pays_bonus else 0
+        """Reward for discovering beta of the cells: n, or 0 on levels without a bonus (section 3.3, d_b = 2)."""
+        return self.n if LEVELS[self.level].has_bonus else 0
 
     @cached_property
     def r_invalid(self) -> int:
-        """Penalty of an invalid move: n, or 0 on levels that do not pay."""
+        """Penalty of an invalid move: n, or 0 on levels without a bonus."""
         return self.r_bonus
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What an agent is shown: the occupancy grid as codes or as the state matrix, and the moves that are valid on it.
 
-Koutras et al. 2021, section 2.2 (the occupancy grid) and eq. 6 (the state matrix). Codes are uint8: 0 unknown, 1 free, 2 rover,
+Koutras et al. 2021, section 2.3: the occupancy grid, and eq. 6, the state matrix. Codes are uint8: 0 unknown, 1 free, 2 rover,
 3 obstacle. The state matrix is float32 and holds 0, 0.3, 0.6 and 1 for them.
 """
 

@@ -1,9 +1,9 @@
 """The rules, once, compiled: start and move worlds that stand in one array of words.
 
 Koutras et al. 2021, section 2. A rover starts at (0, 0) and scans. Each move goes one cell north (row - 1), east (col + 1),
-south (row + 1) or west (col - 1). A move off the grid or into an obstacle leaves the rover where it was, pays -r_invalid
-alone and terminates. Any other move pays the newly discovered cells - 0.5, plus r_bonus and termination once
-discovered / n >= beta (eq. 8). After `max_steps` moves the episode is truncated. The scan at the start pays nothing.
+south (row + 1) or west (col - 1). A move off the grid or into an obstacle leaves the rover where it was, has the reward
+-r_invalid and terminates. Any other move has the newly discovered cells - 0.5 as its reward, plus r_bonus, with termination,
+once discovered / n >= beta (eq. 8). After `max_steps` moves the episode is truncated. The scan at the start gives no reward.
 
 Worlds are records of uint64 words, one after the other:
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from marsexplorer.compiled import inlined, kernel, lowest
 from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
 from marsexplorer.lidar import HEADER, ONE, find_visible, window_row
-from marsexplorer.terrain import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, grow, next_state, shape_of
+from marsexplorer.terrain import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, draw_solvable, next_state, shape_of
 
 POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
 """Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave, seed (NO_SEED for a given
@@ -91,17 +91,19 @@ def scan(state, base, codes, cbase, sight, rules, row, col):
 
 @inlined
 def bit_at(row, col, rules):
-    """Word (from the first of its rows of bits) and mask of a cell."""
+    """Return the word (from the first of its rows of bits) and the mask of a cell."""
     bit = col + rules[RADIUS]
     return (row + rules[RADIUS]) * rules[WORDS] + (bit >> 6), ONE << np.uint64(bit & 63)
 
 
 @kernel
 def begin(state, base, codes, cbase, sight, rules, masks, row, col):
-    """Start the world whose obstacles stand in its record: forget, place the rover, scan."""
+    """Start the world whose obstacles stand in its record: forget, place the rover, scan (section 2.3)."""
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     words, radius = rules[WORDS], rules[RADIUS]
     known, visited = base + HEAD + size, base + HEAD + 2 * size
+
+    # 1. Forget: everything is known, which the margins stay, and then the grid's own cells are not.
     for at in range(size):
         state[known + at] = ~np.uint64(0)
         state[visited + at] = np.uint64(0)
@@ -110,9 +112,13 @@ def begin(state, base, codes, cbase, sight, rules, masks, row, col):
             state[known + r + word] = ~masks[word]
     for at in range(rules[ROWS] * rules[COLS]):
         codes[cbase + at] = np.uint8(0)
+
+    # 2. Place the rover.
     at, mask = bit_at(row, col, rules)
     state[visited + at] |= mask
     state[base + POSITION] = np.uint64(row) << np.uint64(32) | np.uint64(col)
+
+    # 3. Scan. The cells found now are no reward of any move, so their number is kept by itself.
     new = scan(state, base, codes, cbase, sight, rules, row, col)
     codes[cbase + row * rules[COLS] + col] = np.uint8(ROVER)
     state[base + STEPS] = np.uint64(0)
@@ -123,9 +129,12 @@ def begin(state, base, codes, cbase, sight, rules, masks, row, col):
 
 @inlined
 def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
-    """Start a world on the terrain of a seed; return the draws it took, 0 when none of them can be solved."""
+    """Start a world on the terrain of a seed; return the draws it took, 0 when none of them can be solved.
+
+    The terrain is drawn into the record itself; the rows of `known` are the scratch of the test whether it can be solved.
+    """
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
-    draws = grow(state, base + HEAD, state, size, rules, masks, seed)
+    draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
         begin(state, base, codes, cbase, sight, rules, masks, 0, 0)
         state[base + SEED] = seed
@@ -142,6 +151,8 @@ def move(state, base, codes, cbase, sight, rules, action):
     to_col = col + np.int64(action == 1) - np.int64(action == 3)
     steps = state[base + STEPS] + ONE
     state[base + STEPS] = steps
+
+    # 1. An invalid move ends the episode where it stands: off the grid first, for there is no cell to look up.
     if to_row < 0 or to_row >= rows or to_col < 0 or to_col >= cols:
         state[base + OUTCOME] = np.uint64(OUT_OF_BOUNDS)
         return -float(rules[BONUS])
@@ -149,6 +160,8 @@ def move(state, base, codes, cbase, sight, rules, action):
     if state[base + HEAD + at] & mask:
         state[base + OUTCOME] = np.uint64(COLLIDED)
         return -float(rules[BONUS])
+
+    # 2. Move. A cell that was scanned from before shows nothing new, so it is not scanned again.
     codes[cbase + row * cols + col] = np.uint8(FREE)
     state[base + POSITION] = np.uint64(to_row) << np.uint64(32) | np.uint64(to_col)
     new = 0
@@ -157,6 +170,9 @@ def move(state, base, codes, cbase, sight, rules, action):
         state[visited] |= mask
         new = scan(state, base, codes, cbase, sight, rules, to_row, to_col)
     codes[cbase + to_row * cols + to_col] = np.uint8(ROVER)
+
+    # 3. Reward: the new cells less the cost of a move, and the bonus for exploring enough. Success on the last move allowed
+    #    is success, so it is tested before the limit.
     discovered = np.int64(state[base + DISCOVERED]) + new
     state[base + DISCOVERED] = np.uint64(discovered)
     reward = float(new) - R_MOVE
@@ -187,7 +203,7 @@ def start_given(state, base, codes, cbase, sight, rules, masks, row, col):
 
 @kernel
 def step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes):
-    """Make one move in every world that is running; an ended one stays as it is and pays 0."""
+    """Make one move in every world that is running; an ended one stays as it is and has reward 0."""
     cells = rules[ROWS] * rules[COLS]
     for i in range(actions.shape[0]):
         base = i * record
@@ -199,9 +215,14 @@ def step_all(state, record, codes, sight, rules, masks, actions, rewards, outcom
 
 
 @kernel
-def step_on(state, record, codes, sight, rules, masks, actions, rewards, outcomes, last, last_codes):
-    """`step_all`, then keep the scalars and codes of each ended world in `last` and `last_codes`, and start it on the seed
-    that follows its own; return 0, or 1 + the index of a world whose next seed has no solvable draw."""
+def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, outcomes, last, last_codes):
+    """Do `step_all`, and start each world that ended on the seed that follows its own.
+
+    last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
+
+    Return 0, or 1 + the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
+    begins anew at once.
+    """
     cells = rules[ROWS] * rules[COLS]
     for i in range(actions.shape[0]):
         base, cbase = i * record, i * cells

@@ -1,4 +1,4 @@
-"""The normalized score of section 3.2 and the count of steps to 99 % that always stands beside it."""
+"""The normalized score of section 3.2, and the steps to 99 % that are always given with it."""
 
 from __future__ import annotations
 

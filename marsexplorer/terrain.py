@@ -1,10 +1,9 @@
-"""From (configuration, seed) to a solvable terrain: the same on every platform and library version, for ever.
+"""Make a solvable terrain from (configuration, seed): the same on every platform and library version, for ever.
 
-**Generator.** Counter-based, made of the finalizer of SplitMix64 (Steele, Lea and Flood 2014): with
-mix(z) = z ^= z >> 30; z *= 0xBF58476D1CE4E5B9; z ^= z >> 27; z *= 0x94D049BB133111EB; z ^ z >> 31 (mod 2^64) and
-G = 0x9E3779B97F4A7C15, the key of draw d = 0, 1, ... of a seed is mix(mix(seed + G) + d), the k-th number (k = 1, 2, ...)
-of a draw is mix(key + k G), and a whole number below m is the product of its upper 32 bits with m, shifted right by 32.
-The seed that follows a seed is mix(seed + G) >> 11.
+**Generator.** SplitMix64 as a counter (see `random_numbers`): with mix for `finalize` and G for GAMMA, the key of draw
+d = 0, 1, ... of a seed is mix(mix(seed + G) + d), the k-th number (k = 1, 2, ...) of a draw is mix(key + k G), and a whole
+number below m is the product of its upper 32 bits with m, shifted right by 32. The seed that follows a seed is
+mix(seed + G) >> 11.
 
 **Draw.** Level `random` (section 3.2): max(1, round(12 n / 441)) rectangles, for each the height (1..3), the width (1..3),
 the top row and the left column, so that it lies wholly inside. Levels t-m-b (section 3.3): for each lattice point, rows and
@@ -71,9 +70,11 @@ def fill_rectangle(bits, base, shape, top, left, height, width):
 
 
 @inlined
-def draw(bits, base, shape, key):
-    """Draw one terrain into cleared rows of bits."""
+def draw_terrain(bits, base, shape, key):
+    """Draw one terrain into cleared rows of bits; key (uint64) names the stream, and its k-th number has one use."""
     rows, cols, k = shape[ROWS], shape[COLS], 0
+
+    # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
         for _ in range(count):
@@ -84,6 +85,8 @@ def draw(bits, base, shape, key):
             fill_rectangle(bits, base, shape, top, left, height, width)
             k += 4
         return
+
+    # 2. Levels t-m-b (section 3.3): one rectangle for each point of a lattice, shifted by up to d_t.
     shift, sides = shape[TOPOLOGY], 2 if shape[MORPHOLOGY] == 1 else 4
     for at_row in range(3, rows, 7):
         for at_col in range(3, cols, 7):
@@ -96,8 +99,8 @@ def draw(bits, base, shape, key):
 
 
 @inlined
-def inside(shape, word):
-    """Bits of word number `word` of a row that are cells of the grid."""
+def row_mask(shape, word):
+    """Return the bits of word number `word` of a row that are cells of the grid."""
     low = max(shape[RADIUS] - 64 * word, 0)
     high = min(shape[RADIUS] + shape[COLS] - 64 * word, 64)
     if high <= low:
@@ -107,8 +110,12 @@ def inside(shape, word):
 
 
 @inlined
-def spread(reached, free):
-    """Let the reached bits of one word flow along its free bits, both ways."""
+def fill_runs(reached, free):
+    """Return the free bits of one word that are connected, along the word, with a reached one.
+
+    A Kogge-Stone fill: after the round with step s, every bit has spread over 2 s - 1 free bits to both sides, so six rounds
+    cover a word. `east` and `west` hold where a whole stretch of s free bits ends, so nothing jumps over an obstacle.
+    """
     for step in (1, 2, 4, 8, 16, 32):
         by = np.uint64(step)
         if step == 1:
@@ -126,29 +133,33 @@ def sweep_row(bits, base, reach, at, above, free_mask, words):
     """Grow the reached part of a row (reach[at:]) from the row reach[above:]; return whether it grew."""
     grew = False
     carry = np.uint64(0)
+
+    # 1. From west to east: what lies under reached cells, and what runs on from the word before.
     for word in range(words):
         free = free_mask[word] & ~bits[base + word]
         old = reach[at + word]
-        new = spread((old | reach[above + word] | carry) & free, free)
+        new = fill_runs((old | reach[above + word] | carry) & free, free)
         carry = new >> np.uint64(63)
         reach[at + word] = new
         grew |= new != old
+
+    # 2. Back from east to west: what runs on into the word before.
     for word in range(words - 2, -1, -1):
         free = free_mask[word] & ~bits[base + word]
         old = reach[at + word]
-        new = spread((old | (reach[at + word + 1] << np.uint64(63))) & free, free)
+        new = fill_runs((old | (reach[at + word + 1] << np.uint64(63))) & free, free)
         reach[at + word] = new
         grew |= new != old
     return grew
 
 
 @inlined
-def near(reach, at, word, words, corners):
-    """Bits of one word of a row that are reached or share an edge (or, with `corners`, a corner) with a reached cell."""
+def reached_or_adjacent(reach, at, word, words, corners):
+    """Return the bits of one word of a row that are reached or share an edge (with `corners`, a corner) with a reached cell."""
     here = at + word
-    beside = reach[here - words] | reach[here + words]
-    across = reach[here] | beside if corners else reach[here]
-    found = reach[here] | beside | (across << np.uint64(1)) | (across >> np.uint64(1))
+    vertical = reach[here - words] | reach[here + words]
+    across = reach[here] | vertical if corners else reach[here]
+    found = reach[here] | vertical | (across << np.uint64(1)) | (across >> np.uint64(1))
     if word > 0:
         across = reach[here - 1] | reach[here - 1 - words] | reach[here - 1 + words] if corners else reach[here - 1]
         found |= across >> np.uint64(63)
@@ -159,68 +170,81 @@ def near(reach, at, word, words, corners):
 
 
 @kernel
-def solvable(bits, base, reach, lag, shape, masks):
-    """Whether all free cells are connected to a free (0, 0) and enough cells can be discovered.
+def is_solvable(bits, base, reach, offset, shape, masks):
+    """Return whether all free cells are connected to a free (0, 0) and enough cells can be discovered.
 
-    reach  room to work in, as large as the rows of bits, `lag` words after the place the bits have in theirs
-    masks  uint64[words], the inside of a row
+    reach  scratch as large as the rows of bits, `offset` words after the place that the bits have in theirs
+    masks  uint64[words], see `row_masks`
     """
     rows, radius, words = shape[ROWS], shape[RADIUS], shape[WORDS]
     first = base + radius * words
+
+    # 1. The start must be free; everything is reached from it.
     if (bits[first + (radius >> 6)] >> np.uint64(radius & 63)) & np.uint64(1):
         return False
-    for at in range(first - words + lag, first + (rows + 1) * words + lag):
+    for at in range(first - words + offset, first + (rows + 1) * words + offset):
         reach[at] = np.uint64(0)
-    reach[first + lag + (radius >> 6)] = np.uint64(1) << np.uint64(radius & 63)
+    reach[first + offset + (radius >> 6)] = np.uint64(1) << np.uint64(radius & 63)
+
+    # 2. Flood, a row at a time: down the grid, then up, until neither reaches anything more.
     grew = True
     while grew:
         grew = False
         for row in range(rows):
             at = first + row * words
-            grew |= sweep_row(bits, at, reach, at + lag, at + lag - words, masks, words)
+            grew |= sweep_row(bits, at, reach, at + offset, at + offset - words, masks, words)
         if grew:
             grew = False
             for row in range(rows - 1, -1, -1):
                 at = first + row * words
-                grew |= sweep_row(bits, at, reach, at + lag, at + lag + words, masks, words)
+                grew |= sweep_row(bits, at, reach, at + offset, at + offset + words, masks, words)
+
+    # 3. Every free cell must be reached. Count what can be discovered: the free cells, and the obstacles next to one (for
+    #    radii above 1 also those at a corner; see the module's header for why no others).
     seen = 0
     for row in range(rows):
         at = first + row * words
         for word in range(words):
-            if reach[at + lag + word] != masks[word] & ~bits[at + word]:
+            if reach[at + offset + word] != masks[word] & ~bits[at + word]:
                 return False
-            seen += np.int64(popcount(near(reach, at + lag, word, words, radius > 1) & masks[word]))
+            found = reached_or_adjacent(reach, at + offset, word, words, radius > 1)
+            seen += np.int64(popcount(found & masks[word]))
     return seen >= shape[TARGET]
 
 
 @kernel
-def grow(bits, base, reach, lag, shape, masks, seed):
-    """Draw terrains into bits[base:] until one is solvable; return how many draws it took, 0 after MAX_DRAWS."""
+def draw_solvable(bits, base, reach, offset, shape, masks, seed):
+    """Draw terrains into bits[base:] until one is solvable; return how many draws it took, 0 after MAX_DRAWS.
+
+    reach, offset  see `is_solvable`; seed: uint64
+    """
     size = (shape[ROWS] + 2 * shape[RADIUS]) * shape[WORDS]
     start = numbered(np.uint64(seed), 1)
     for attempt in range(MAX_DRAWS):
         for at in range(base, base + size):
             bits[at] = np.uint64(0)
-        draw(bits, base, shape, finalize(start + np.uint64(attempt)))
-        if solvable(bits, base, reach, lag, shape, masks):
+        draw_terrain(bits, base, shape, finalize(start + np.uint64(attempt)))
+        if is_solvable(bits, base, reach, offset, shape, masks):
             return attempt + 1
     return 0
 
 
 @kernel
-def grow_alone(bits, reach, shape, masks, seed):
-    return grow(bits, 0, reach, 0, shape, masks, seed)
+def draw_solvable_alone(bits, reach, shape, masks, seed):
+    """Do `draw_solvable` for one terrain in arrays of its own."""
+    return draw_solvable(bits, 0, reach, 0, shape, masks, seed)
 
 
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
     """Return uint64[words]: the bits of a row that are cells of the grid."""
     shape = shape_of(config)
-    return np.array([inside_of(shape, word) for word in range(row_words(config.cols, config.sensor_radius))], np.uint64)
+    return np.array([row_mask_of(shape, word) for word in range(row_words(config.cols, config.sensor_radius))], np.uint64)
 
 
 @kernel
-def inside_of(shape, word):
-    return inside(shape, word)
+def row_mask_of(shape, word):
+    """Do `row_mask`, called from Python."""
+    return row_mask(shape, word)
 
 
 def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
@@ -239,9 +263,11 @@ def pack(cells: NDArray[np.bool_], config: EnvConfig) -> NDArray[np.uint64]:
     return np.packbits(wide, axis=1, bitorder="little").view("<u8").astype(np.uint64).reshape(-1)
 
 
-def _grow(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
+def _draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
     bits = np.zeros((config.rows + 2 * config.sensor_radius) * row_words(config.cols, config.sensor_radius), np.uint64)
-    attempts = int(grow_alone(bits, np.zeros_like(bits), shape_of(config), row_masks(config), np.uint64(check_seed(seed))))
+    attempts = int(
+        draw_solvable_alone(bits, np.zeros_like(bits), shape_of(config), row_masks(config), np.uint64(check_seed(seed)))
+    )
     return bits, attempts
 
 
@@ -255,7 +281,7 @@ def unsolvable(config: EnvConfig, seed: int) -> ValueError:
 
 def generate(config: EnvConfig, seed: int) -> NDArray[np.bool_]:
     """Return the terrain of a seed: bool[rows, cols], True where blocked. ValueError when no draw can be solved."""
-    bits, attempts = _grow(config, seed)
+    bits, attempts = _draw(config, seed)
     if not attempts:
         raise unsolvable(config, seed)
     return unpack(bits, config)
@@ -263,7 +289,7 @@ def generate(config: EnvConfig, seed: int) -> NDArray[np.bool_]:
 
 def attempts(config: EnvConfig, seed: int) -> int:
     """Return how many draws the terrain of a seed takes, 0 when 1,000 were not enough."""
-    return _grow(config, seed)[1]
+    return _draw(config, seed)[1]
 
 
 def next_seed(seed: int) -> int:

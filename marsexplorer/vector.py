@@ -91,7 +91,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         given = np.ascontiguousarray(actions, np.int64)
         if given.shape != (self.num_envs,) or given.min() < 0 or given.max() > 3:
             raise ValueError(f"actions must be {self.num_envs} numbers in 0..3, got {actions!r}")
-        rewards = self._worlds.step_on(given).copy()
+        rewards = self._worlds.step_autoreset(given).copy()
         outcomes = self._worlds.outcomes
         terminated, truncated = (outcomes > RUNNING) & (outcomes < TIMED_OUT), outcomes == TIMED_OUT
         info = self._info(self._worlds.scalars)

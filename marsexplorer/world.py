@@ -23,7 +23,7 @@ from marsexplorer.rules import (
     start_all,
     start_given,
     step_all,
-    step_on,
+    step_autoreset,
 )
 
 
@@ -87,14 +87,14 @@ class Worlds:
         step_all(self._state, self._record, self._codes, *self._tables, actions, self.rewards, self.outcomes)
         return self.rewards
 
-    def step_on(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """`step`, and each world that ended begins at once on the seed that follows its own.
+    def step_autoreset(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Do `step`, and start each world that ended on the seed that follows its own.
 
-        `outcomes` tells which ended; `last_scalars` and `last_codes` hold how those stood. ValueError when a world's next
+        `outcomes` says which ended; `last_scalars` and `last_codes` hold how those stood. ValueError when a world's next
         seed has no solvable terrain.
         """
         last = self.last_codes.reshape(-1)
-        failed = step_on(
+        failed = step_autoreset(
             self._state,
             self._record,
             self._codes,
@@ -110,18 +110,21 @@ class Worlds:
         return self.rewards
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """Return copies of some worlds: all that changes with a step, to be put into a stack of the same configuration."""
+        """Return copies of the worlds of these indices: all that changes with a step.
+
+        `put` takes them, on any stack of the same configuration.
+        """
         records, codes = self._state.reshape(self.num, -1), self.codes
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 
     def put(self, which: NDArray[np.intp], taken: dict[str, NDArray[Any]]) -> None:
-        """Put worlds that were taken in the places of some."""
+        """Put worlds that `take` returned in the places of the worlds of these indices."""
         self._state.reshape(self.num, -1)[which] = taken["records"]
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
 
     @property
     def last_codes(self) -> NDArray[np.uint8]:
-        """uint8[num, rows, cols]: the final grid of each world that ended in the last `step_on`."""
+        """uint8[num, rows, cols]: the final grid of each world that ended in the last `step_autoreset`."""
         if self._last_codes is None:
             self._last_codes = np.zeros_like(self.codes)
         return self._last_codes
@@ -137,7 +140,7 @@ class Worlds:
 
     @property
     def last_scalars(self) -> NDArray[np.uint64]:
-        """uint64[num, HEAD]: the same of each world that ended in the last `step_on`."""
+        """uint64[num, HEAD]: the same of each world that ended in the last `step_autoreset`."""
         return self._last.reshape(self.num, HEAD)
 
     def terrain(self, index: int) -> NDArray[np.bool_]:

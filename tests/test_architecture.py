@@ -139,7 +139,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.config",
     },
     "marsexplorer": set(),
-    "marsexplorer.bench": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.world"},
+    "marsexplorer.bench": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.observation", "marsexplorer.world"},
     "marsexplorer.compiled": set(),
     "marsexplorer.config": set(),
     "marsexplorer.env": {

@@ -85,7 +85,7 @@ async def levels() -> list[dict[str, Any]]:
             "summary": level.summary,
             "topology": level.topology,
             "morphology": level.morphology,
-            "pays_bonus": level.pays_bonus,
+            "pays_bonus": level.has_bonus,
         }
         for level in LEVELS.values()
     ]

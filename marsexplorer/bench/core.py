@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from marsexplorer.bench.figures import Figure
 from marsexplorer.compiled import kernel
 from marsexplorer.config import EnvConfig
+from marsexplorer.observation import is_valid
 from marsexplorer.world import Worlds
 
 SIZES = (21, 42, 84)
@@ -38,7 +39,6 @@ ROUNDS = 450
 @kernel
 def choose(codes, places, actions, state):  # type: ignore[no-untyped-def]  # numba infers it
     """Fill actions with one valid move a world, from a xorshift generator; codes uint8[num, rows, cols]."""
-    rows, cols = codes.shape[1], codes.shape[2]
     for i in range(actions.shape[0]):
         row, col = np.int64(places[i] >> np.uint64(32)), np.int64(places[i] & np.uint64(0xFFFFFFFF))
         x = state[0]
@@ -49,8 +49,7 @@ def choose(codes, places, actions, state):  # type: ignore[no-untyped-def]  # nu
         first = np.int64(x >> np.uint64(62))
         for k in range(4):
             a = (first + k) & 3
-            r, c = row + (a == 2) - (a == 0), col + (a == 1) - (a == 3)
-            if 0 <= r < rows and 0 <= c < cols and codes[i, r, c] != 3:
+            if is_valid(codes[i], row, col, a):  # type: ignore[no-untyped-call]
                 actions[i] = a
                 break
 
@@ -71,13 +70,13 @@ def moves_of(config: EnvConfig, num: int, rounds: int, blind: bool = False) -> N
     state = np.array([88172645463325252], np.uint64)
     for row in moves:
         choose(worlds.codes, np.ascontiguousarray(worlds.scalars[:, 0]), row, state)  # type: ignore[no-untyped-call]
-        worlds.step_on(row)
+        worlds.step_autoreset(row)
     return moves
 
 
 def play(worlds: Worlds, moves: NDArray[np.int64]) -> None:
     """Make the moves, one Python call a round."""
-    step = worlds.step_on
+    step = worlds.step_autoreset
     for row in moves:
         step(row)
 
@@ -146,7 +145,7 @@ def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple
 
 
 def bytes_of_a_world(config: EnvConfig) -> float:
-    """Return the memory a world takes beside its observation."""
+    """Return the memory that a world takes without its observation, in bytes."""
     base = Worlds(config, 100).scalars.base
     assert base is not None
     return base.nbytes / 100

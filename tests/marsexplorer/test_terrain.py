@@ -54,7 +54,7 @@ def solvable_now(bits, reach, config):
 def _compile():
     from marsexplorer.compiled import kernel
 
-    solvable = terrains.solvable
+    solvable = terrains.is_solvable
 
     def alone(bits, reach, shape, masks):
         return solvable(bits, 0, reach, 0, shape, masks)

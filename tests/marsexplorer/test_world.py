@@ -14,7 +14,7 @@ from tests.support import reference, strategies
 
 
 def literal_twin(config, terrain):
-    pays = LEVELS[config.level].pays_bonus
+    pays = LEVELS[config.level].has_bonus
     return reference.World(terrain, config.sensor_radius, config.beta, config.limit, pays)
 
 
@@ -59,7 +59,7 @@ def test_a_stack_is_a_list_of_singles(config, seed, choice):
     for _ in range(60):
         actions = rng.integers(0, 4, num)
         try:
-            rewards = stack.step_on(actions)
+            rewards = stack.step_autoreset(actions)
         except ValueError:
             return
         for i, single in enumerate(singles):

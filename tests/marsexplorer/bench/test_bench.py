@@ -18,7 +18,7 @@ def test_recorded_moves_are_valid_and_play_back_to_the_same_worlds():
     first, second = core.started(SMALL, 6), core.started(SMALL, 6)
     collided = 0
     for row in moves:
-        first.step_on(row)
+        first.step_autoreset(row)
         collided += int(np.isin(first.outcomes, (2, 3)).sum())
     core.play(second, moves)
     assert collided == 0
@@ -29,7 +29,7 @@ def test_recorded_moves_are_valid_and_play_back_to_the_same_worlds():
 def test_blind_moves_do_collide():
     worlds, collided = core.started(SMALL, 6), 0
     for row in core.moves_of(SMALL, 6, 80, blind=True):
-        worlds.step_on(row)
+        worlds.step_autoreset(row)
         collided += int(np.isin(worlds.outcomes, (2, 3)).sum())
     assert collided > 20
 
