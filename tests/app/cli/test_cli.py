@@ -61,7 +61,7 @@ def test_help_teaches_with_examples(run, name):
     assert out.count(f"marsexplorer {name}") >= 2
 
 
-def test_the_commands_help_names_all_and_the_version_is_told(run):
+def test_help_names_every_command_and_the_version_is_printed(run):
     assert all(name in run("--help")[1] for name in cli.list_commands(None))
     assert run("--version") == (0, "marsexplorer, version 0.1.0\n", "")
 
@@ -187,7 +187,7 @@ def test_export_of_the_human_episodes_as_json_lines(run, database, tmp_path):
     assert json.loads(line)["driver"] == "human"
 
 
-def test_export_reads_beside_a_running_server(run, database, tmp_path):
+def test_export_reads_while_a_server_runs(run, database, tmp_path):
     store = Store(database)
     play(store, seed=3)
     assert run("export", "--database", database, "--out", tmp_path)[1].startswith("3 episodes")
@@ -208,7 +208,7 @@ def test_export_refuses_what_is_no_database_of_ours(run, tmp_path, what):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unwritable_folder_is_told_and_nothing_left(run, database, tmp_path):
+def test_an_unwritable_folder_is_named_and_nothing_is_left(run, database, tmp_path):
     (tmp_path / "file").write_text("mine")
     code, _, err = run("export", "--database", database, "--out", tmp_path / "file")
     assert code == 1

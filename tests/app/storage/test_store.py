@@ -261,7 +261,7 @@ def test_a_second_server_on_the_same_file_is_refused_and_free_after_closing(path
     Store(path).close()
 
 
-def test_reading_goes_on_beside_a_running_server(store, path):
+def test_reading_goes_on_while_a_server_runs(store, path):
     play(store, seed=1)
     reader = Reader.open(path)
     assert reader.count() == 1

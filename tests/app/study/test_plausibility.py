@@ -64,7 +64,7 @@ def test_keys_that_never_come_up():
     assert plausibility_labels([], presses(HUMAN[:4], up=False)) == ()
 
 
-def test_presses_closer_than_eyes_and_hands():
+def test_presses_closer_than_a_person_can_react():
     fast = [*HUMAN[:10], 3300, 3340, *HUMAN[10:]]
     assert plausibility_labels([], presses(fast)) == ()  # two of 23 may happen with two fingers
     faster = sorted(HUMAN + [at + 50 for at in HUMAN[:6]])

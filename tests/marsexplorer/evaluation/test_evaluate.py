@@ -155,7 +155,7 @@ def test_the_ratio_s_interval_covers_the_truth_as_often_as_it_says():
     assert 930 <= hits <= 970
 
 
-def test_the_informed_planner_stands_beside_policies_and_is_none_of_them():
+def test_the_informed_planner_is_listed_with_policies_and_is_none_of_them():
     table = evaluate(["frontier-cost", INFORMED], CONFIG, 4, 0, workers=1)
     rule, informed = table.rows
     assert informed.completion == 1.0
