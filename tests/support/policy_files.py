@@ -25,7 +25,7 @@ def runs(marker):
     return Evil()
 
 
-def told(size=(6, 7), masked=True, dtype="float32", **kwargs):
+def sb3_description(size=(6, 7), masked=True, dtype="float32", **kwargs):
     """Return the text that Stable-Baselines3 keeps about a model, as far as it matters."""
     module = "sb3_contrib.common.maskable.policies" if masked else "stable_baselines3.common.policies"
     space = {":type:": "<class 'gymnasium.spaces.box.Box'>", "dtype": dtype, "_shape": list(size)}
@@ -81,14 +81,14 @@ def write_zip(path, members, compression=zipfile.ZIP_STORED):
 def write_sb3(path, weights=None, about=None, **members):
     """Write a zip as `model.save` does."""
     weights = flat_weights() if weights is None else weights
-    about = told() if about is None else about
+    about = sb3_description() if about is None else about
     data = {"data": json.dumps(about), "policy.pth": weights if isinstance(weights, bytes) else saved(weights)}
     return write_zip(path, data | {"_stable_baselines3_version": "2.9.2"} | members)
 
 
 def broken_sb3(kind, path, marker):
-    """Write the zip that is broken in a way named `kind`."""
-    evil, weights, about = runs(marker), flat_weights(), told()
+    """Write the zip that is broken as `kind` says."""
+    evil, weights, about = runs(marker), flat_weights(), sb3_description()
     if kind == "a pickle that runs, in torch's zip":
         return write_sb3(path, saved({"action_net.weight": evil}))
     if kind == "a pickle that runs, in torch's old format":
@@ -152,7 +152,7 @@ def broken_sb3(kind, path, marker):
 
 def _odd_sb3(kind, path):
     """Whole zips whose model is none that we know."""
-    weights, about = flat_weights(), told()
+    weights, about = flat_weights(), sb3_description()
     if kind == "not a number":
         weights["action_net.bias"] = torch.full((4,), float("nan"))
     elif kind == "another type":
@@ -180,15 +180,15 @@ def _odd_sb3(kind, path):
         weights = terrain_weights()
         weights["features_extractor.cnn.4.weight"] = torch.zeros(8, 8, 3, 3)
     elif kind == "an extractor by another name":
-        weights, about = terrain_weights(), told(features_extractor_class="<class 'mine.Eyes'>")
+        weights, about = terrain_weights(), sb3_description(features_extractor_class="<class 'mine.Extractor'>")
     elif kind == "another activation":
-        about = told(activation_fn="<class 'mine.Bend'>")
+        about = sb3_description(activation_fn="<class 'mine.Bend'>")
     elif kind == "another board":
-        about = told((7, 7))
+        about = sb3_description((7, 7))
     elif kind == "a board of one dimension":
-        about = told((42,))
+        about = sb3_description((42,))
     elif kind == "a board of text":
-        about = told(("6", "7"))
+        about = sb3_description(("6", "7"))
     else:
         raise AssertionError(kind)
     return write_sb3(path, weights, about)
@@ -266,7 +266,7 @@ def write_onnx(path, **given):
 
 
 def broken_onnx(kind, path, marker):
-    """Write the model that is broken in a way named `kind`."""
+    """Write the model that is broken as `kind` says."""
     model = onnx_model()
     graph = model.graph
     if kind == "a plain pickle":

@@ -215,3 +215,12 @@ def test_a_file_cut_short_is_refused(file, tmp_path):
 def test_torch_is_imported_only_when_a_network_is_loaded():
     code = "import sys; from marsexplorer import policies; policies.load('planner'); sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("package", ["torch", "safetensors"])
+def test_a_missing_package_of_networks_is_asked_for_by_name(package, file, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(policies.PolicyFileError, match=rf"need the package {package}, .*pip install '.*\[networks\]'"):
+        policies.load(file)
+    assert policies.describe(str(file)) == "Wanders."
+    assert policies.load("planner").name == "planner"

@@ -60,7 +60,7 @@ def valid(episode):
 @pytest.mark.parametrize("masked", [True, False])
 def test_an_mlp_policy_decides_as_written_out(masked, tmp_path):
     weights = files.flat_weights()
-    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.told(masked=masked)))
+    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=masked)))
     assert policy.name == "mine"
     assert isinstance(policy, policies.Policy)
     overruled = 0
@@ -71,16 +71,18 @@ def test_an_mlp_policy_decides_as_written_out(masked, tmp_path):
             scores[~np.array(valid(episode))] = -np.inf
         overruled += blind != int(scores.argmax())
         assert policy.act(episode.observation()) == policy.act(episode.codes) == int(scores.argmax())
-        probabilities, worth = policy.thought()
+        probabilities, thought_value = policy.thought()
         shares = np.exp(scores - scores.max())
         assert probabilities == pytest.approx(shares / shares.sum(), abs=1e-6)
-        assert worth == pytest.approx(value, abs=1e-5)
+        assert thought_value == pytest.approx(value, abs=1e-5)
     assert (overruled > 0) == masked
 
 
 def test_the_activation_is_read_from_the_text(tmp_path):
     weights, relu = files.flat_weights(), "<class 'torch.nn.modules.activation.ReLU'>"
-    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.told(masked=False, activation_fn=relu)))
+    policy = policies.load(
+        files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=False, activation_fn=relu))
+    )
     for episode in boards():
         scores, value = literal(weights, episode.observation(), torch.relu)
         assert policy.act(episode.codes) == int(scores.argmax())
@@ -89,7 +91,7 @@ def test_the_activation_is_read_from_the_text(tmp_path):
 
 def test_codes_are_what_a_model_trained_on_codes_gets(tmp_path):
     weights = files.flat_weights()
-    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.told(masked=False, dtype="uint8")))
+    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=False, dtype="uint8")))
     for episode in boards():
         policy.act(episode.codes)
         assert policy.thought()[1] == pytest.approx(literal(weights, episode.codes.astype(np.float32))[1], abs=1e-5)
@@ -97,7 +99,7 @@ def test_codes_are_what_a_model_trained_on_codes_gets(tmp_path):
 
 def test_terrain_features_are_the_ones_of_the_example(tmp_path):
     weights = files.terrain_weights()
-    about = files.told(features_extractor_class="<class '__main__.TerrainFeatures'>")
+    about = files.sb3_description(features_extractor_class="<class '__main__.TerrainFeatures'>")
     policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, about))
     for episode in boards():
         planes = torch.stack([torch.from_numpy((episode.codes == code).astype(np.float32)) for code in range(4)])[None]
@@ -111,9 +113,9 @@ def test_terrain_features_are_the_ones_of_the_example(tmp_path):
         assert policy.thought()[1] == pytest.approx(literal(weights, x.numpy())[1], abs=1e-5)
 
 
-def test_pickles_in_the_text_and_beside_the_weights_are_never_read(tmp_path):
+def test_pickles_in_the_text_and_next_to_the_weights_are_never_read(tmp_path):
     marker = tmp_path / "marker"
-    about = files.told() | {"lr_schedule": {":type:": "x", ":serialized:": files.hidden_pickle(marker)}}
+    about = files.sb3_description() | {"lr_schedule": {":type:": "x", ":serialized:": files.hidden_pickle(marker)}}
     about["policy_kwargs"][":serialized:"] = about["observation_space"][":serialized:"] = files.hidden_pickle(marker)
     evil = files.saved(files.runs(marker))
     path = files.write_sb3(tmp_path / "mine.zip", None, about, **{"pytorch_variables.pth": evil, "policy.optimizer.pth": evil})
