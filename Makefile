@@ -31,7 +31,7 @@ check: $(DEV) ## format, lint, types, layers and names
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	@sh tests/static/check_types.sh
-	$(BIN)/python -m pytest -q tests/test_architecture.py
+	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_names.py
 
 format: $(DEV) ## reformat and mend what ruff can mend
 	$(BIN)/ruff format .
