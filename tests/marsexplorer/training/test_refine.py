@@ -162,7 +162,7 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.safetensors")])
     assert refused.exit_code == 2
     assert "is no policy" in refused.output
-    assert "the format marsexplorer-network-2" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
+    assert "the format marsexplorer-network-3" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.safetensors").write_bytes(b"mine")
     kept = CliRunner().invoke(cli, ["refine", "--out", str(tmp_path / "run")])
