@@ -1,4 +1,4 @@
-"""How the kernels are compiled: numba without reference counting, cached on disk, releasing the interpreter's lock.
+"""Compile the kernels: numba without reference counting, cached on disk, releasing the interpreter's lock.
 
 Kernels take whole numpy arrays and plain numbers; what each stands for is said where the kernel is called from. Counting
 references to array views cost more than half of the time of a step, hence `_nrt=False`: a kernel allocates nothing.
@@ -21,40 +21,40 @@ from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-PATIENCE_S = 0.5
+NOTICE_AFTER_S = 0.5
 """Compiling that takes longer is explained on stderr."""
 
-EXPLAINED = "marsexplorer: compiling the rules for this machine, some seconds; the next start reads them from a cache"
+NOTICE = "marsexplorer: compiling the rules for this machine, some seconds; the next start reads them from a cache"
 
 
-class Explain(event.Listener):
-    """Prints one line when compiling takes longer than PATIENCE_S; once a process, and never in a worker process."""
+class CompilationNotice(event.Listener):
+    """Prints one line when compiling takes longer than NOTICE_AFTER_S; once a process, and never in a worker process."""
 
     def __init__(self) -> None:
-        self._depth, self._said = 0, multiprocessing.parent_process() is not None
+        self._depth, self._is_printed = 0, multiprocessing.parent_process() is not None
         self._timer: threading.Timer | None = None
 
     def on_start(self, event: Any) -> None:
-        """Wind the clock at the outermost of nested compilations; numba holds its compiler lock here."""
+        """Start the timer at the outermost of nested compilations; numba holds its compiler lock here."""
         self._depth += 1
-        if self._depth == 1 and not self._said:
-            self._timer = threading.Timer(PATIENCE_S, self._say)
+        if self._depth == 1 and not self._is_printed:
+            self._timer = threading.Timer(NOTICE_AFTER_S, self._print)
             self._timer.daemon = True
             self._timer.start()
 
     def on_end(self, event: Any) -> None:
-        """Stop the clock."""
+        """Stop the timer."""
         self._depth -= 1
         if self._depth == 0 and self._timer is not None:
             self._timer.cancel()
 
-    def _say(self) -> None:
-        if not self._said:
-            self._said = True
-            print(EXPLAINED, file=sys.stderr, flush=True)
+    def _print(self) -> None:
+        if not self._is_printed:
+            self._is_printed = True
+            print(NOTICE, file=sys.stderr, flush=True)
 
 
-event.register("numba:compile", Explain())  # type: ignore[no-untyped-call]
+event.register("numba:compile", CompilationNotice())  # type: ignore[no-untyped-call]
 
 
 def kernel(function: F) -> F:
@@ -74,7 +74,7 @@ def inlined(function: F) -> F:
 
 @intrinsic
 def popcount(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
-    """Number of set bits in a uint64."""
+    """Return the number of set bits in a uint64."""
     del typingctx, word
 
     def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
@@ -86,7 +86,7 @@ def popcount(typingctx, word):  # type: ignore[no-untyped-def]  # numba's callin
 
 @intrinsic
 def lowest(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
-    """Index of the lowest set bit in a nonzero uint64."""
+    """Return the index of the lowest set bit in a nonzero uint64."""
     del typingctx, word
 
     def code(context, builder, signature, args):  # type: ignore[no-untyped-def]

@@ -42,25 +42,25 @@ def single(env: Any, chunk: int) -> Callable[[], int]:
     moves = np.random.default_rng(0).integers(0, env.action_space.n, chunk).tolist()
     env.reset(seed=0)
 
-    def some() -> int:
+    def play_some() -> int:
         for move in moves:
             _, _, terminated, truncated, _ = env.step(move)
             if terminated or truncated:
                 env.reset()
         return chunk
 
-    return some
+    return play_some
 
 
 def frozen_lake() -> Callable[[], int]:
-    """FrozenLake 4x4 of Gymnasium's toy texts."""
+    """Make FrozenLake 4x4 of Gymnasium's toy texts."""
     import gymnasium
 
     return single(gymnasium.make("FrozenLake-v1"), 5000)
 
 
 def minigrid() -> Callable[[], int]:
-    """MiniGrid's four rooms, 19x19, its own 7x7 egocentric observation."""
+    """Make MiniGrid's four rooms, 19x19, its own 7x7 egocentric observation."""
     import gymnasium
     import minigrid  # noqa: F401  # registers
 
@@ -68,56 +68,56 @@ def minigrid() -> Callable[[], int]:
 
 
 def crafter() -> Callable[[], int]:
-    """Crafter, 64x64 pixels."""
+    """Make Crafter, 64x64 pixels."""
     import crafter
 
     env = crafter.Env()
     moves = np.random.default_rng(0).integers(0, env.action_space.n, 100).tolist()
     env.reset()
 
-    def some() -> int:
+    def play_some() -> int:
         for move in moves:
             if env.step(move)[2]:
                 env.reset()
         return len(moves)
 
-    return some
+    return play_some
 
 
 def envpool() -> Callable[[], int]:
-    """FrozenLake of EnvPool, 1,024 at once on one thread of its own."""
+    """Make FrozenLake of EnvPool, 1,024 at once on one thread of its own."""
     import envpool
 
     envs = envpool.make("FrozenLake-v1", env_type="gymnasium", num_envs=1024, num_threads=1)
     envs.reset()
     moves = np.random.default_rng(0).integers(0, 4, (20, 1024)).astype(np.int32)
 
-    def some() -> int:
+    def play_some() -> int:
         for row in moves:
             envs.step(row)
         return int(moves.size)
 
-    return some
+    return play_some
 
 
 def pufferlib(module: str, name: str, num_envs: int) -> Callable[[], int]:
-    """An environment of PufferLib's Ocean, written in C; every agent of every board counts."""
+    """Make an environment of PufferLib's Ocean, written in C; every agent of every board counts."""
     from importlib import import_module
 
     envs = getattr(import_module(module), name)(num_envs=num_envs)
     envs.reset()
     moves = np.random.default_rng(0).integers(0, envs.single_action_space.n, (20, envs.num_agents)).astype(np.int32)
 
-    def some() -> int:
+    def play_some() -> int:
         for row in moves:
             envs.step(row)
         return int(moves.size)
 
-    return some
+    return play_some
 
 
 def ours(num: int) -> Callable[[], int]:
-    """MarsExplorer through Gymnasium, uint8 codes, random valid moves: one environment, or a stack."""
+    """Make MarsExplorer through Gymnasium, uint8 codes, random valid moves: one environment, or a stack."""
     import gymnasium
 
     moves = moves_of(EnvConfig(), num, 20_000 if num == 1 else 1000)
@@ -126,13 +126,13 @@ def ours(num: int) -> Callable[[], int]:
         return lambda: replay(env, moves[:, 0].tolist())
     envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
 
-    def some() -> int:
+    def play_some() -> int:
         envs.reset(seed=0)
         for row in moves:
             envs.step(row)
         return int(moves.size)
 
-    return some
+    return play_some
 
 
 PEERS = (
