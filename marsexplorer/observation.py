@@ -85,7 +85,17 @@ def action_masks(codes: NDArray[np.uint8], positions: NDArray[np.int64]) -> NDAr
     return masks
 
 
+@kernel
+def valid_action_bits(codes, row, col):
+    """Return an int whose bit `action` is set when that move from (row, col) is valid; codes uint8[rows, cols]."""
+    bits = 0
+    for action in range(4):
+        if is_valid(codes, row, col, action):
+            bits |= 1 << action
+    return bits
+
+
 def valid_actions(codes: Codes, row: int, col: int) -> list[int]:
     """Return the valid moves of one rover at (row, col), in the order of their codes."""
-    found: list[int] = np.flatnonzero(action_masks(codes[None], np.array([[row, col]]))[0]).tolist()
-    return found
+    bits = valid_action_bits(codes, row, col)
+    return [action for action in range(4) if bits >> action & 1]

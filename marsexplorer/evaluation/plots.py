@@ -19,7 +19,7 @@ from marsexplorer.evaluation.episodes import EpisodeTrace, Result
 from marsexplorer.evaluation.table import EvaluationTable
 from marsexplorer.files import replace_whole
 
-POLICY_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+PLOT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
 """Colours that colour-blind people can tell apart (Okabe and Ito)."""
 
 POLICY_LINE_STYLES = ("-", "--", "-.", ":")
@@ -45,7 +45,7 @@ def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
     moves = _shown_moves([result for results in groups.values() for result in results])
     for number, (policy, results) in enumerate(groups.items()):
         curves = 100 * coverage_curves(results, moves) / config.n
-        steps, colour = np.arange(moves + 1), POLICY_COLOURS[number % len(POLICY_COLOURS)]
+        steps, colour = np.arange(moves + 1), PLOT_COLOURS[number % len(PLOT_COLOURS)]
         low, high = np.percentile(curves, (5, 95), axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(

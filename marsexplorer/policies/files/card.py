@@ -31,10 +31,10 @@ def shipped() -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
 
 
-ADVICE = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
+POLICY_ADVICE = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
 
 
-def refuse(path: Path, expected: str, came: str, advice: str = ADVICE) -> PolicyFileError:
+def refuse(path: Path, expected: str, came: str, advice: str = POLICY_ADVICE) -> PolicyFileError:
     """Return the error for a file that is no policy: what was expected, what came, and what to give instead."""
     return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {advice}")
 

@@ -31,7 +31,7 @@ from marsexplorer.policies.files.card import refuse
 from marsexplorer.policies.files.formats import current_card
 from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
 
-ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
+ONNX_ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
 MOST_MEMORY = 256 << 20
 """Bytes that all models of a process may take together while they run."""
 
@@ -44,7 +44,7 @@ class OnnxModel:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        data = read_file(path, ADVICE)
+        data = read_file(path, ONNX_ADVICE)
         try:
             model = onnx.load_from_string(data)
         except Exception as error:  # protobuf raises kinds of its own
@@ -65,7 +65,7 @@ class OnnxModel:
 
     def refuse(self, expected: str, came: str) -> PolicyFileError:
         """Return the error for this file."""
-        return refuse(self.path, expected, came, ADVICE)
+        return refuse(self.path, expected, came, ONNX_ADVICE)
 
     @property
     def is_own_network(self) -> bool:

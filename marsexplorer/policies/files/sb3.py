@@ -23,7 +23,7 @@ from marsexplorer.policies.files.archive import Archive, read_file
 from marsexplorer.policies.files.imported import ImportedPolicy
 from marsexplorer.policies.files.weights import read_torch_tensors
 
-ADVICE = (
+SB3_ADVICE = (
     "save a PPO, A2C, TRPO or MaskablePPO with MlpPolicy, or with the TerrainFeatures of examples/sb3_maskable_ppo.py, "
     "and give that zip"
 )
@@ -104,7 +104,7 @@ def widths(tensors: dict[str, Tensor], net: str) -> list[int]:
 
 def load_sb3(path: Path) -> ImportedPolicy:
     """Return the policy in a zip of Stable-Baselines3, named after the file; PolicyFileError for anything else."""
-    archive = Archive(path, read_file(path, ADVICE), ADVICE)
+    archive = Archive(path, read_file(path, SB3_ADVICE), SB3_ADVICE)
     description = _description(archive)
     tensors = read_torch_tensors(archive, "policy.pth")
     size, raw = _board(archive, description)
