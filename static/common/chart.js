@@ -150,11 +150,14 @@ export function drawDot(context, { x, y }, radius, colour) {
 }
 
 /**
- * Paint the legend of a chart: each name after a piece of its line.
+ * Paint the legend of a chart, if it is another one: each name after a piece of its line.
  * @param {HTMLElement} place
  * @param {{name: string, colour: string, dash: string}[]} lines
  */
 export function paintLegend(place, lines) {
+  const painted = JSON.stringify(lines);
+  if (place.dataset.painted === painted) return;
+  place.dataset.painted = painted;
   place.replaceChildren(...lines.map(({ name, colour, dash }) => {
     const item = document.createElement("span");
     const svg = shape("svg", { viewBox: "0 0 22 8" });

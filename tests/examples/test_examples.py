@@ -134,9 +134,9 @@ def test_torchrl_rolls_out_with_masks():
 
 
 def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
-    for name in ("core/test_env.py", "core/test_world.py", "reference.py", "strategies.py"):
-        (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
-    env = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    for name in ("test_env.py", "test_world.py"):  # copied, because the fixtures of the other tests need more than Gymnasium
+        (tmp_path / name).write_text((ROOT / "tests/marsexplorer" / name).read_text())
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [home("oldest"), "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=tmp_path, timeout=1200)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
