@@ -83,7 +83,7 @@ def evaluate(
     names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
     configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
     if plots is not None:
-        import matplotlib  # noqa: F401 - whoever lacks it learns so before the episodes are played
+        import marsexplorer.evaluation.plots  # noqa: F401 - whoever lacks its library learns so before any episode is played
     request = EvaluationRequest(tuple(names), configs, episodes, seed, plots is not None, ray)
     with _open_outputs(json_path, csv_path, plots) as files:
         table = _evaluate(request)
