@@ -18,6 +18,7 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 	$(BIN)/marsexplorer serve --port $(PORT)
 
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
+	@$(BIN)/python -m tests.support.compile_kernels
 	$(BIN)/python -m pytest -m "not long and not bench" -n $(WORKERS) --maxprocesses 4 --dist worksteal
 
 test-long: $(DEV) browser ## the slow campaigns

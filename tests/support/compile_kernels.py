@@ -1,0 +1,30 @@
+"""`python -m tests.support.compile_kernels`: compile what is compiled once, before several test processes do it side by side.
+
+The first process that compiles for long says so on stderr, which some tests read.
+"""
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation import INFORMED, evaluate
+from marsexplorer.policies import load, names
+from marsexplorer.vector import MarsExplorerVector
+
+
+def compile_kernels():
+    """Play a short episode with each policy, in a vector environment and by the informed planner."""
+    config = EnvConfig.of("random", (6, 8))
+    for name in names():
+        if name == "ppo-paper":  # plays one size alone, and compiles nothing of its own
+            continue
+        episode, policy = Episode.begin(config, seed=1), load(name)
+        policy.reset(1)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+    envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
+    envs.reset(seed=1)
+    envs.step(envs.action_space.sample())
+    evaluate([INFORMED], config, 2, 1, workers=1)
+
+
+if __name__ == "__main__":
+    compile_kernels()
