@@ -2,10 +2,6 @@
 
 import http.cookiejar
 import json
-import os
-import signal
-import subprocess
-import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -141,19 +137,18 @@ def server(serve):
 
 
 @pytest.fixture
-def spawn(tmp_path):
+def spawn(tmp_path, tmp_path_factory):
     """`spawn()` starts a server in a process of its own that can be killed; the same database every time."""
-    processes = []
+    from tests.support.forked_server import ServerProcess
+
+    processes, logs = [], tmp_path_factory.mktemp("servers")
 
     def start(**settings):
         settings = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies"), "port": 0, **settings}
-        code = f"from app.server import run; from app.settings import Settings; run(Settings(**{settings!r}))"
-        process = subprocess.Popen(
-            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ
-        )
+        process = ServerProcess(settings, logs / f"{len(processes)}.log")
         processes.append(process)
         said = []
-        for line in process.stdout:
+        for line in process.lines():
             said.append(line)
             if "is open at" in line:
                 break
@@ -161,7 +156,7 @@ def spawn(tmp_path):
         assert "is open at" in said[-1], "".join(said)
         server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
         server.process, server.said = process, said
-        server.kill = lambda: (process.send_signal(signal.SIGKILL), process.wait(), process.stdout.close(), server.close())
+        server.kill = lambda: (process.kill(), process.wait(), process.stdout.close(), server.close())
         return server
 
     yield start

@@ -17,7 +17,7 @@ from marsexplorer.training.envs import EVALUATION_SEEDS
 @pytest.fixture(scope="module")
 def hundred_terrains():
     """`hundred_terrains(name)` is a policy's row over 100 held-out terrains, evaluated once."""
-    return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start).rows[0])
+    return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start, workers=1).rows[0])
 
 
 @pytest.mark.parametrize("name", ["ppo", pytest.param("ppo-paper", marks=pytest.mark.long)])
