@@ -1,7 +1,8 @@
 # `make play` and `make test` do all their set-up; `make help` lists the rest.
 PYTHON  ?= python3
 PORT    ?= 8000
-WORKERS ?= auto
+# one test process more than there are cores, since many tests wait; four at most
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(4, 1 + os.cpu_count()))')
 VENV    := .venv
 BIN     := $(VENV)/bin
 PLAY    := $(VENV)/.play
@@ -19,7 +20,7 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
 	@$(BIN)/python -m tests.support.compile_kernels
-	$(BIN)/python -m pytest -m "not long and not bench" -n $(WORKERS) --maxprocesses 4 --dist worksteal
+	$(BIN)/python -m pytest -m "not long and not bench" -n $(WORKERS) --dist worksteal
 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600
