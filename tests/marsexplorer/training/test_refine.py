@@ -143,9 +143,9 @@ def test_the_weights_are_the_same_on_any_number_of_workers():
 
 @pytest.mark.long
 def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_number_of_workers():
-    runs = []
+    began_with, runs = untrained_net(), []
     for workers in (1, 2):
-        run = RefineRun(untrained_net(), 4, SMALL)
+        run = RefineRun(deepcopy(began_with), 4, SMALL)
         with ThreadPoolExecutor(workers) as pool:
             metrics = [run.train_round(pool) for _ in range(2)]
         runs.append((run, metrics))
@@ -153,7 +153,7 @@ def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_numb
     assert metrics == same
     assert all(torch.equal(*both) for both in zip(run.net.parameters(), other.net.parameters(), strict=True))
     seeds = range(SEED, SEED + 50)
-    saved_moves = np.array([literal(untrained_net(), seed) - literal(run.net, seed) for seed in seeds])
+    saved_moves = np.array([literal(began_with, seed) - literal(run.net, seed) for seed in seeds])
     assert saved_moves.mean() - 1.96 * saved_moves.std() / 50**0.5 > 0
 
 
