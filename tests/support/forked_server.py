@@ -72,7 +72,8 @@ class ServerProcess:
     def returncode(self):
         return self._process.exitcode
 
-    poll = returncode.fget
+    def poll(self):
+        return self.returncode
 
     def wait(self, seconds=None):
         """Return the exit code once it has ended; fail after `seconds`."""
