@@ -75,6 +75,9 @@ def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     held = set(zipfile.ZipFile(wheel).namelist())
     assert "play/index.html" in files_under(ROOT / "static")
     assert {f"app/static/{name}" for name in files_under(ROOT / "static")} <= held
+    for package in ("app", "marsexplorer"):  # templates and tables of numbers lie in the packages
+        own = {name for name in files_under(ROOT / package) if "__pycache__" not in name}
+        assert {f"{package}/{name}" for name in own} <= held
     assert {f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")} <= held
     assert not [name for name in held if name.endswith((".db", ".pyc")) or name.startswith(("tests/", "docs/"))]
 
