@@ -164,7 +164,11 @@ def open_database(path: Path, durable: bool = False, migrations: Sequence[Migrat
 
 
 def open_read_only(path: Path) -> Database:
-    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours."""
+    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours.
+
+    One of an earlier schema, such as that of an earlier release, is read from a copy in memory that has the newest; the file
+    stays as it is.
+    """
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
@@ -176,14 +180,27 @@ def open_read_only(path: Path) -> Database:
         raise StoreError(_explain(path, error)) from error
     try:
         _check_version(conn, path, len(MIGRATIONS))
-        if (found := _version(conn)) < len(MIGRATIONS):
-            raise StoreError(f"{path} has schema {found}, needed is {len(MIGRATIONS)}: `marsexplorer serve` on it brings it up")
-        return Database(conn)
+        return Database(conn if _version(conn) == len(MIGRATIONS) else _upgraded_copy(conn, path))
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
             raise StoreError(_explain(path, error)) from error
         raise
+
+
+def _upgraded_copy(conn: sqlite3.Connection, path: Path) -> sqlite3.Connection:
+    """Return a copy of the database in memory, with the newest schema and closed to writes; `conn` is closed."""
+    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    try:
+        conn.backup(copy)
+        migrate(copy, path)
+        copy.execute("PRAGMA query_only = ON")
+    except BaseException:
+        copy.close()
+        raise
+    finally:
+        conn.close()
+    return copy
 
 
 def _explain(path: Path, error: sqlite3.Error) -> str:

@@ -201,10 +201,30 @@ def _line_of_schema_4(value: Any) -> bytes:
     return json.dumps(value, default=bytes.hex, separators=(",", ":")).encode() + b"\n"
 
 
+def _add_attestation(conn: sqlite3.Connection) -> None:
+    levels = "'unattested', 'declared', 'attested', 'supervised'"
+    for statement in (
+        # what moves a session: the cookie of its player alone, or whoever knows its id
+        "ALTER TABLE sessions ADD COLUMN control TEXT NOT NULL DEFAULT 'bearer' CHECK (control IN ('cookie', 'bearer'))",
+        # of a finished episode of a person, and why it is not attested
+        f"ALTER TABLE episodes ADD COLUMN attestation TEXT CHECK (attestation IN ({levels}))",
+        "ALTER TABLE episodes ADD COLUMN attestation_reason TEXT",
+        "UPDATE episodes SET attestation = 'declared' WHERE driver = 'human' AND ended_ms IS NOT NULL",
+        # the invitation that brought somebody, and when the operator's code was typed last
+        "ALTER TABLE participants ADD COLUMN invitation TEXT",
+        "ALTER TABLE participants ADD COLUMN supervised_ms INTEGER",
+        "CREATE INDEX participants_by_invitation ON participants (study, invitation) WHERE invitation IS NOT NULL",
+        "DELETE FROM digests",
+    ):
+        conn.execute(statement)
+    _write_digests_of_schema_4(conn)
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     _create_tables,
     _create_indexes,
     _create_study_tables,
     _create_release_tables,
+    _add_attestation,
 )
 """Migration k (from 1) leads from schema k - 1 to schema k."""

@@ -28,6 +28,9 @@ from marsexplorer.score import score
 __all__ = ["Closing", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
 
 PaceMode = Literal["follow", "timed", "paused"]
+Control = Literal["cookie", "bearer"]
+"""What moves a session: the cookie of its player alone, or whoever knows its id."""
+
 DAY_MS = 86_400_000
 
 
@@ -42,6 +45,7 @@ class SessionRow:
     pace_mode: PaceMode
     moves_per_second: float
     created_ms: int
+    control: Control = "bearer"
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ Closing = tuple[str, Record, int]
 """(episode id, its record, when in ms)."""
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
-    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7)"""
+    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8)"""
 # The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing.
 _ADD_STEP = """INSERT INTO steps SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
     WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
@@ -168,6 +172,7 @@ class Store(Reader):
                     row.pace_mode,
                     row.moves_per_second,
                     row.created_ms,
+                    row.control,
                 ),
             )
 

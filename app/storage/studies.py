@@ -103,7 +103,7 @@ class StudyStore:
         """Add a participant, and who they are elsewhere."""
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
-            self._conn.execute(f"INSERT INTO participants VALUES ({', '.join('?' * 13)})", tuple(vars(participant).values()))
+            self._conn.execute(f"INSERT INTO participants VALUES ({', '.join('?' * 15)})", tuple(vars(participant).values()))
             for name, value in identities.items():
                 self._conn.execute("INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value))
             self._add(participant.id, participant.joined_ms, "joined", {"kind": participant.kind, "script": participant.script})

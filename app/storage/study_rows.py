@@ -27,7 +27,11 @@ class StudyRow(NamedTuple):
 
 @dataclass(frozen=True)
 class Participant:
-    """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970."""
+    """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970.
+
+    invitation     id of the invitation that brought them; None without one
+    supervised_ms  when the operator's code was typed last; None if it never was
+    """
 
     id: str
     study: str
@@ -42,6 +46,8 @@ class Participant:
     completed_ms: int | None
     completion_code: str | None
     settings: str
+    invitation: str | None = None
+    supervised_ms: int | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, field_validator, model_validator
 
+from app.play.attestation import Attestation
 from app.play.sizes import MAX_API_SIDE
 from app.play.validation import describe_errors
 from app.study.texts import consent_text, questions
@@ -19,6 +20,9 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
+
+NEW_STUDIES: dict[str, Any] = {}
+"""What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
 ExclusionRules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
@@ -87,6 +91,19 @@ class Protocol(_Part):
     debrief_policy       compared with the participant on the warm-up terrains
     exclusion            further figures of the report by name, with who enters them
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
+    recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
+    required_attestation the lowest level at which an episode enters a human figure
+    orders               of the ranked terrains: drawn for each participant, or rows of one Latin square
+    labels_version       of the rules in `app.study.plausibility`
+    interval_rule        of the printed interval (`app.statistics.intervals`)
+    second_analysis      stands in the report beside the printed interval
+    hides_interim        whether no figure is shown before the study is closed, except at the looks planned
+    looks, spending      numbers of finished players at which the figure is looked at, and how alpha is spent over them
+    assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
+    assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
+
+    The defaults of the fields from `recruitment` on are what an earlier protocol, which lacks them, means.
+    `default_protocol` gives a new study other values (NEW_STUDIES).
     """
 
     format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
@@ -112,6 +129,17 @@ class Protocol(_Part):
     equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
+    recruitment: Literal["open", "invitation", "panel"] = "open"
+    required_attestation: Attestation = "declared"
+    orders: Literal["drawn", "latin-square"] = "drawn"
+    labels_version: Literal["1", "2"] = "1"
+    interval_rule: Literal["1", "2"] = "1"
+    second_analysis: Literal["none", "mixed-model"] = "none"
+    hides_interim: bool = False
+    looks: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(), max_length=50)
+    spending: Literal["none", "obrien-fleming", "pocock"] = "none"
+    assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
     @field_validator("config")
     @classmethod
@@ -147,7 +175,7 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
         "consent": {"text": consent_text(config, kept["warm_up"], kept["ranked"], kept["data_licence"])},
         "questions": questions(config),
     }
-    return parse_protocol({**parts, **rest})
+    return parse_protocol({**parts, **NEW_STUDIES, **rest})
 
 
 def parse_protocol(data: Mapping[str, Any]) -> Protocol:
