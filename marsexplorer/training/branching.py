@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.branches import MIN_RUNNING_SHARE, concatenate, play_branches
+from marsexplorer.evaluation.rollouts import ActionScorer, Decisions, GreedyRollouts, Snapshot
 from marsexplorer.training.envs import refuse_evaluation_seeds
-from marsexplorer.training.rollouts import ActionScorer, Decisions, GreedyRollouts, Snapshot
 
 MAX_COST = 20
 """Costs are clipped to so many moves either way: beyond that they are mostly chance."""
@@ -24,12 +25,8 @@ MAX_EXTRA_MOVES = 30
 """A branch that has made so many moves more than its episode is played no further."""
 TYPICAL_MOVES_PER_CELL = 0.17
 """Length of an ordinary episode, in moves for each cell of the grid."""
-PARALLEL_BRANCHES = 256
-"""Branches played together."""
 MAX_MOVES_PER_CELL = 0.57
 """Episodes are followed for so many moves for each cell of the grid."""
-MIN_RUNNING_SHARE = 0.8
-"""When a smaller share of the worlds still runs, the others are dropped."""
 OBSERVATION_SHARE = 0.25
 """Share of an episode's steps whose observations are kept."""
 BASE_WEIGHT = 0.1
@@ -164,30 +161,4 @@ def extra_moves(
 
     actions, steps  int64[num_branches]; so is the result, at most MAX_EXTRA_MOVES
     """
-    num_branches = len(actions)
-    cost, started = np.full(num_branches, MAX_EXTRA_MOVES), min(PARALLEL_BRANCHES, num_branches)
-    rollouts, branches = GreedyRollouts(config, started), np.arange(started)
-    rollouts.restore(branches, {name: array[branches] for name, array in worlds.items()})
-    next_actions = actions[branches]
-    while True:
-        rollouts.step(next_actions)
-        extra = rollouts.memory["steps"] - steps[branches]
-        finished = (branches >= 0) & (~rollouts.running | (extra >= MAX_EXTRA_MOVES))
-        cost[branches[finished]] = extra[finished]
-        branches[finished] = -1
-        if started == num_branches and (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds:
-            kept = np.flatnonzero(branches >= 0)
-            if not len(kept):
-                return cost
-            rollouts, branches = rollouts.subset(kept), branches[kept]
-        next_actions = rollouts.decide(net).actions
-        free = np.flatnonzero(branches < 0)[: num_branches - started]
-        fresh = np.arange(started, started + len(free))
-        rollouts.restore(free, {name: array[fresh] for name, array in worlds.items()})
-        branches[free], next_actions[free] = fresh, actions[fresh]
-        started += len(free)
-
-
-def concatenate(parts: list[Snapshot]) -> Snapshot:
-    """Return the arrays of each name one after the other."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return play_branches(config, net, worlds, actions, steps + MAX_EXTRA_MOVES) - steps

@@ -81,9 +81,7 @@ class GreedyRollouts:
 
     def decide(self, net: ActionScorer) -> Decisions:
         """Return the decisions for what the worlds show now; call it once for each step, as the guard remembers it."""
-        memory, rovers = self.memory, positions(self.worlds.scalars)
-        cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
-        memory["visited"][self._indices, cells] = 1
+        memory, rovers, cells = self.memory, positions(self.worlds.scalars), self.mark_visited()
         planes, moves = self._extractor(self.worlds.codes, cells, memory["visited"], memory["headings"])
         logits, _ = net.infer(planes, moves)
         actions = logits.argmax(1)
@@ -91,6 +89,13 @@ class GreedyRollouts:
         for world in np.flatnonzero(guarded):
             actions[world] = self._guard_action(world, rovers[world])
         return Decisions(planes, moves, logits, actions, guarded)
+
+    def mark_visited(self) -> NDArray[np.int64]:
+        """Mark where the rovers stand as visited and return those cells, int64[num_worlds], row * cols + col."""
+        rovers = positions(self.worlds.scalars)
+        cells: NDArray[np.int64] = rovers[:, 0] * self.config.cols + rovers[:, 1]
+        self.memory["visited"][self._indices, cells] = 1
+        return cells
 
     def _update_guards(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""

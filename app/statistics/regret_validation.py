@@ -1,0 +1,98 @@
+"""What mean regret measures, on players whose slips are known: `python -m app.statistics.regret_validation`.
+
+A synthetic player follows the shipped policy and, with a probability of its own, makes a random valid move instead. Printed are
+Spearman's rank correlation of that probability with the player's mean regret, and how often the interval of a report covers
+the true mean: players are drawn from a pool of played episodes, in which the mean is known exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import click
+import numpy as np
+from scipy import stats
+
+from app.statistics.intervals import printed_interval
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.observation import valid_actions
+from marsexplorer.policies import Policy, load
+
+SLIP_RATES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
+FIRST_SEED = 8 * 10**12
+"""Of the terrains: neither training nor evaluation uses them."""
+
+
+@dataclass(frozen=True)
+class SlipPool:
+    """Total regret of episodes: float64[slip rates, replicates, terrains]."""
+
+    rates: tuple[float, ...]
+    regret: Floats
+
+    def rank_correlation(self) -> float:
+        """Return Spearman's correlation of slip rate and mean regret over players: one for each rate and replicate."""
+        means = self.regret.mean(2)
+        rates = np.repeat(np.array(self.rates)[:, None], means.shape[1], axis=1)
+        return float(stats.spearmanr(rates.ravel(), means.ravel()).statistic)
+
+    def coverage(self, players: int, studies: int, rng: np.random.Generator) -> float:
+        """Return the share of studies in which the interval holds the true mean on these terrains, 0..1.
+
+        Each player has a rate drawn at random, and on every terrain one of that rate's episodes.
+        """
+        rates, replicates, terrains = self.regret.shape
+        drawn = rng.integers(rates, size=(studies, players, 1))
+        which = rng.integers(replicates, size=(studies, players, terrains))
+        low, high = printed_interval(self.regret[drawn, which, np.arange(terrains)].mean(2))
+        truth = self.regret.mean()
+        return float(((low <= truth) & (truth <= high)).mean())
+
+
+def play_with_slips(policy: Policy, config: EnvConfig, seed: int, rate: float, rng: np.random.Generator) -> Episode:
+    """Play a terrain with the policy, each move a random valid one with probability `rate`."""
+    episode = Episode.begin(config, seed=seed)
+    policy.reset(seed)
+    while not episode.ended:
+        action = policy.act(episode.codes)
+        if rng.random() < rate:
+            action = int(rng.choice(valid_actions(episode.codes, *episode.position)))
+        episode.step(action)
+    return episode
+
+
+def measure_slips(
+    config: EnvConfig, rates: Sequence[float], replicates: int, terrains: int, seed: int, policy: str = "ppo"
+) -> SlipPool:
+    """Return the total regret of `replicates` players of each rate on the same terrains; the same for the same seed."""
+    rng, estimator, player = np.random.default_rng(seed), RegretEstimator(policy), load(policy, config.sensor_radius)
+    regret = np.zeros((len(rates), replicates, terrains))
+    for at in np.ndindex(regret.shape):
+        episode = play_with_slips(player, config, FIRST_SEED + at[2], rates[at[0]], rng)
+        regret[at] = estimator.regret(episode.record()).total
+    return SlipPool(tuple(rates), regret)
+
+
+@click.command()
+@click.option("--terrains", default=10, show_default=True)
+@click.option("--replicates", default=4, show_default=True, help="Players of each slip rate.")
+@click.option("--studies", default=2000, show_default=True)
+@click.option("--seed", default=0, show_default=True)
+def main(terrains: int, replicates: int, studies: int, seed: int) -> None:
+    """Measure and print the rank correlation and the interval's coverage on level random at 21x21."""
+    pool = measure_slips(EnvConfig(), SLIP_RATES, replicates, terrains, seed)
+    for rate, means in zip(pool.rates, pool.regret.mean((1, 2)), strict=True):
+        click.echo(f"slip rate {rate:4.0%}: mean regret {means:6.1f} moves an episode")
+    click.echo(f"rank correlation over {pool.regret[..., 0].size} players: {pool.rank_correlation():.3f}")
+    rng = np.random.default_rng(seed)
+    for players in (5, 10, 20):
+        covered = pool.coverage(players, studies, rng)
+        click.echo(f"{players} players: the 95 % interval covers the mean in {covered:.1%} of {studies} studies")
+
+
+if __name__ == "__main__":
+    main()
