@@ -134,10 +134,10 @@ def _print_comparisons(mark: str, group: GroupReport) -> None:
     from app.statistics.formatting import interval, number, p_value
 
     compared = [
-        (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.these, 4), p_value(each.p_adjusted),
-         f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
+        (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.new, 4), p_value(each.p_value),
+         p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
         for each in group.comparisons if each.metric == "score"
     ]  # fmt: skip
     if compared:
-        heads = ("policy", "score", "minus people", "95 %, these terrains", "p (Holm)", "ratio (95 %, new terrains too)")
+        heads = ("policy", "score", "minus people", "95 %, new terrains too", "p", "p (Holm)", "ratio (95 %)")
         print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)

@@ -17,19 +17,11 @@ from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
-from app.statistics.comparisons import (
-    PolicyComparison,
-    compare_policy,
-    holm,
-    iqm,
-    iqm_interval,
-    new_terrains_interval,
-    player_means,
-    variance_components,
-)
+from app.statistics.comparisons import PolicyComparison, compare_policy, holm, new_terrains_interval, player_means
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
 from app.statistics.intervals import RULE, RULE_VERSION
 from app.statistics.learning import assess_learning, trial_means
+from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.study.data import StudyData, StudyEpisode
 from app.study.plausibility import RULES_VERSION
@@ -123,7 +115,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
     return Metric(
         name=metric,
         mean=float(player_means(table).mean()),
-        new_terrains=new_terrains_interval(table) if several else None,
+        new_terrains=new_terrains_interval(table),
         iqm=iqm(table),
         iqm_interval=iqm_interval(table) if several else None,
         variance=variance_components(table),
@@ -158,8 +150,11 @@ def _comparisons_in(metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
     shared = _shared_terrains(table, runs, metric)
     values = {run.name: run.values(metric)[shared] for run in runs}
-    players, random, up = table[:, shared], values.get("random"), metric == "score"
-    rows = [compare_policy(run.name, metric, values[run.name], players, random, up) for run in runs]
+    played = table[:, shared]
+    players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
+    if not len(players):
+        return []
+    rows = [compare_policy(run.name, metric, values[run.name], players, random, metric == "score", len(runs)) for run in runs]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
     return [replace(row, p_adjusted=p if row.p_value is not None else None) for row, p in zip(rows, adjusted, strict=True)]
 

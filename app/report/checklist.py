@@ -164,7 +164,9 @@ def _analysis(facts: Facts) -> Iterator[Item]:
         "4.1", "Statistical significance", answer, f"Policies: {', '.join(facts.policies) or 'none played'}.", "database"
     )
     test = (
-        "Sign-flip permutation test of the differences paired by terrain, adjusted by Holm's method." if compared else "None."
+        "Test of the paired differences over players and terrains (crossed, Satterthwaite), adjusted by Holm's method."
+        if compared
+        else "None."
     )
     yield Item("4.1.1", "Statistical significance test", test, "", "software")
     yield Item("4.2", "Uncertainty estimate", "Yes", "Intervals over players, and over players and terrains.", "software")

@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.report.checklist import Item
-from app.statistics.comparisons import PolicyComparison, VarianceComponents
+from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
+from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
 
 FORMAT = "marsexplorer-report-1"

@@ -211,8 +211,10 @@ def _comparison(group: GroupReport, metric: str) -> PageTable:
     rows = [
         (
             each.policy,
-            f"{number(each.difference, digits)}\n{interval(each.these, digits)}",
-            interval(each.new, digits),
+            f"{number(each.difference, digits)}\n{interval(each.new, digits)}",
+            p_value(each.p_value),
+            interval(each.these, digits),
+            interval(each.simultaneous, digits),
             p_value(each.p_adjusted),
             f"{each.better}/{each.terrains}",
             f"{number(each.ratio, 3)}\n{interval(each.ratio_interval, 3)}",
@@ -221,7 +223,17 @@ def _comparison(group: GroupReport, metric: str) -> PageTable:
         for each in group.comparisons
         if each.metric == metric
     ]
-    heads = ("policy", "difference", "new terrains", "p (Holm)", "better on", "ratio", "normalized")
+    heads = (
+        "policy",
+        "difference",
+        "p",
+        "these terrains alone",
+        "simultaneous",
+        "p (Holm)",
+        "better on",
+        "ratio",
+        "normalized",
+    )
     return PageTable(f"{METRIC_NAMES[metric]}: policies minus {group.name}", heads, rows)
 
 

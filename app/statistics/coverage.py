@@ -1,14 +1,13 @@
 """How often the printed interval covers the truth, measured: `python -m app.statistics.coverage --studies 2000 --seed 0`.
 
-A simulated study is scores[players, terrains] = mean + player + terrain + episode. Its truth is the mean over the population of
-players on its own terrains, as in a report; "new terrains" is judged by the mean over terrains as well. Every interval comes
-from the functions the report uses. A score's long tail points down; steps to 99 % mirror it, and so do their intervals.
+The truth of a simulated study (`simulated_studies`) is the mean over the population of players on its own terrains, as in a
+report; "new terrains" is judged by the mean over terrains as well. Every interval comes from the functions the report uses.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 
@@ -18,67 +17,23 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from scipy import stats
 
-from app.statistics.comparisons import crossed_means, drawn_terrains, log_interval, new_terrains_interval
 from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
+from app.statistics.crossed import crossed_interval
+from app.statistics.false_alarms import PAIRED_ICCS, measure_false_alarms, measure_ratio
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
+from app.statistics.simulated_studies import SCORE_BOUNDS, generator, mean_score, simulate_studies
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.run import Progress
 
-TERRAINS = 30
 PLAYERS = (5, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
-TERRAIN_SHARE = 0.2
-"""Of the variance of an episode's score."""
-SCORE_BOUNDS = (-0.18, 1.0)
-COLLISION_COST = 0.55
-"""Of a collision, in score."""
-POLICY_SCORE = 0.92
 STUDIES_AT_ONCE = 250
 """Studies worked on at a time."""
 
 
-def simulate_studies(
-    population: ScorePopulation, icc: float, players: int, studies: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Return scores float64[studies, players, TERRAINS], and what each terrain adds float64[studies, TERRAINS] (mean 0).
-
-    The truth on a study's terrains is `mean_score(population)` plus the mean of what they add.
-    """
-    shape = (studies, players, TERRAINS)
-    if not population.collisions:
-        player, terrain = (_drawn(population.shape, size, rng) for size in ((studies, players, 1), (studies, 1, TERRAINS)))
-        # the ICC is of the one-way model, in which terrains count as variance within players
-        terrain_share = min(TERRAIN_SHARE, 1 - icc)
-        episode = _drawn(population.shape, shape, rng)
-        shares = (icc, terrain_share, 1 - icc - terrain_share)
-        parts = zip(shares, (player, terrain, episode), strict=True)
-        scores: Floats = 0.9 + 0.03 * sum(np.sqrt(share) * part for share, part in parts)
-        return scores, 0.03 * np.sqrt(terrain_share) * terrain[:, 0]
-    rate = np.full((studies, players, 1), population.collisions)
-    if icc:
-        spread = 1 / icc - 1
-        rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
-    terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
-    played = 0.94 + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
-    return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
-
-
-def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Floats:
-    """Return draws of mean 0 and variance 1 whose long tail, if any, points down."""
-    if shape == "exponential":
-        return 1 - rng.standard_exponential(size)
-    if shape == "lognormal":
-        sigma2 = 0.64
-        drawn = np.exp(np.sqrt(sigma2) * rng.standard_normal(size))
-        scaled: Floats = (np.exp(sigma2 / 2) - drawn) / np.sqrt((np.exp(sigma2) - 1) * np.exp(sigma2))
-        return scaled
-    return rng.standard_normal(size)
-
-
 def measure_cell(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
-    rng = np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
-    scores, terrain = simulate_studies(population, icc, players, studies, rng)
+    scores, terrain = simulate_studies(population, icc, players, studies, generator(population, icc, players, seed))
     truth, everywhere = mean_score(population) + terrain.mean(1), np.full(studies, mean_score(population))
     means = scores.mean(2)
     t, printed = t_interval(means), printed_interval(means)
@@ -97,35 +52,9 @@ def measure_cell(population: ScorePopulation, icc: float, players: int, studies:
         t=_percent_covered(t, truth),
         bootstrap=_percent_covered(bootstrap, truth),
         guaranteed=100 * float(guaranteed.mean()),
-        new_terrains=_percent_covered(_new_terrains(scores), everywhere),
+        new_terrains=_percent_covered(crossed_interval(scores), everywhere),
         pooled=_percent_covered(_pooled(scores), truth),
     )
-
-
-def mean_score(population: ScorePopulation) -> float:
-    """Return the mean score over players and terrains."""
-    return 0.94 - COLLISION_COST * population.collisions if population.collisions else 0.9
-
-
-def measure_ratio(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> float:
-    """Return how often (percent) the interval of policy / people covers the ratio of the means over players and terrains.
-
-    The policy scores 0.92 in the mean, on each terrain what the terrain adds and a little of its own.
-    """
-    rng = np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
-    scores, terrain = simulate_studies(population, icc, players, studies, rng)
-    values = POLICY_SCORE + terrain + 0.01 * rng.standard_normal(terrain.shape)
-    truth, covered = POLICY_SCORE / mean_score(population), 0
-    for table, own in zip(scores, values, strict=True):
-        ratio = float(own.mean() / table.mean())
-        ends = log_interval(drawn_terrains(own, players), crossed_means(table), ratio, table)
-        covered += ends is not None and ends[0] <= truth <= ends[1]
-    return 100 * covered / studies
-
-
-def _new_terrains(scores: Floats) -> Ends:
-    ends = np.array([new_terrains_interval(table) for table in scores])
-    return ends[:, 0], ends[:, 1]
 
 
 def _pooled(scores: Floats) -> Ends:
@@ -163,13 +92,19 @@ def markdown_table(cells: Sequence[Cell]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _ratios(studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a Markdown table: population, ICC, and the coverage of the ratio's interval by players."""
+Measured = Callable[[ScorePopulation, float, int, int, int], float]
+"""(population, ICC, players, studies, seed) -> percent."""
+
+
+def _percentages(
+    measure: Measured, iccs: Sequence[float], studies: int, seed: int, players: Sequence[int], progress: Progress
+) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a Markdown table: population, ICC, and what is measured by players."""
     yield ("population", "ICC", *(f"{count} players" for count in players))
     yield ("---", "---", *("---:" for _ in players))
-    rows = [(population, icc) for population in SCORE_POPULATIONS for icc in ICCS]
+    rows = [(population, icc) for population in SCORE_POPULATIONS for icc in iccs]
     for done, (population, icc) in enumerate(rows, 1):
-        found = [measure_ratio(population, icc, count, studies, seed) for count in players]
+        found = [measure(population, icc, count, studies, seed) for count in players]
         yield (population.name, f"{icc:g}", *(f"{share:.1f}" for share in found))
         progress(done, len(rows))
 
@@ -184,13 +119,15 @@ def coverage_error(coverage: float, studies: int) -> float:
 @click.option("--studies", type=click.IntRange(min=20), default=2000, show_default=True, help="Simulated studies a cell.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--players", multiple=True, type=click.IntRange(min=5), help="Numbers of players; default 5, 10, 20, 30.")
-@click.option("--ratio", is_flag=True, help="Measure the interval of policy / people instead, which takes as long.")
+@click.option("--ratio", is_flag=True, help="Measure the interval of policy / people instead.")
+@click.option("--paired", is_flag=True, help="Measure the false alarms of the test of policy - people instead.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
-def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, save: bool) -> None:
+def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, paired: bool, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
-    if ratio:
+    if ratio or paired:
+        measure, iccs = (measure_ratio, ICCS) if ratio else (measure_false_alarms, PAIRED_ICCS)
         with _progress_bar() as advance:
-            rows = list(_ratios(studies, seed, players or PLAYERS, advance))
+            rows = list(_percentages(measure, iccs, studies, seed, players or PLAYERS, advance))
         click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))
         return
     with _progress_bar() as advance:

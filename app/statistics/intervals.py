@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval, t_quantile
 
@@ -115,7 +116,7 @@ def skewness(values: Floats) -> Floats:
     return corrected
 
 
-def hall_interval(values: Floats) -> Ends:
+def hall_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     """Return low and high by Hall's monotone cubic transformation of t, which takes its first-order skewness out.
 
     Hall 1992, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54(1): with T = sqrt(n)(mean - mu)/s and
@@ -123,7 +124,7 @@ def hall_interval(values: Floats) -> Ends:
     """
     n = values.shape[-1]
     mean, sd, root = values.mean(-1), values.std(-1, ddof=1), np.sqrt(n)
-    skew, quantile = skewness(values) / root, t_quantile(n - 1)
+    skew, quantile = skewness(values) / root, t_quantile(n - 1, confidence)
     # in the order of t_interval, so that both agree to the last bit where there is no skewness
     return mean - _untransformed(quantile, skew) * sd / root, mean - _untransformed(-quantile, skew) * sd / root
 
@@ -136,12 +137,27 @@ def _untransformed(quantile: float, skew: Floats) -> Floats:
     return np.where(small, quantile, solved)
 
 
-def printed_interval(values: Floats) -> Ends:
+def printed_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     """Return low and high as the rule prints them (RULE)."""
-    t, hall, skew = t_interval(values), hall_interval(values), skewness(values)
+    t, hall, skew = t_interval(values, confidence), hall_interval(values, confidence), skewness(values)
     low = np.where(skew < 0, np.minimum(t[0], hall[0]), t[0])
     high = np.where(skew > 0, np.maximum(t[1], hall[1]), t[1])
     return low, high
+
+
+def printed_p(values: Floats) -> Floats:
+    """Return the two-sided p that the mean is 0: below 1 - C exactly where `printed_interval` at confidence C leaves 0 out."""
+    n = values.shape[-1]
+    mean, error = values.mean(-1), standard_error(values)
+    ratio = np.divide(mean, error, out=np.where(mean == 0, 0.0, np.copysign(np.inf, mean)), where=error > 0)
+    skew = np.where(np.isfinite(ratio), skewness(values), 0.0)  # of the values, as in `printed_interval`
+    lean = skew / np.sqrt(n)
+    finite = np.where(np.isfinite(ratio), ratio, 0.0)
+    transformed = finite + lean * finite**2 / 3 + lean**2 * finite**3 / 27 + lean / 6
+    widened = skew * np.sign(ratio) < 0  # the end that faces 0 is the one on the side of the longer tail
+    nearest = np.where(widened, np.minimum(np.abs(ratio), transformed * np.sign(ratio)), np.abs(ratio))
+    p: Floats = np.minimum(2 * special.stdtr(n - 1, -nearest), 1.0)
+    return p
 
 
 @lru_cache(maxsize=64)

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import stats
 from scipy.special import gammaln
 
-from app.statistics.comparisons import variance_components
 from app.statistics.exclusion_sets import members, people_of
+from app.statistics.spread import variance_components
 from app.study.data import StudyData
 from marsexplorer.evaluation.intervals import Floats, t_quantile
 

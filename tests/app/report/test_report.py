@@ -179,7 +179,17 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
     assert ppo.ratio == pytest.approx(0.95 / scores[:, :5].mean())
     assert ppo.normalized == pytest.approx((0.95 - 0.3) / (scores[:, :5].mean() - 0.3))
     assert (report.policies[0].episodes, report.policies[1].episodes) == (5, 6)
-    assert ppo.p_adjusted >= ppo.p_value
+    assert (ppo.p_value, ppo.p_adjusted) == (None, None), "three players"
+    assert ppo.simultaneous[0] < ppo.new[0] < ppo.difference < ppo.new[1] < ppo.simultaneous[1]
+
+
+def test_p_values_are_given_from_five_players_on_and_adjusted_for_the_number_of_policies():
+    scores = np.random.default_rng(2).normal(0.7, 0.05, (5, 6))
+    runs = [run("ppo", scores.mean(0) + 0.05), run("planner", scores.mean(0)), run("random", [0.3] * 6)]
+    rows = {each.policy: each for each in build(study(*played(scores)), runs).groups[0].comparisons if each.metric == "score"}
+    assert rows["random"].p_adjusted == pytest.approx(3 * rows["random"].p_value)
+    assert all(each.p_adjusted >= each.p_value for each in rows.values())
+    assert all((each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1]) for each in rows.values())
 
 
 def test_one_player_and_one_terrain_are_reported_without_intervals():

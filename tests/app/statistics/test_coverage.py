@@ -7,17 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.statistics.coverage import (
-    SCORE_BOUNDS,
-    coverage_error,
-    markdown_table,
-    mean_score,
-    measure_cell,
-    measure_ratio,
-    simulate_studies,
-)
+from app.statistics.coverage import coverage_error, markdown_table, measure_cell
 from app.statistics.coverage_table import SCORE_POPULATIONS, nearest, saved
+from app.statistics.false_alarms import measure_false_alarms, measure_ratio
 from app.statistics.intervals import RULE_VERSION
+from app.statistics.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies
 
 DOCS = Path(__file__).parents[3] / "docs/report.md"
 BY_NAME = {population.name: population for population in SCORE_POPULATIONS}
@@ -70,6 +64,12 @@ def test_simulated_scores_have_the_mean_and_the_icc_they_claim(population, icc):
 def test_the_ratios_interval_covers_the_ratio_over_players_and_terrains():
     assert within(measure_ratio(BY_NAME["symmetric"], 0.2, 10, 300, seed=15), 93, 99, 300)
     assert measure_ratio(BY_NAME["rare collisions"], 0.5, 5, 100, seed=15) < 80
+
+
+def test_false_alarms_are_as_rare_as_they_should_be_at_every_icc():
+    for icc in (0.0, 0.1, 0.3, 0.5):
+        assert 2 < measure_false_alarms(BY_NAME["skewed"], icc, 10, 1000, seed=15) < 7.5
+    assert measure_false_alarms(BY_NAME["rare collisions"], 0.5, 5, 200, seed=15) > 30
 
 
 def test_the_same_seed_gives_the_same_cell():

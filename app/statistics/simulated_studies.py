@@ -1,0 +1,75 @@
+"""Simulated studies whose truth is known: what the intervals and the tests of a report are measured on.
+
+A simulated study is scores[players, terrains] = mean + player + terrain + episode. A score's long tail points down; steps to
+99 % mirror it, and so do their intervals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.statistics.coverage_table import SCORE_POPULATIONS, ScorePopulation
+from marsexplorer.evaluation.intervals import Floats
+
+TERRAINS = 30
+TERRAIN_SHARE = 0.2
+"""Of the variance of an episode's score."""
+SCORE_BOUNDS = (-0.18, 1.0)
+COLLISION_COST = 0.55
+"""Of a collision, in score."""
+POLICY_SD = 0.01
+"""Of what a policy scores on a terrain, apart from what the terrain adds to everybody's score."""
+
+
+def generator(population: ScorePopulation, icc: float, players: int, seed: int) -> np.random.Generator:
+    """Return the generator of a cell's studies, another one for every cell and seed."""
+    return np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
+
+
+def mean_score(population: ScorePopulation) -> float:
+    """Return the mean score over players and terrains."""
+    return 0.94 - COLLISION_COST * population.collisions if population.collisions else 0.9
+
+
+def simulate_studies(
+    population: ScorePopulation, icc: float, players: int, studies: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return scores float64[studies, players, TERRAINS], and what each terrain adds float64[studies, TERRAINS] (mean 0).
+
+    The truth on a study's terrains is `mean_score(population)` plus the mean of what they add.
+    """
+    shape = (studies, players, TERRAINS)
+    if not population.collisions:
+        player, terrain = (_drawn(population.shape, size, rng) for size in ((studies, players, 1), (studies, 1, TERRAINS)))
+        # the ICC is of the one-way model, in which terrains count as variance within players
+        terrain_share = min(TERRAIN_SHARE, 1 - icc)
+        episode = _drawn(population.shape, shape, rng)
+        shares = (icc, terrain_share, 1 - icc - terrain_share)
+        parts = zip(shares, (player, terrain, episode), strict=True)
+        scores: Floats = 0.9 + 0.03 * sum(np.sqrt(share) * part for share, part in parts)
+        return scores, 0.03 * np.sqrt(terrain_share) * terrain[:, 0]
+    rate = np.full((studies, players, 1), population.collisions)
+    if icc:
+        spread = 1 / icc - 1
+        rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
+    terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
+    played = 0.94 + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
+    return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
+
+
+def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Floats:
+    """Return draws of mean 0 and variance 1 whose long tail, if any, points down."""
+    if shape == "exponential":
+        return 1 - rng.standard_exponential(size)
+    if shape == "lognormal":
+        sigma2 = 0.64
+        drawn = np.exp(np.sqrt(sigma2) * rng.standard_normal(size))
+        scaled: Floats = (np.exp(sigma2 / 2) - drawn) / np.sqrt((np.exp(sigma2) - 1) * np.exp(sigma2))
+        return scaled
+    return rng.standard_normal(size)
+
+
+def simulate_policy(mean: float, terrain: Floats, rng: np.random.Generator) -> Floats:
+    """Return a policy's scores float64[studies, TERRAINS]: its mean, what each terrain adds, and a deviation of its own."""
+    values: Floats = mean + terrain + POLICY_SD * rng.standard_normal(terrain.shape)
+    return values
