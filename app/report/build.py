@@ -87,7 +87,7 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         started=len({trial.participant for trial in data.trials if trial.phase == "ranked"} & set(cohort.ranked)),
         finished=sum(person.completed_ms is not None for person in cohort.people),
         left=_left(data, cohort),
-        stages=dict(Counter(person.stage for person in cohort.people)),
+        stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
         primary=primary,

@@ -22,6 +22,9 @@ from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
 FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""
 
+_TIE = 1e-9
+"""A lead below this share of the largest value is rounding: sums in another order differ in the last bits."""
+
 
 def player_means(table: Floats) -> Floats:
     """Return each player's mean: float64[players] from a table in which every player has at least one value."""
@@ -95,7 +98,7 @@ def compare_policy(
     confidence = 1 - (1 - CONFIDENCE) / policies
     ratio, ratio_interval = _ratio(values, table)
     normalized, normalized_interval = _normalized(values, random if policy != "random" else None, table)
-    paired = values - np.nanmean(table, axis=0)
+    ahead = (values - np.nanmean(table, axis=0)) * (1 if up else -1)
     return PolicyComparison(
         policy=policy,
         metric=metric,
@@ -110,7 +113,7 @@ def compare_policy(
         ratio_interval=ratio_interval,
         normalized=normalized,
         normalized_interval=normalized_interval,
-        better=int((paired > 0).sum() if up else (paired < 0).sum()),
+        better=int((ahead > _TIE * np.abs(values).max()).sum()),
         simultaneous=_ends(crossed_interval(differences, confidence)) if can_be_drawn else None,
     )
 

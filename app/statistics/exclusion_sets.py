@@ -88,8 +88,29 @@ def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> d
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
-    """Return the ids (sorted, which is in no order of joining) of those whom a set's rules let in."""
-    return sorted(person.id for person in cohort.people if cohort.ranked[person.id] and _enters(cohort, person, rules))
+    """Return the ids of those whom a set's rules let in, in the order of what they played.
+
+    That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
+    come out the same from an imported release, whose ids are pseudonyms.
+    """
+    inside = [person.id for person in cohort.people if cohort.ranked[person.id] and _enters(cohort, person, rules)]
+    return sorted(inside, key=lambda person: _played(cohort, person))
+
+
+Played = tuple[int, int, float, float, str]
+"""Terrain, trial, score, steps to 99 % and the hash of the trajectory."""
+
+
+def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
+    """Return what a participant played, ranked and to warm up, terrain by terrain."""
+    ranked, warm_up = (
+        sorted(
+            (each.terrain, each.trial, metric_value(each, "score"), metric_value(each, "steps"), each.trajectory_hash or "")
+            for each in trials
+        )
+        for trials in (cohort.ranked[person], cohort.warm_up[person])
+    )
+    return ranked, warm_up
 
 
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:

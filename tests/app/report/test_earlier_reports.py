@@ -14,6 +14,8 @@ ROUNDING = {"rel": 1e-9, "abs": 1e-12}
 CHANGED = {
     "made_at": "the time of the report",
     "software_version": "the software of the report",
+    "groups.*.figures.*.bootstrap": "players are drawn in the order of what they played, no longer of their ids",
+    "groups.*.metrics.*.iqm_interval": "as bootstrap",
     "groups.*.comparisons.*.new": "players and terrains crossed by the analysis of variance instead of a bootstrap",
     "groups.*.comparisons.*.p_value": "the test has the players in it, and none is made below five players",
     "groups.*.comparisons.*.p_adjusted": "as p_value",
