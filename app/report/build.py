@@ -23,6 +23,7 @@ from app.statistics.intervals import RULE, RULE_VERSION
 from app.statistics.learning import assess_learning, trial_means
 from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
+from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
 from app.study.plausibility import RULES_VERSION
 from marsexplorer.config import CORE_VERSION
@@ -97,6 +98,7 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         comparisons=_comparisons(cohort, ids, runs),
         deviations=deviations(data, cohort),
         cautions=(),
+        leak=leak_trend(cohort.ranked) if cohort.kind == "human" else None,
         pictures=pictures,
     )
     return replace(group, cautions=cautions(data, group))
@@ -209,6 +211,9 @@ def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> F
         labelled=sum(bool(trial.labels) for trial in ranked),
         median_minutes=median(map(_minutes, ranked)) if ranked else None,
         policies=tuple(run.name for run in runs),
+        leak=people.leak.sentence if people.leak else "",
+        started=people.started,
+        excluded=people.started - people.figure.players,
         sets="; ".join(f"{figure.name}: {figure_sentence(figure)}" for figure in people.figures if figure.players),
     )
 

@@ -13,6 +13,12 @@ from typing import Literal
 from app.study.protocol import Protocol
 
 Source = Literal["database", "protocol", "software", "missing"]
+RECRUITMENT = {
+    "invitation": "By single-use invitations that the operator gave out; to whom, the authors must state.",
+    "panel": "Through a panel whose link names each participant; its rules of admission, the authors must state.",
+    "open": "By a link that anybody could open; where it was published, the authors must state.",
+}
+"""What the software knows of how participants came, by the protocol's `recruitment`."""
 CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
 
 
@@ -32,7 +38,13 @@ class Item:
 
 @dataclass(frozen=True)
 class Facts:
-    """What the answers are made from; `sets` is the figure under each exclusion set, as sentences."""
+    """What the answers are made from.
+
+    sets      the figure under each exclusion set, as sentences
+    leak      what the trend over earlier finishers says (`app.statistics.terrain_leaks`)
+    started   people who began a ranked episode
+    excluded  of them, those who are not in the primary figure
+    """
 
     protocol: Protocol
     frozen_at: str
@@ -47,6 +59,9 @@ class Facts:
     median_minutes: float | None
     policies: tuple[str, ...]
     sets: str
+    leak: str
+    started: int
+    excluded: int
 
 
 def checklist(facts: Facts) -> tuple[Item, ...]:
@@ -59,6 +74,17 @@ def _missing(number: str, name: str, what: str) -> Item:
     return Item(number, name, "Missing", f"The authors must state {what}.", "missing")
 
 
+def _power(protocol: Protocol) -> Item:
+    if protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None:
+        what = "whether the number of players was planned (`marsexplorer study power` helps)"
+        return _missing("1.8", "Power analysis", what)
+    planned = (
+        f"{protocol.players} players, for standard deviations of {protocol.assumed_player_sd:g} steps between players and "
+        f"{protocol.assumed_episode_sd:g} between a player's episodes, which were assumed before the study."
+    )
+    return Item("1.8", "Power analysis", "Yes", planned, "protocol")
+
+
 def _paper(facts: Facts) -> Iterator[Item]:
     items = facts.protocol.ranked
     yield _missing("0.1", "Paper title", "it")
@@ -67,7 +93,11 @@ def _paper(facts: Facts) -> Iterator[Item]:
     yield _missing("0.4", "Publication venue", "it")
     yield Item("0.5", "Type of eval", "Agent", "Sequential control: exploring an unknown terrain.", "software")
     yield Item(
-        "0.6", "Mode of eval", "Visual", "People see the discovered map in 2-D and 3-D; policies get its matrix.", "software"
+        "0.6",
+        "Mode of eval",
+        "Visual",
+        "People see the discovered map as a matrix of cells; policies get its codes.",
+        "software",
     )
     yield Item(
         "0.7", "Language of eval", "N/A", "The task needs no language; consent and instructions are in English.", "software"
@@ -98,7 +128,7 @@ def _design(facts: Facts) -> Iterator[Item]:
     yield _missing("1.6", "Iterative design", "whether there was a pilot")
     effort = f"Both have at most {limit} moves an episode. People's time to think is recorded and not limited."
     yield Item("1.7", "Amount of effort", "Partial", effort, "software")
-    yield _missing("1.8", "Power analysis", "whether the number of players was planned (`marsexplorer study power` helps)")
+    yield _power(protocol)
     yield _missing("1.8.1", "Minimum detectable effect size", "it, with the power, where there was a power analysis")
     yield _missing("1.9", "Ethics review", "whether a board approved or exempted the study")
     frozen = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether it was registered publicly is not known."
@@ -110,16 +140,19 @@ def _recruitment(facts: Facts) -> Iterator[Item]:
     count = len(protocol.questions)
     yield _missing("2.1", "Population of interest identification", "the population")
     yield _missing("2.1.1", "Population of interest identification criteria", "them")
-    yield _missing("2.2", "Baseliner sampling strategy", "how participants were found")
+    yield Item("2.2", "Baseliner sampling strategy", "Partial", RECRUITMENT[protocol.recruitment], "protocol")
     asked = f"{count} questions must be answered rightly before the warm-up; criteria of recruitment are not known."
     yield Item("2.3", "Quality control in recruitment", "Partial", asked, "protocol")
     yield _missing("2.3.1", "Quality control criteria for baseliners", "criteria of recruitment, if any")
     yield _missing("2.3.2", "Recruitment exclusion rate", "whom recruitment turned away")
     yield _missing("2.4", "Author baseliners", "whether members of the team took part")
-    unseen = "Ranked terrains come from a secret and leave the server for nobody before the study closes."
-    yield Item("2.5", "Baseliner train/test contamination", "Yes", unseen, "software")
+    unseen = (
+        "Ranked terrains come from a secret, and the server shows nobody more than their own rover has discovered until "
+        "the study closes. Whether somebody learnt of a terrain in another way is not known. "
+    )
+    yield Item("2.5", "Baseliner train/test contamination", "Unknown", unseen + facts.leak, "database")
     yield Item("2.6", "Baseliner training", "Yes", "Everybody, before the first ranked episode.", "protocol")
-    kind = f"Instructions, a tutorial to play, {count} questions and {protocol.warm_up} warm-up episodes with feedback."
+    kind = f"A tutorial to play, {count} questions and {protocol.warm_up} warm-up episodes with feedback."
     yield Item("2.6.1", "Baseliner training type", "Tutorial and practice", kind, "protocol")
     yield _missing("2.6.2", "Baseliner training compensation", "it")
     yield _missing("2.6.2.1", "Baseliner training compensation amount", "it")
@@ -135,13 +168,24 @@ def _execution(facts: Facts) -> Iterator[Item]:
     protocol = facts.protocol
     sitting = f"A break is offered every {protocol.break_every} ranked episodes; a participant may leave and resume."
     yield Item("3.1", "Instrument length", str(protocol.warm_up + protocol.ranked), sitting, "protocol")
-    yield Item("3.1.1", "Item randomization", "Yes", "Each participant has an order of their own, drawn by HMAC.", "software")
-    checks = "Every move is re-simulated and its input recorded; implausible input is labelled, never deleted."
+    order = {
+        "drawn": "Each participant has an order of their own, drawn from the study's secret.",
+        "latin-square": "Orders are rows of a Latin square permuted by the study's secret.",
+    }[protocol.orders]
+    yield Item("3.1.1", "Item randomization", "Yes", order, "protocol")
+    checks = (
+        "The server makes every move itself and compares it with the input events that the page sends; an episode below the "
+        f"level of attestation that the protocol requires ({protocol.required_attestation}) enters no figure. Implausible "
+        "input is labelled."
+    )
     yield Item("3.2", "Quality control in execution", "Yes", checks, "software")
     yield Item("3.2.1", "Quality control in execution criteria", "See exclusion sets", "Fixed in the protocol.", "protocol")
-    rate = f"{facts.labelled} of {facts.episodes} ranked episodes carry a label."
-    yield Item("3.2.2", "Execution exclusion rate", str(facts.labelled), rate, "database")
-    yield Item("3.3", "UI equivalence", "No", "People use a page, policies a matrix; both hold the same cells.", "software")
+    rate = (
+        f"{facts.excluded} of {facts.started} who began a ranked episode are not in the primary figure. "
+        f"{facts.labelled} of {facts.episodes} finished ranked episodes carry a label."
+    )
+    yield Item("3.2.2", "Execution exclusion rate", f"{facts.excluded} of {facts.started}", rate, "database")
+    yield Item("3.3", "UI equivalence", "No", "People use a page, policies a matrix of the same cells.", "software")
     yield Item("3.3.1", "GUI vs. API", "Yes", "People have a graphical page, policies the program interface.", "software")
     yield Item(
         "3.3.2", "UI equivalence adjustment", "Partial", "The page draws the policy's matrix itself, cell by cell.", "software"

@@ -13,6 +13,7 @@ from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
 from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
+from app.statistics.terrain_leaks import LeakTrend
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
@@ -60,6 +61,7 @@ class GroupReport:
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
+    leak        the trend over earlier finishers of a terrain; None for scripts
     pictures    curves and visit maps, empty where no episodes were replayed
     """
 
@@ -79,6 +81,7 @@ class GroupReport:
     comparisons: tuple[PolicyComparison, ...]
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
+    leak: LeakTrend | None = None
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property

@@ -260,4 +260,17 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
     assert list(items) == ITEMS
     assert {item.source for item in items.values()} == {"database", "protocol", "software", "missing"}
+    assert items["2.5"].answer == "Unknown"
+    assert items["3.2.2"].answer == "0 of 3"
+    assert items["1.8"].source == "missing"
     assert items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
+
+
+def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
+    people, trials = played([*SCORES, [0.8, 0.8, NAN, NAN, NAN, NAN]])
+    given = {"recruitment": "panel", "assumed_player_sd": 8.0, "assumed_episode_sd": 15.0}
+    items = {item.number: item for item in build(study(people, trials, **given)).checklist}
+    assert items["3.2.2"].answer == "1 of 4"
+    assert "0 of 20 finished ranked episodes carry a label" in items["3.2.2"].detail
+    assert "panel" in items["2.2"].detail
+    assert (items["1.8"].answer, items["1.8"].source) == ("Yes", "protocol")
