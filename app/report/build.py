@@ -25,7 +25,6 @@ from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
-from app.study.plausibility import RULES_VERSION
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
 
@@ -60,7 +59,7 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
         estimand=ESTIMAND,
         rule=RULE,
         rule_version=RULE_VERSION,
-        labels_version=RULES_VERSION,
+        labels_version=data.protocol.labels_version,
         sentence=_sentence(groups, synthetic),
         groups=groups,
         policies=tuple(_policy_row(run) for run in runs),

@@ -78,8 +78,8 @@ def measure_slips(
 
 
 @click.command()
-@click.option("--terrains", default=10, show_default=True)
-@click.option("--replicates", default=4, show_default=True, help="Players of each slip rate.")
+@click.option("--terrains", default=30, show_default=True)
+@click.option("--replicates", default=3, show_default=True, help="Players of each slip rate.")
 @click.option("--studies", default=2000, show_default=True)
 @click.option("--seed", default=0, show_default=True)
 def main(terrains: int, replicates: int, studies: int, seed: int) -> None:

@@ -67,8 +67,8 @@ def study_episodes(reader: Reader, study: str) -> list[Row]:
 
 
 def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
-    """Return `input` and `server_ms` of an episode's moves in order."""
-    return reader.query("SELECT input, server_ms FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+    """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
+    return reader.query("SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
 
 
 def input_events(reader: Reader, episode_id: str) -> list[Row]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from app.storage.study_reader import (
     study_names,
 )
 from app.storage.study_rows import ParticipantKind, Phase
-from app.study.plausibility import pause_share, plausibility_labels
+from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
@@ -135,15 +135,19 @@ def _load(reader: Reader, study: str) -> StudyData:
         raise StudyError(f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}")
     people = _people(reader, study)
     kinds = {person.id: person.kind for person in people}
+    protocol = parse_protocol(json.loads(row.protocol))
+    version = protocol.labels_version
     return StudyData(
-        protocol=parse_protocol(json.loads(row.protocol)),
+        protocol=protocol,
         protocol_hash=row.protocol_hash,
         commitment=row.commitment,
         frozen_ms=row.frozen_ms,
         closed_ms=row.closed_ms,
         secret=row.secret,
         people=people,
-        trials=tuple(_with_input(reader, each, kinds[each["participant_id"]]) for each in study_episodes(reader, study)),
+        trials=tuple(
+            _with_input(reader, each, kinds[each["participant_id"]], version) for each in study_episodes(reader, study)
+        ),
     )
 
 
@@ -158,9 +162,12 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind) -> StudyEpisode:
+def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind, version: RulesVersion) -> StudyEpisode:
     """Return an episode of a study; its input is read and dropped, since a study's whole input may be larger than memory."""
-    return _episode(row, kind, move_inputs(reader, row["id"]), input_events(reader, row["id"]))
+    moves, inputs = move_inputs(reader, row["id"]), input_events(reader, row["id"])
+    effort = effort_labels(version, config_of(row), moves) if row["ended_ms"] is not None else ()
+    found = _episode(row, kind, moves, inputs)
+    return replace(found, labels=(*found.labels, *effort))
 
 
 def _episode(

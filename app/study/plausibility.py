@@ -1,6 +1,8 @@
 """Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
 strict figure leaves labelled participants out; the other figures keep them.
 
+Version 2 of the rules adds the effort check; the protocol says which version a study goes by.
+
 Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are the page's own clock (ms), which
 begins anew when the page is loaded again; an interval across that is not counted.
 """
@@ -10,10 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from statistics import quantiles
-from typing import Any
+from typing import Any, Literal
 
-RULES_VERSION = "1"
-"""Rises whenever the same rows would be labelled otherwise."""
+from app.study.effort import QUANTILE, SHORTEST, makes_no_effort
+from marsexplorer.config import EnvConfig
+
+RulesVersion = Literal["1", "2"]
+"""Rises whenever the same rows would be labelled otherwise. Each version keeps its meaning."""
 
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed."""
@@ -34,8 +39,9 @@ LABELS = {
     "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
     "unfocused": "a press while the page was hidden",
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
+    "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; {SHORTEST:.1%} of the limit or longer",
 }
-"""Every label with what it means."""
+"""Every label with what it means; `no effort` is given by version 2 alone."""
 
 PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
 Rows = Sequence[Mapping[str, Any]]
@@ -52,7 +58,16 @@ def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
         "unfocused": _pressed_hidden(inputs),
         "no telemetry": not presses and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
     }
-    return tuple(name for name in LABELS if found[name])
+    return tuple(name for name in LABELS if found.get(name))
+
+
+def effort_labels(version: RulesVersion, config: EnvConfig, moves: Rows) -> tuple[str, ...]:
+    """Return the labels that a finished episode's course gives it, `no effort` or none; version 1 gives none.
+
+    moves  rows with `discovered`, the cells known after each move
+    """
+    lacks_effort = version != "1" and makes_no_effort(config, [row["discovered"] for row in moves])
+    return ("no effort",) if lacks_effort else ()
 
 
 def intervals(presses: Rows) -> list[float]:

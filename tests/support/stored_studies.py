@@ -79,7 +79,7 @@ class StudyRecorder:
         return participant
 
     def play(self, participant, phase, trial, how="tour"):
-        """Return the id of an episode played to its end: a tour, `crash`, `abandon` after two moves, `idle` or left `open`."""
+        """Return the id of an episode: a tour to its end, a `crash`, given up (`abandon`, `dawdle`, `idle`), or left `open`."""
         study = self.study
         if phase == "tutorial":
             terrain, seed = 0, TUTORIAL_SEED
@@ -115,7 +115,7 @@ class StudyRecorder:
                 key_up_ms=self.clock / 7 + 80.25, input=input_kind, driver=driver,
             )  # fmt: skip
             self.store.add_step(step, episode.record() if episode.ended else None)
-        if how in ("abandon", "idle") and not episode.ended:
+        if how in ("abandon", "dawdle", "idle") and not episode.ended:
             episode.abandon()
             self.store.close_episode(ident, episode.record(), self.tick())
         self._events(ident, 1000, episode.steps)
@@ -134,6 +134,8 @@ class StudyRecorder:
             return _there_and_back(episode)
         if how == "crash":
             return [0]
+        if how == "dawdle":
+            return _there_and_back(episode) * (episode.config.limit // 4)
         return _tour(episode)
 
     def close(self):

@@ -1,0 +1,75 @@
+"""The effort check: random movers are labelled, people who explore are not, and earlier studies keep their labels."""
+
+import pytest
+
+from app.simulate.effort_rates import effort_rate, play_courses
+from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS
+from app.storage.reader import Reader
+from app.study.data import load
+from app.study.effort import SHORTEST, makes_no_effort
+from app.study.plausibility import effort_labels
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.random_reference import random_mean_known
+from tests.support.stored_studies import StudyRecorder, freeze
+
+CONFIG = EnvConfig("random", 17, 22)
+
+
+def test_random_movers_are_labelled_and_people_are_not():
+    assert effort_rate(CONFIG, RANDOM_MOVES, 100, seed=1) >= 0.95
+    assert effort_rate(CONFIG, SIMULATED_POPULATIONS["skilled"], 100, seed=1) == 0
+    assert effort_rate(CONFIG, SIMULATED_POPULATIONS["mixed"], 100, seed=1) <= 0.03
+
+
+def test_few_moves_say_nothing():
+    course = [5] * (int(CONFIG.limit * SHORTEST))
+    assert not makes_no_effort(CONFIG, course)
+    assert makes_no_effort(CONFIG, [*course, 5])
+    assert not makes_no_effort(CONFIG, [])
+
+
+def test_searching_in_vain_for_the_last_cells_is_an_effort():
+    almost = CONFIG.target - 3
+    assert not makes_no_effort(CONFIG, [min(almost, 40 + 4 * move) for move in range(CONFIG.limit)])
+
+
+def test_an_episode_explored_within_half_the_limit_is_an_effort_on_a_small_board():
+    small = EnvConfig("random", 9, 11)
+    assert not makes_no_effort(small, [40] * 42 + [small.target] * 4)
+
+
+def test_the_bound_is_the_same_each_time_and_rises():
+    bound = random_mean_known(CONFIG, 0.99)
+    random_mean_known.cache_clear()
+    assert (random_mean_known(CONFIG, 0.99) == bound).all()
+    assert len(bound) == CONFIG.limit + 1
+    assert bound[0] == 0
+    assert (bound[2:] > bound[1:-1]).all()
+
+
+@pytest.mark.parametrize(("version", "expected"), [("1", ()), ("2", ("no effort",))])
+def test_version_1_of_the_rules_keeps_its_meaning(version, expected):
+    moves = [{"discovered": known} for known in play_courses(CONFIG, RANDOM_MOVES, 1, seed=0)[0]]
+    assert effort_labels(version, CONFIG, moves) == expected
+
+
+@pytest.mark.parametrize(("version", "labelled"), [("1", False), ("2", True)])
+def test_a_studys_episodes_are_labelled_by_the_version_of_its_protocol(tmp_path, version, labelled):
+    study = freeze(tmp_path / "studies", close=False, labels_version=version)
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    person = recorder.join(0, stage="ranked")
+    recorder.play(person, "ranked", 0, "dawdle")
+    recorder.close()
+    reader = Reader.open(tmp_path / "play.db")
+    (trial,) = load(reader, study.name).trials
+    reader.close()
+    assert ("no effort" in trial.labels) == labelled
+
+
+@pytest.mark.long
+def test_the_rates_of_the_documents():
+    """`python -m app.simulate.effort_rates` prints them."""
+    config = EnvConfig()
+    assert effort_rate(config, RANDOM_MOVES, 2000, seed=0) >= 0.98
+    for population in SIMULATED_POPULATIONS.values():
+        assert effort_rate(config, population, 2000, seed=0) <= 0.02
