@@ -1,6 +1,7 @@
 """The folder of studies: a draft that can be edited, frozen for good, closed at the end.
 
     NAME/protocol.json   the protocol; what freezing fixed may not change any more
+    NAME/draft.json      the protocol as it was before freezing filled its texts in
     NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/closed.json     the secret revealed, and when
@@ -35,6 +36,7 @@ from app.study.protocol import (
     protocol_hash,
 )
 from app.study.seeds import TUTORIAL_SEED, SeedLabel, commitment, seed
+from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION
 
 __all__ = ["Folder", "Study", "StudyError"]
@@ -139,7 +141,7 @@ class Folder:
         return path / "protocol.json"
 
     def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
-        """Freeze a study and return it: hash the protocol, draw the secret, and check that every terrain is solvable.
+        """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that every terrain is solvable.
 
         advance  called with (terrains drawn, of how many)
         """
@@ -148,7 +150,8 @@ class Folder:
         if self.status(name) != "draft":
             raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
         path = self.path(name)
-        protocol = parse_protocol(self.draft(name).model_dump(mode="json"))  # every field set from now on
+        template = self._template(name)
+        protocol = fill(template)  # every field set from now on
         if protocol.core_version != CORE_VERSION:
             raise StudyError(
                 f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
@@ -163,6 +166,7 @@ class Folder:
         study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
         _check_terrains(study, advance)
         _write(path / "secret", secret.hex(), private=True)
+        _write(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
         _write(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": _iso(now),
@@ -189,6 +193,13 @@ class Folder:
                 continue
             found[name] = (study.closed_ms, study.secret)
         return found
+
+    def _template(self, name: str) -> Protocol:
+        """Return a draft with its placeholders, also where a freeze was cut short after it had filled them in."""
+        draft, kept = self.draft(name), self.path(name) / "draft.json"
+        if kept.is_file() and fill(template := parse_protocol(_read(kept))) == draft:
+            return template
+        return draft
 
     def _existing(self, name: str) -> Path:
         path = self.path(name)

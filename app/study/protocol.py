@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, 
 from app.play.attestation import Attestation
 from app.play.sizes import MAX_API_SIDE
 from app.play.validation import describe_errors
-from app.study.texts import consent_text, questions
+from app.study.texts import CONSENT, questions
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
@@ -166,14 +166,16 @@ class Protocol(_Part):
 
 
 def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
-    """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be."""
-    kept = {field: info.default for field, info in Protocol.model_fields.items()} | rest
+    """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
+
+    Its texts are templates: `app.study.templates.fill` gives what participants read.
+    """
     parts = {
         "name": name,
         "title": f"How well do people explore Mars? ({name})",
         "config": config.to_dict(),
-        "consent": {"text": consent_text(config, kept["warm_up"], kept["ranked"], kept["data_licence"])},
-        "questions": questions(config),
+        "consent": {"text": CONSENT},
+        "questions": questions(),
     }
     return parse_protocol({**parts, **NEW_STUDIES, **rest})
 

@@ -1,15 +1,13 @@
-"""The words a new protocol begins with; a researcher edits them before freezing."""
+"""The words a new protocol begins with: templates (`app.study.templates`) that a researcher edits before freezing."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from marsexplorer.config import EnvConfig
-
 _CONSENT = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
     "cells around itself. You drive the rover with the keyboard or by touch, in your browser.",
-    "It takes about {minutes} minutes: a short tutorial, three questions, {warm_up} practice rounds and {ranked} rounds "
+    "It takes about {minutes} minutes: a short tutorial, {questions} questions, {warm_up} practice rounds and {ranked} rounds "
     "that count, with breaks whenever you like.",
     "We record every move and every key press in the game with its time, whether the page was in view, and your answers to "
     "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
@@ -21,15 +19,12 @@ _CONSENT = (
 )
 
 
-def consent_text(config: EnvConfig, warm_up: int, ranked: int, licence: str) -> str:
-    """Return what a participant agrees to, paragraphs split by blank lines."""
-    minutes = 5 + 5 * max(1, round(config.n / 441 * (warm_up + ranked) * 0.75 / 5))
-    filled = {"minutes": minutes, "warm_up": warm_up, "ranked": ranked, "licence": licence}
-    return "\n\n".join(paragraph.format(**filled) for paragraph in _CONSENT)
+CONSENT = "\n\n".join(_CONSENT)
+"""What a participant agrees to, paragraphs split by blank lines."""
 
 
-def questions(config: EnvConfig) -> list[dict[str, Any]]:
-    """Return three questions about the rules as they hold on a configuration, as `protocol.Question` has them."""
+def questions() -> list[dict[str, Any]]:
+    """Return three questions about the rules, as `protocol.Question` has them."""
     return [
         {
             "question": "What ends a round at once?",
@@ -41,11 +36,11 @@ def questions(config: EnvConfig) -> list[dict[str, Any]]:
             "question": "When is a round complete?",
             "choices": [
                 "When the rover has driven over every cell",
-                f"When {config.beta:.0%} of all cells have been discovered",
+                "When {coverage} of all cells have been discovered",
                 "When the rover is back where it began",
             ],
             "answer": 1,
-            "why": f"Not quite: the rover need not drive everywhere; {config.beta:.0%} seen by its lidar are enough.",
+            "why": "Not quite: the rover need not drive everywhere; {coverage} seen by its lidar are enough.",
         },
         {
             "question": "Which of two complete rounds scores higher?",

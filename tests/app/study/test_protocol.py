@@ -13,6 +13,7 @@ from app.cli.main import main
 from app.study.folder import Folder, StudyError
 from app.study.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
 from app.study.seeds import commitment, order, seed
+from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 SMALL = EnvConfig.of("random", (7, 9))
@@ -39,7 +40,7 @@ def test_the_defaults_are_the_papers_protocol():
     assert (protocol.warm_up, protocol.ranked, protocol.players, protocol.break_every) == (15, 30, 10, 10)
     assert (protocol.env_config, protocol.core_version) == (EnvConfig.of("random", 21), CORE_VERSION)
     assert len(protocol.questions) == 3
-    assert "15 practice rounds and 30 rounds" in protocol.consent.text
+    assert "15 practice rounds and 30 rounds" in fill(protocol).consent.text
     assert protocol.consent.text.count("\n\n") == 4
 
 
@@ -99,7 +100,7 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     with pytest.raises(StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"):
         folder.study("small")
     study = folder.freeze("small")
-    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, small())
+    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, fill(small()))
     frozen_json = json.loads((path.parent / "frozen.json").read_text())
     assert set(frozen_json) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
     assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
@@ -172,7 +173,7 @@ def test_a_frozen_study_that_was_touched_is_refused(frozen, harm, said):
 def test_spaces_and_the_order_of_keys_are_no_thaw(frozen):
     path = frozen.path("small") / "protocol.json"
     path.write_text(json.dumps(dict(reversed(json.loads(path.read_text()).items()))))
-    assert frozen.study("small").protocol == small()
+    assert frozen.study("small").protocol == fill(small())
 
 
 def test_mistakes_are_said_in_one_sentence(frozen):
