@@ -16,12 +16,16 @@ from app.storage.study_rows import Participant, participant_label
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
 Index = Annotated[int, Path(ge=0, le=10_000)]
+
+RULES = ("coverage", "lidar_radius", "max_steps")
+"""What the page's own sentences say of the configuration, by the names of `app.study.templates.PLACEHOLDERS`."""
 
 WITHDRAWN = (
     "You have withdrawn. What you had played until then is kept without your name, as the consent text says; to have it "
@@ -114,6 +118,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session = await progress.session(participant)
     is_over = participant.stage in ("debrief", "complete")
+    values = placeholder_values(protocol)
     return {
         "study": study.name,
         "title": protocol.title,
@@ -128,6 +133,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "tutorial": {"done": "tutorial" in ended},
         "break_due": break_due(study, participant, trials),
         "pause_after_s": protocol.pause_after_s,
+        "rules": {name: values[name] for name in RULES},
         "session": participant.session_id,
         "about": None if session is None else session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,

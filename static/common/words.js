@@ -6,10 +6,10 @@ import { CELL_STATES } from "./messages.js";
 
 /** @type {Record<string, {title: string, line: string, short: string}>} */
 const ENDINGS = {
-  explored: { title: "Terrain explored", line: "99 % of the terrain is on the map.", short: "explored" },
+  explored: { title: "Terrain explored", line: "{target} of the terrain is on the map.", short: "explored" },
   collided: { title: "Rover lost: collision", line: "The rover drove into an obstacle.", short: "collided" },
   out_of_bounds: { title: "Rover lost: off the map", line: "The rover drove over the edge of the terrain.", short: "off the map" },
-  timed_out: { title: "Out of moves", line: "The last move was made before 99 % was explored.", short: "out of moves" },
+  timed_out: { title: "Out of moves", line: "The last move was made before {target} was explored.", short: "out of moves" },
   abandoned: { title: "Abandoned", line: "The episode was left before its end.", short: "abandoned" },
 };
 
@@ -17,8 +17,11 @@ const ENDINGS = {
 export const outcomeTitle = (outcome) => (outcome ? ENDINGS[outcome]?.title ?? outcome : "Exploring");
 /** @param {string | null} outcome */
 export const outcomeShort = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? outcome : "exploring");
-/** @param {string | null} outcome */
-export const outcomeLine = (outcome) => (outcome ? ENDINGS[outcome]?.line ?? "" : "");
+/**
+ * @param {string | null} outcome
+ * @param {string} [target] share of the cells that completes a terrain, in words
+ */
+export const outcomeLine = (outcome, target = "99 %") => (outcome ? ENDINGS[outcome]?.line ?? "" : "").replace("{target}", target);
 /** @param {number} share 0..1; rounded down, so that 99.0 never stands before the goal is reached */
 export const percent = (share) => `${(Math.floor(share * 1000 + 1e-9) / 10).toFixed(1)}`;
 /** @param {number | null} value null while a study keeps it to itself */

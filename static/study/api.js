@@ -16,7 +16,7 @@
  * @typedef {{study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
  *   questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
  *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean}, break_due: boolean,
- *   pause_after_s: number, session: string | null, about: import("../common/messages.js").About | null, phase: Phase | null,
+ *   pause_after_s: number, rules: {coverage: string, lidar_radius: string, max_steps: string}, session: string | null, about: import("../common/messages.js").About | null, phase: Phase | null,
  *   settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: import("./keymap.js").KeyMap | null},
  *   debrief: Debrief | null, note?: string | null}} Participant  note: a closed study, or what is kept of one who left
  */

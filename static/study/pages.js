@@ -41,6 +41,15 @@ export function createPages(page) {
     by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
     put(by("consent-version"), consent.version);
   }
+  /**
+   * Put the numbers of the protocol into the page's own sentences.
+   * @param {Participant} participant
+   */
+  function paintRules({ rules }) {
+    for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-rule]"))) {
+      put(place, rules[/** @type {"coverage"} */ (place.dataset.rule)]);
+    }
+  }
   /** @param {Participant} participant */
   function paintReady(participant) {
     const { title, lines, go } = words.readyText(participant);
@@ -67,6 +76,7 @@ export function createPages(page) {
       if (participant !== before?.participant || screen !== (before && screenOf(before))) {
         if (participant) {
           put(by("title"), participant.title);
+          paintRules(participant);
           put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
           by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
           page.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;

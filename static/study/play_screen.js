@@ -34,7 +34,7 @@ export function createPlayScreen(page, { look, keys }) {
    * @param {import("../common/messages.js").Frame} frame
    * @param {import("./api.js").Participant} participant
    */
-  function paintNumbers(frame, { phase }) {
+  function paintNumbers(frame, { phase, rules }) {
     put(by("moves"), String(frame.step));
     put(by("coverage"), percent(frame.coverage));
     put(by("outcome"), outcomeShort(frame.outcome));
@@ -44,7 +44,7 @@ export function createPlayScreen(page, { look, keys }) {
     by("coach").hidden = phase !== "tutorial" || frame.outcome !== null;
     by("skip").hidden = phase !== "tutorial" || frame.outcome !== null;
     by("open-give-up").hidden = phase === "tutorial" || frame.outcome !== null;
-    const [title, line] = words.coach(frame, keys());
+    const [title, line] = words.coach(frame, keys(), rules.coverage);
     put(by("coach-title"), title);
     put(by("coach-line"), line);
     by("board").setAttribute("aria-label", describeBoard(frame, "the terrain"));

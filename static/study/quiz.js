@@ -2,6 +2,7 @@
 // The understanding questions: chosen answers stay, a wrong one is explained, and one may try again.
 
 import { create, elementsOf } from "../common/page.js";
+import { questionsTitle } from "./words.js";
 
 /** @typedef {import("./api.js").Participant} Participant */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
@@ -71,7 +72,7 @@ export function createQuiz(page, onAnswers) {
       if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
         asked = participant.questions;
         by("quiz-list").replaceChildren(...asked.map(item));
-        by("quiz-title").textContent = asked.length === 1 ? "One short question" : asked.length === 3 ? "Three short questions" : "A few short questions";
+        by("quiz-title").textContent = questionsTitle(asked.length, "short");
         if (asked.length === 0) onAnswers([]);
       }
       showVerdicts(participant);

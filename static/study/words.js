@@ -15,13 +15,22 @@ import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words
  * @param {boolean} isPlaying while an episode runs its number counts as begun
  */
 export function progress(participant, isPlaying) {
-  const { stage } = participant;
+  const { stage, questions } = participant;
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
   const name = stage === "ranked" ? "Ranked" : "Warm-up";
   if (part) return isPlaying ? `${name}: terrain ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
-  return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: "Three questions", debrief: "Debrief",
+  return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: questionsTitle(questions.length), debrief: "Debrief",
     complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
 }
+
+const COUNTS = ["No", "One", "Two", "Three", "Four", "Five"];
+
+/**
+ * Return how many questions there are, as a heading.
+ * @param {number} count
+ * @param {string} [kind] of question, as in "short"
+ */
+export const questionsTitle = (count, kind = "") => `${COUNTS[count] ?? count} ${kind && `${kind} `}question${count === 1 ? "" : "s"}`;
 
 /**
  * Return the share of the whole study, 0..1: each terrain weighs the same, the rest a little.
@@ -69,19 +78,19 @@ export function endCard(frame, participant) {
   const { phase } = participant;
   const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
   if (frame.score !== null) figures.push(["Score", score(frame.score)]);
-  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome), figures, note: endNote(frame, participant), go: endGo(participant, phase) };
+  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome, participant.rules.coverage), figures, note: endNote(frame, participant), go: endGo(participant, phase) };
 }
 
 /**
  * @param {Frame} frame
  * @param {Participant} participant
  */
-function endNote({ outcome, score: scored }, { phase, stage }) {
+function endNote({ outcome, score: scored }, { phase, stage, rules }) {
   if (phase === "tutorial") {
     return outcome === "explored" ? "That is all there is to it."
       : outcome === "collided" || outcome === "out_of_bounds" ? "In the study that would have ended this terrain. Try once more, or go on." : "";
   }
-  if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : "Fewer moves to 99 % are better. This one does not count.";
+  if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
   return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
 }
 
@@ -90,7 +99,7 @@ function endNote({ outcome, score: scored }, { phase, stage }) {
  * @param {Participant["phase"]} phase
  */
 function endGo(participant, phase) {
-  if (phase === "tutorial") return "Go on to three questions";
+  if (phase === "tutorial") return `Go on to ${questionsTitle(participant.questions.length).toLowerCase()}`;
   return participant.stage === participant.phase && !participant.break_due ? "Next terrain" : "Go on";
 }
 
@@ -98,15 +107,16 @@ function endGo(participant, phase) {
  * Return what the coach says during the practice drive.
  * @param {Frame} frame
  * @param {{east: string, south: string}} keys as printed on them
+ * @param {string} target share of the cells that completes a terrain, in words
  */
-export function coach(frame, keys) {
+export function coach(frame, keys, target) {
   const { step, coverage } = frame;
   if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keys.east} or ${keys.south} to drive one cell.`];
   if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
   if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
   if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
   if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
-  return ["Nearly there", "The terrain is done at 99 %. The last black cells are often behind rocks and in corners."];
+  return ["Nearly there", `The terrain is done at ${target}. The last black cells are often behind rocks and in corners.`];
 }
 
 /**

@@ -7,7 +7,7 @@ const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 
   discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
 const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
 const participant = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
-  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, session: null, about: null,
+  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, rules: { coverage: "96.5 %", lidar_radius: "4", max_steps: "63" }, session: null, about: null,
   phase: null, settings: {}, debrief: null, ...changes });
 
 test("no sentence of a ranked terrain contains a score", () => {
@@ -37,6 +37,15 @@ test("the map in words names runs of cells", () => {
 
 test("the coach speaks from the first move to the last cells", () => {
   const keys = { east: "D", south: "S" };
-  assert.match(words.coach(frame(), keys)[1], /Press D or S/);
-  assert.notDeepEqual(words.coach(frame({ step: 20, coverage: 0.4 }), keys), words.coach(frame({ step: 20, coverage: 0.95 }), keys));
+  assert.match(words.coach(frame(), keys, "99 %")[1], /Press D or S/);
+  assert.notDeepEqual(words.coach(frame({ step: 20, coverage: 0.4 }), keys, "99 %"), words.coach(frame({ step: 20, coverage: 0.95 }), keys, "99 %"));
+});
+
+test("the page's own sentences name the numbers of the protocol", () => {
+  const explored = words.endCard(frame({ outcome: "explored", score: 0.9 }), participant({ phase: "warm_up", stage: "warm_up" }));
+  assert.deepEqual([explored.line, explored.note], ["96.5 % of the terrain is on the map.", "Fewer moves to 96.5 % are better. This one does not count."]);
+  assert.match(words.coach(frame({ step: 20, coverage: 0.95 }), { east: "D", south: "S" }, "96.5 %")[1], /done at 96.5 %/);
+  const two = { questions: [{ question: "?", choices: [] }, { question: "?", choices: [] }] };
+  assert.equal(words.progress(participant({ stage: "questions", ...two }), false), "Two questions");
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial", ...two })).go, "Go on to two questions");
 });
