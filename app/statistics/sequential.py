@@ -109,9 +109,7 @@ def _crossing(reached: tuple[Floats, Floats], before: float, fraction: float, z:
     return float((density * beyond).sum() * (grid[1] - grid[0]))
 
 
-def _survived(
-    reached: tuple[Floats, Floats] | None, before: float, fraction: float, z: float
-) -> tuple[Floats, Floats]:
+def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: float, z: float) -> tuple[Floats, Floats]:
     """Return the grid (midpoints) and the density of the Brownian motion at `fraction` that has crossed no boundary."""
     edge = min(z, FARTHEST) * np.sqrt(fraction)
     scale = np.sqrt(fraction - before)
@@ -121,5 +119,7 @@ def _survived(
         density: Floats = stats.norm.pdf(grid, scale=scale)
         return grid, density
     old, held = reached
-    density = np.concatenate([stats.norm.pdf(part[:, None] - old, scale=scale) @ held for part in np.array_split(grid, 1 + count // 500)])
+    density = np.concatenate(
+        [stats.norm.pdf(part[:, None] - old, scale=scale) @ held for part in np.array_split(grid, 1 + count // 500)]
+    )
     return grid, density * (old[1] - old[0])

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from app.storage import digests
 from app.storage.connection import rows
 from app.storage.resimulation import Finding, differences
-from app.storage.study_rows import StudyRow
+from app.storage.study_rows import ORDER_EVENT, StudyRow
 
 _DIGEST_OWNERS = {
     "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
@@ -60,6 +60,13 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[StudyEpisodeRow]:
     """Return what a participant was given to play, by phase and trial."""
     return [StudyEpisodeRow(*row) for row in conn.execute(_STUDY_EPISODES, [participant])]
+
+
+def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
+    """Return a participant's kind, and the details (JSON) of the events that fix the order of their ranked terrains: one, or none."""
+    (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
+    sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
+    return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
 
 
 def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:

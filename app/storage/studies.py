@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from app.storage import digests
 from app.storage.store import Store
-from app.storage.study_rows import Participant, Phase, Stage, StudyRow, TrialRow
+from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
 
 MAX_EVENTS_PER_EPISODE = 50_000
 """Most input events kept of an episode: some hours of typing."""
@@ -22,6 +22,9 @@ _TRIALS = """SELECT t.episode_id, t.phase, t.trial, t.terrain, e.ended_ms, e.out
     FROM study_episodes t JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY e.number"""
 _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
     FROM stage_events WHERE participant_id = ?1"""
+_ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
+_NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
+    JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
 _NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM study_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
@@ -143,6 +146,18 @@ class StudyStore:
         with self._store.transaction():
             values = (episode_id, participant_id, phase, trial, terrain)
             self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
+
+    def order_number(self, participant: Participant, at_ms: int) -> int:
+        """Return which participant of their study and kind this is (from 0) to begin ranked terrains; fixed when first asked for.
+
+        It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
+        """
+        with self._store.transaction():
+            if (known := self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()) is not None:
+                return int(known[0])
+            (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, (participant.study, participant.kind)).fetchone()
+            self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
+        return int(number)
 
     def trials(self, participant_id: str) -> list[TrialRow]:
         """Return a participant's episodes in the order played."""

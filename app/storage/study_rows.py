@@ -11,6 +11,8 @@ Stage = Literal[
 ]  # fmt: skip
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
+ORDER_EVENT = "order"
+"""Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
 
 
 class StudyRow(NamedTuple):

@@ -6,11 +6,11 @@ import hashlib
 import json
 import re
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from app.storage.checks import StudyEpisodeRow, episodes_of, participants_of, studies
+from app.storage.checks import StudyEpisodeRow, episodes_of, order_events, participants_of, studies
 from app.storage.resimulation import Finding
 from app.storage.study_rows import StudyRow
 from app.study import seeds
@@ -55,12 +55,43 @@ def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None)
     expected = _Expected(protocol, study.protocol_hash, secret)
     for participant in participants_of(conn, study.name):
         episodes = episodes_of(conn, participant)
-        yield from _check_order(participant, episodes, expected)
+        order = yield from _ranked_order(conn, participant, episodes, expected)
+        yield from _check_order(participant, episodes, expected, order)
         for row in episodes:
             yield from _check_cause(row, expected)
 
 
-def _check_order(participant: str, episodes: list[StudyEpisodeRow], expected: _Expected) -> Iterator[Finding]:
+def _ranked_order(
+    conn: sqlite3.Connection, participant: str, episodes: list[StudyEpisodeRow], expected: _Expected
+) -> Generator[Finding, None, list[int] | None]:
+    """Return the order of a participant's ranked terrains, None where it cannot be known; yield what is wrong with its number."""
+    secret, count = expected.secret, expected.protocol.ranked
+    if expected.protocol.orders == "drawn":
+        if secret is None or not ORIGINAL_ID.fullmatch(participant):
+            return None
+        return seeds.order(secret, expected.protocol_hash, participant, count)
+    if not any(row.phase == "ranked" for row in episodes):
+        return None
+    kind, details = order_events(conn, participant)
+    number = _order_number(details)
+    if number is None:
+        yield Finding(f"participant {participant}", "number in the Latin square", details, "one whole number from 0")
+        return None
+    return None if secret is None else seeds.balanced_order(secret, expected.protocol_hash, kind, number, count)
+
+
+def _order_number(details: list[str]) -> int | None:
+    """Return the number in the one event that fixes an order; None when there is not one, or no number in it."""
+    try:
+        (number,) = (json.loads(detail)["number"] for detail in details)
+    except (ValueError, TypeError, KeyError):
+        return None
+    return number if isinstance(number, int) and number >= 0 else None
+
+
+def _check_order(
+    participant: str, episodes: list[StudyEpisodeRow], expected: _Expected, ranked: list[int] | None
+) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
     for phase, count in (("warm_up", expected.protocol.warm_up), ("ranked", expected.protocol.ranked)):
@@ -70,13 +101,8 @@ def _check_order(participant: str, episodes: list[StudyEpisodeRow], expected: _E
             yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
             yield Finding(where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once")
-        if phase == "warm_up":
-            order: list[int] = list(range(count))
-        elif expected.secret is not None and ORIGINAL_ID.fullmatch(participant):
-            order = seeds.order(expected.secret, expected.protocol_hash, participant, count)
-        else:
-            continue
-        if terrains != order[: len(terrains)]:
+        order = list(range(count)) if phase == "warm_up" else ranked
+        if order is not None and terrains != order[: len(terrains)]:
             yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
 
 

@@ -35,7 +35,7 @@ from app.study.protocol import (
     parse_protocol,
     protocol_hash,
 )
-from app.study.seeds import TUTORIAL_SEED, SeedLabel, commitment, seed
+from app.study.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, seed
 from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION
 
@@ -77,6 +77,10 @@ class Study:
     def seed(self, label: SeedLabel, i: int) -> int:
         """Return the seed of a terrain of this study."""
         return seed(self.secret, self.protocol_hash, label, i)
+
+    def balanced_order(self, group: str, number: int) -> list[int]:
+        """Return the order of the ranked terrains for participant `number` of a group (`app.study.seeds.balanced_order`)."""
+        return balanced_order(self.secret, self.protocol_hash, group, number, self.protocol.ranked)
 
     def seeds(self) -> list[int]:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""

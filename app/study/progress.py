@@ -159,7 +159,7 @@ class ParticipantProgress:
                 return
             phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
             trial = sum(each.phase == phase for each in trials)
-            terrain, seed = _terrain(study, participant, phase, trial)
+            terrain, seed = self._terrain(study, participant, phase, trial)
             board = await self._board(participant)
 
             @contextmanager
@@ -245,6 +245,18 @@ class ParticipantProgress:
             done = sum(trial.phase == "ranked" for trial in trials)
             self.study_store.add_stage_event(participant.id, self._now(), "break", {"after": done, "length_ms": length})
 
+    def _terrain(self, study: Study, participant: Participant, phase: Phase, trial: int) -> tuple[int, int]:
+        """Return the terrain's index and seed of a participant's trial."""
+        if phase == "tutorial":
+            return 0, TUTORIAL_SEED
+        if phase == "warm_up":
+            return trial, study.seed("warm-up", trial)
+        if study.protocol.orders == "latin-square":
+            terrain = study.balanced_order(participant.kind, self.study_store.order_number(participant, self._now()))[trial]
+        else:
+            terrain = order(study.secret, study.protocol_hash, participant.id, study.protocol.ranked)[trial]
+        return terrain, study.seed("ranked", terrain)
+
     def _lock(self, participant_id: str) -> asyncio.Lock:
         lock = self._locks.get(participant_id)
         if lock is None:
@@ -260,16 +272,6 @@ def break_due(study: Study, participant: Participant, trials: Sequence[TrialRow]
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None
     return participant.stage == "ranked" and has_ended and len(ranked) % study.protocol.break_every == 0
-
-
-def _terrain(study: Study, participant: Participant, phase: Phase, trial: int) -> tuple[int, int]:
-    """Return the terrain's index and seed of a participant's trial."""
-    if phase == "tutorial":
-        return 0, TUTORIAL_SEED
-    if phase == "warm_up":
-        return trial, study.seed("warm-up", trial)
-    terrain = order(study.secret, study.protocol_hash, participant.id, study.protocol.ranked)[trial]
-    return terrain, study.seed("ranked", terrain)
 
 
 def _describe(stage: str) -> str:

@@ -21,7 +21,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
-NEW_STUDIES: dict[str, Any] = {}
+NEW_STUDIES: dict[str, Any] = {"orders": "latin-square", "hides_interim": True}
 """What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
@@ -158,6 +158,18 @@ class Protocol(_Part):
         if len(set(given)) < len(given):
             raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
         return given
+
+    @model_validator(mode="after")
+    def _looks_lead_to_the_end(self) -> Protocol:
+        if bool(self.looks) != (self.spending != "none"):
+            raise ValueError(f"looks and spending go together: got looks {list(self.looks)} and spending {self.spending!r}")
+        if self.looks and (list(self.looks) != sorted(set(self.looks)) or self.looks[-1] != self.players or self.looks[0] < 2):
+            raise ValueError(
+                f"looks must rise from at least 2 to the number of players, {self.players}: got {list(self.looks)}"
+            )
+        if self.looks and not self.hides_interim:
+            raise ValueError("a study with looks must hide its figures between them: set hides_interim to true")
+        return self
 
     @property
     def env_config(self) -> EnvConfig:

@@ -29,5 +29,23 @@ def order(secret: bytes, protocol_hash: str, participant_id: str, ranked: int) -
     return sorted(range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|order|{participant_id}|{i}"))
 
 
+def balanced_order(secret: bytes, protocol_hash: str, group: str, number: int, ranked: int) -> list[int]:
+    """Return the order of the ranked terrains 0..ranked-1 for the participant who is `number` (from 0) in their group.
+
+    Each `ranked` participants in turn take the rows of one Latin square, so each terrain comes equally often at each position;
+    for an even number of terrains each also follows each other one equally often (Williams 1949, Aust. J. Sci. Res. A 2(2)).
+    Rows and labels are permuted by HMAC, anew for each square and group: without the secret nobody can foresee an order.
+
+    group  "human" or "script"; scripts have squares of their own, so that they unbalance nothing
+    """
+    square, place = divmod(number, ranked)
+    rows, labels = (
+        sorted(range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|square|{group}|{square}|{what}|{i}"))
+        for what in ("row", "label")
+    )
+    zigzag = [(1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)]  # 0, 1, n-1, 2, n-2, ...
+    return [labels[(rows[place] + step) % ranked] for step in zigzag]
+
+
 def _hmac(secret: bytes, text: str) -> bytes:
     return hmac.new(secret, text.encode(), hashlib.sha256).digest()

@@ -33,7 +33,9 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
-_SMALL = "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen nineteen"
+_SMALL = (
+    "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen nineteen"
+)
 _TENS = "twenty thirty forty fifty sixty seventy eighty ninety"
 _WORDS = "|".join((*_SMALL.split(), *(f"{tens}(?:[- ](?:one|{'|'.join(_SMALL.split()[:8])}))?" for tens in _TENS.split())))
 _KINDS = r"practice|practise|training|warm-?\s?up|ranked|scored|counted|counting|test|further|more|other|real"
@@ -102,9 +104,13 @@ def _filled(where: str, text: str, values: dict[str, str]) -> str:
         for literal, name, form, conversion in Formatter().parse(text):
             found.append(literal)
             if name is not None:
-                found.append(_value(where, name + (f"!{conversion}" if conversion else "") + (f":{form}" if form else ""), values))
+                found.append(
+                    _value(where, name + (f"!{conversion}" if conversion else "") + (f":{form}" if form else ""), values)
+                )
     except ValueError as error:
-        raise StudyError(f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves") from error
+        raise StudyError(
+            f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"
+        ) from error
     return "".join(found)
 
 

@@ -8,6 +8,7 @@ import random
 
 from app.storage import digests
 from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
@@ -78,6 +79,14 @@ class StudyRecorder:
         digests.write(self.conn, "participant", participant)
         return participant
 
+    def _order(self, participant):
+        """Return the order in which a participant meets the ranked terrains, as a server would give it."""
+        study, studies = self.study, StudyStore(self.store)
+        if study.protocol.orders == "drawn":
+            return order(study.secret, study.protocol_hash, participant, study.protocol.ranked)
+        person = studies.participant(participant)
+        return study.balanced_order(person.kind, studies.order_number(person, self.clock))
+
     def play(self, participant, phase, trial, how="tour"):
         """Return the id of an episode: a tour to its end, a `crash`, given up (`abandon`, `dawdle`, `idle`), or left `open`."""
         study = self.study
@@ -86,7 +95,7 @@ class StudyRecorder:
         elif phase == "warm_up":
             terrain, seed = trial, study.seed("warm-up", trial)
         else:
-            terrain = order(study.secret, study.protocol_hash, participant, study.protocol.ranked)[trial]
+            terrain = self._order(participant)[trial]
             seed = study.seed("ranked", terrain)
         (session, kind) = self.conn.execute(
             "SELECT session_id, kind FROM participants WHERE id = ?", [participant]

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from app.study.folder import Folder
-from app.study.seeds import order
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 from tests.support.study import Person, freeze
@@ -51,6 +50,8 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     where = person.where
     assert (where["stage"], where["session"], where["about"], where["phase"]) == ("consent", None, None, None)
     assert where["consent"]["text"] == study.protocol.consent.text
+    assert "2 practice rounds and 3 rounds that count" in where["consent"]["text"]
+    assert where["rules"] == {"coverage": "99 %", "lidar_radius": "6", "max_steps": "63"}
     assert [set(each) for each in where["questions"]] == [{"question", "choices"}] * 3
     person.call("consent", {"version": "1", "agree": True})
     person.call("advance", {"from": "instructions"})
@@ -95,7 +96,7 @@ def check_rows(server, study):
     assert (participant["kind"], participant["stage"], participant["consent_version"]) == ("human", "complete", "1")
     assert participant["completed_ms"] >= participant["consent_ms"] >= participant["joined_ms"]
     trials = rows(server, "SELECT * FROM study_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number")
-    own = order(study.secret, study.protocol_hash, participant["id"], 3)
+    own = study.balanced_order("human", 0)
     assert [(each["phase"], each["trial"], each["terrain"]) for each in trials] == [
         ("tutorial", 0, 0), ("warm_up", 0, 0), ("warm_up", 1, 1), *(("ranked", i, own[i]) for i in range(3))
     ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 import hashlib
 import hmac
+import itertools
 import json
 import os
 import stat
@@ -12,7 +13,7 @@ import pytest
 from app.cli.main import main
 from app.study.folder import Folder, StudyError
 from app.study.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
-from app.study.seeds import commitment, order, seed
+from app.study.seeds import balanced_order, commitment, order, seed
 from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
@@ -291,3 +292,38 @@ def test_a_file_in_the_folders_place_is_named(tmp_path, capsys):
     (tmp_path / "studies").write_text("not a folder")
     code, _, err = run(capsys, "new", "mine", "--studies", str(tmp_path / "studies"))
     assert (code, "cannot write" in err, err.count("\n")) == (1, True, 1)
+
+
+@pytest.mark.parametrize("ranked", [1, 2, 5, 8])
+def test_each_terrain_comes_equally_often_at_each_position_of_a_whole_square(ranked):
+    square = [balanced_order(b"s" * 32, "h", "human", number, ranked) for number in range(ranked)]
+    assert all(sorted(line) == list(range(ranked)) for line in [*square, *zip(*square, strict=True)])
+    if ranked % 2 == 0:
+        pairs = [pair for line in square for pair in itertools.pairwise(line)]
+        assert len(set(pairs)) == len(pairs) == ranked * (ranked - 1)
+
+
+def test_the_square_follows_from_the_secret_and_is_another_for_scripts_and_for_the_next_participants():
+    def square(secret=b"s" * 32, digest="h", group="human", first=0):
+        return tuple(tuple(balanced_order(secret, digest, group, first + number, 6)) for number in range(6))
+
+    assert square() == square()
+    others = (square(), square(b"t" * 32), square(digest="i"), square(group="script"), square(first=6))
+    assert len(set(others)) == len(others)
+    assert balanced_order(bytes(range(32)), "ab" * 32, "human", 7, 6) == [4, 0, 2, 5, 1, 3]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"looks": [2]}, "looks and spending go together"),
+        ({"spending": "pocock"}, "looks and spending go together"),
+        ({"looks": [1, 2], "spending": "pocock"}, "must rise from at least 2 to the number of players, 2: got [1, 2]"),
+        ({"looks": [2, 3], "spending": "pocock"}, "to the number of players, 2"),
+        ({"looks": [2], "spending": "pocock", "hides_interim": False}, "set hides_interim to true"),
+    ],
+)
+def test_looks_that_cannot_be_are_named(wrong, said):
+    with pytest.raises(StudyError) as error:
+        small(**wrong)
+    assert said in str(error.value)

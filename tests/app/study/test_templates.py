@@ -45,7 +45,11 @@ def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path)
     path.write_text(json.dumps(edited))
     study = folder.freeze("small")
     text = study.protocol.consent.text
-    assert ("1 practice rounds and 4 rounds that count" in text, "30" in text, "(licence CC-BY-4.0)" in text) == (True, False, True)
+    assert ("1 practice rounds and 4 rounds that count" in text, "30" in text, "(licence CC-BY-4.0)" in text) == (
+        True,
+        False,
+        True,
+    )
     assert json.loads(path.read_text())["consent"]["text"] == text
     assert Folder(tmp_path).study("small").protocol.consent.text == text
 
@@ -60,7 +64,10 @@ def test_a_frozen_text_is_never_filled_again(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{rankd} rounds", "consent.text has the unknown placeholder {rankd}: did you mean {ranked}? there are {name}, {warm_up}"),
+        (
+            "{rankd} rounds",
+            "consent.text has the unknown placeholder {rankd}: did you mean {ranked}? there are {name}, {warm_up}",
+        ),
         ("{ranked:d}", "unknown placeholder {ranked:d}"),
         ("{ranked.__class__}", "unknown placeholder {ranked.__class__}"),
         ("{}", "unknown placeholder {}"),
