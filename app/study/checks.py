@@ -64,7 +64,7 @@ def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None)
 def _ranked_order(
     conn: sqlite3.Connection, participant: str, episodes: list[StudyEpisodeRow], expected: _Expected
 ) -> Generator[Finding, None, list[int] | None]:
-    """Return the order of a participant's ranked terrains, None where it cannot be known; yield what is wrong with its number."""
+    """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
     secret, count = expected.secret, expected.protocol.ranked
     if expected.protocol.orders == "drawn":
         if secret is None or not ORIGINAL_ID.fullmatch(participant):

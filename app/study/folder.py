@@ -145,7 +145,7 @@ class Folder:
         return path / "protocol.json"
 
     def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
-        """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that every terrain is solvable.
+        """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
         """

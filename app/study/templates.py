@@ -41,7 +41,8 @@ _WORDS = "|".join((*_SMALL.split(), *(f"{tens}(?:[- ](?:one|{'|'.join(_SMALL.spl
 _KINDS = r"practice|practise|training|warm-?\s?up|ranked|scored|counted|counting|test|further|more|other|real"
 _THINGS = r"rounds?|episodes?|terrains?|trials?"
 _BY_HAND = re.compile(
-    rf"(?<![\w.])(?<![a-z]-)(?P<number>\d+|(?<!of )(?:{_WORDS}|(?:a |one )?hundred))(?:[\s\u00a0-]+(?:{_KINDS}))*[\s\u00a0-]+(?P<thing>{_THINGS})\b",
+    rf"(?<![\w.])(?<![a-z]-)(?P<number>\d+|(?<!of )(?:{_WORDS}|(?:a |one )?hundred))"
+    rf"(?:[\s\u00a0-]+(?:{_KINDS}))*[\s\u00a0-]+(?:{_THINGS})\b",
     re.IGNORECASE,
 )
 """A number of 2 or more directly before a word for episodes; "which of two rounds" compares and counts none."""
@@ -130,7 +131,7 @@ def _check_numbers(where: str, text: str) -> None:
         if number.isdigit() and int(number) < 2:
             continue
         raise StudyError(
-            f"{where} counts by hand: {' '.join(found[0].split())!r}. A text must name the protocol's own numbers, which stay right "
-            "when the protocol changes: write {warm_up}, {ranked}, {episodes} or {break_every} in place of "
+            f"{where} counts by hand: {' '.join(found[0].split())!r}. A text must name the protocol's own numbers, which stay "
+            "right when the protocol changes: write {warm_up}, {ranked}, {episodes} or {break_every} in place of "
             f"{number!r}, or say it without a number"
         )
