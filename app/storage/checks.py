@@ -63,7 +63,7 @@ def episodes_of(conn: sqlite3.Connection, participant: str) -> list[StudyEpisode
 
 
 def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
-    """Return a participant's kind, and the details (JSON) of the events that fix their order of the ranked terrains: at most one."""
+    """Return a participant's kind, and the details (JSON) of the events that fix their order of terrains: one at most."""
     (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
     sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
     return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]

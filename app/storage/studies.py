@@ -148,7 +148,7 @@ class StudyStore:
             self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
 
     def order_number(self, participant: Participant, at_ms: int) -> int:
-        """Return a participant's place (from 0) among those of their study and kind who begin ranked terrains; then it is fixed.
+        """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
 
         It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
         """
