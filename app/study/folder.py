@@ -5,6 +5,7 @@
     NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/closed.json     the secret revealed, and when
+    NAME/invitations.json   see `app.study.invitations`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
 """
@@ -12,18 +13,21 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import re
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from app.storage.study_rows import StudyRow
+from app.study.files import iso as _iso
+from app.study.files import ms_of as _ms
+from app.study.files import now_ms as _now_ms
+from app.study.files import read_object as _read
+from app.study.files import stamp_of as _stamp
+from app.study.files import write_object as _write
 from app.study.protocol import (
     NAME,
     DraftStudyError,
@@ -247,55 +251,3 @@ def _check_terrains(study: Study, advance: Advance) -> None:
         except ValueError as error:
             raise StudyError("the level and size have terrains that cannot be solved: choose another level or size") from error
         advance(number, len(seeds))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StudyError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
-    except ValueError as error:
-        raise StudyError(f"{path} is not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise StudyError(f"{path} must hold a JSON object, got {type(value).__name__}")
-    return value
-
-
-def _write(path: Path, value: object, private: bool = False) -> None:
-    """Write the value to the file, whole and on disk; a private file is readable by its owner alone."""
-    from marsexplorer.files import write_whole
-
-    text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with write_whole(path) as file:
-            if private:
-                os.fchmod(file.fileno(), 0o600)
-            file.write(text.encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise StudyError(
-            f"cannot write {path}: {(error.strerror or str(error)).lower()}; choose another folder with --studies"
-        ) from error
-
-
-def _stamp(path: Path) -> tuple[int, int, int] | None:
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return stat.st_mtime_ns, stat.st_size, stat.st_ino
-
-
-def _now_ms() -> int:
-    return int(datetime.now(UTC).timestamp() * 1000)
-
-
-def _iso(ms: int) -> str:
-    """Return ISO 8601 in UTC, to the millisecond."""
-    return datetime.fromtimestamp(ms / 1000, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def _ms(iso: str) -> int:
-    return round(datetime.fromisoformat(iso).timestamp() * 1000)

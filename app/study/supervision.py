@@ -1,0 +1,37 @@
+"""Supervised sessions: the operator's code of the day, typed in the lab under the operator's eyes.
+
+The code is worth as much as the operator's attention: whoever has seen it can type it elsewhere until it lapses.
+"""
+
+from __future__ import annotations
+
+import hmac
+from datetime import UTC, datetime, timedelta
+
+from app.study.folder import Study
+from app.study.tokens import grouped, read_code, signature
+
+MAX_WRONG_CODES = 10
+"""Wrong codes of one participant after which no code of theirs is looked at."""
+
+_LENGTH = 8  # 40 bits
+DAY_MS = 86_400_000
+
+
+def code_of(study: Study, now_ms: int) -> str:
+    """Return the operator's code of the UTC day that `now_ms` lies in, such as `7K3M-XWT5`."""
+    day = datetime.fromtimestamp(now_ms / 1000, UTC).date().isoformat()
+    return grouped(signature(study.secret, f"{study.protocol_hash}|supervise|{day}", _LENGTH))
+
+
+def valid_until_ms(now_ms: int) -> int:
+    """Return when the code of this day ends to be valid: at the end of the following UTC day."""
+    day = datetime.fromtimestamp(now_ms / 1000, UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+    return int((day + timedelta(days=2)).timestamp() * 1000)
+
+
+def is_code(study: Study, typed: str, now_ms: int) -> bool:
+    """Return whether somebody typed the operator's code of this UTC day or of the one before."""
+    given = read_code(typed).encode()
+    codes = [read_code(code_of(study, at)).encode() for at in (now_ms, now_ms - DAY_MS)]
+    return any([hmac.compare_digest(given, code) for code in codes])
