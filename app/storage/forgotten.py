@@ -30,6 +30,11 @@ def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
     return _hash(person["id"]), _hash(came)
 
 
+def invitation_hash(study: str, invitation: str) -> str:
+    """Return what `forgotten_people` keeps of the invitation that a person had used: it lets nobody in again."""
+    return _hash(f"invitation|{study}|{invitation}")
+
+
 def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
     """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
     return _hash(f"{trajectory}|{started_ms}|{ended_ms}")

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from app.storage import digests
+from app.storage.forgotten import invitation_hash
 from app.storage.store import Store
 from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
 
@@ -89,12 +90,31 @@ class StudyStore:
         """Return the participant whose board a session is; None when it is nobody's."""
         return self._find("session_id = ?", session_id)
 
-    def player_with_identity(self, study: str, name: str, value: str) -> str | None:
-        """Return the player id of the participant who came with an outside id; None when nobody did."""
-        sql = """SELECT p.player_id FROM identities i JOIN participants p ON p.id = i.participant_id
-            WHERE i.name = ? AND i.value = ? AND p.study = ?"""
-        found = self._conn.execute(sql, (name, value, study)).fetchone()
-        return None if found is None else str(found[0])
+    def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
+        """Return the participant who came with an outside id; None when nobody did."""
+        sql = """id = (SELECT p.id FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND i.value = ? AND p.study = ?)"""
+        return self._find(sql, name, value, study)
+
+    def identities(self, study: str, name: str) -> list[tuple[Participant, str]]:
+        """Return everybody in a study who came with an outside id of this name, and the id."""
+        sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
+        return [(Participant(*row[1:]), str(row[0])) for row in self._conn.execute(sql, (name, study)).fetchall()]
+
+    def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
+        """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
+        return self._find("study = ? AND invitation = ? AND consent_ms IS NOT NULL", study, invitation)
+
+    def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
+        """Return whether an invitation was used by somebody who was erased since."""
+        found = self._conn.execute("SELECT 1 FROM forgotten_people WHERE id_hash = ?", [invitation_hash(study, invitation)])
+        return found.fetchone() is not None
+
+    def count_stage_events(self, participant_id: str, kind: str) -> int:
+        """Return how many events of a kind a participant has."""
+        sql = "SELECT count(*) FROM stage_events WHERE participant_id = ? AND kind = ?"
+        return int(self._conn.execute(sql, (participant_id, kind)).fetchone()[0])
 
     def identity(self, participant_id: str, name: str) -> str | None:
         """Return the outside id a participant came with; None without one."""
@@ -102,14 +122,17 @@ class StudyStore:
         found = self._conn.execute(sql, (participant_id, name)).fetchone()
         return None if found is None else str(found[0])
 
-    def add_participant(self, participant: Participant, identities: Mapping[str, str]) -> None:
-        """Add a participant, and who they are elsewhere."""
+    def add_participant(
+        self, participant: Participant, identities: Mapping[str, str], joined: Mapping[str, Any] | None = None
+    ) -> None:
+        """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
             self._conn.execute(f"INSERT INTO participants VALUES ({', '.join('?' * 15)})", tuple(vars(participant).values()))
             for name, value in identities.items():
                 self._conn.execute("INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value))
-            self._add(participant.id, participant.joined_ms, "joined", {"kind": participant.kind, "script": participant.script})
+            detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
+            self._add(participant.id, participant.joined_ms, "joined", detail)
 
     def add_stage_event(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
         """Add an event to those of a participant."""
@@ -135,6 +158,17 @@ class StudyStore:
         with self._changing(participant_id):
             self._set(participant_id, {"settings": json.dumps(settings, sort_keys=True)})
             self._add(participant_id, at_ms, "settings", settings)
+
+    def set_invitation(self, participant_id: str, invitation: str) -> None:
+        """Set the invitation that brought a participant."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"invitation": invitation})
+
+    def note_supervised(self, participant_id: str, at_ms: int) -> None:
+        """Note that the operator's code was typed."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"supervised_ms": at_ms})
+            self._add(participant_id, at_ms, "supervised", {})
 
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""

@@ -14,6 +14,10 @@ from app.study.folder import Folder, Study, StudyError
 CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
 
 
+class StageError(Exception):
+    """What was asked for does not fit where the participant or the study stands; nothing has changed."""
+
+
 class StudyParticipation:
     """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
 

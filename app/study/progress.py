@@ -10,6 +10,7 @@ import json
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any
 from weakref import WeakValueDictionary
@@ -20,18 +21,20 @@ from app.storage.store import EpisodeRow
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Folder, Study
-from app.study.participation import CLOSED_MESSAGE, Participations
+from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.study.recruitment import Arrival, Recruitment
 from app.study.seeds import TUTORIAL_SEED, order
+from app.study.supervision import supervise
 from marsexplorer.config import CORE_VERSION
+
+__all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
 _log = logging.getLogger(__name__)
 _WARM_UP: Stage = "warm_up"
+_SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
+"""Stages at which the operator's code can be typed."""
 _AFTER: dict[str, Stage] = {"instructions": "tutorial", "tutorial": "questions", "debrief": "complete"}
-
-
-class StageError(Exception):
-    """What was asked for does not fit where the participant or the study stands; nothing has changed."""
 
 
 class NotJoinedError(LookupError):
@@ -44,6 +47,7 @@ class ParticipantProgress:
     def __init__(self, lobby: Lobby, folder: Folder, study_store: StudyStore) -> None:
         self.lobby, self.folder, self.study_store = lobby, folder, study_store
         self._sources = lobby.sources
+        self.recruitment = Recruitment(folder, study_store)
         self._participations = Participations(folder, study_store, lobby.sources)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self.note_closed()
@@ -86,26 +90,29 @@ class ParticipantProgress:
             raise NotJoinedError(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
         return found
 
-    def join(self, name: str, player_id: str, outside_ids: Mapping[str, str], script: str | None) -> tuple[Participant, bool]:
+    def join(self, name: str, player_id: str, comes: Arrival) -> tuple[Participant, bool]:
         """Return the participant, and whether it is a new one; joining again resumes."""
         study = self.open_study(name)
-        names = study.protocol.outside_ids
-        kept = {each: outside_ids[each] for each in names if each in outside_ids}
         found = self.study_store.participant_of_player(name, player_id)
-        self._check_person(study, player_id, kept, found)
+        kept = {each: comes.outside_ids[each] for each in study.protocol.outside_ids if each in comes.outside_ids}
+        script, now, invitation = comes.script, self._now(), None
+        if found is not None and script is not None and found.script != script:
+            who = "a person" if found.script is None else f"the script {found.script!r}"
+            raise StageError(f"this browser takes part as {who} already; a script needs a cookie of its own")
+        if script is None and (found is None or found.kind == "human"):
+            with self.recruitment.noting(now):
+                invitation = self.recruitment.admit(study, player_id, replace(comes, outside_ids=kept), found)
         if found is not None:
-            if script is not None and found.script != script:
-                who = "a person" if found.script is None else f"the script {found.script!r}"
-                raise StageError(f"this browser takes part as {who} already; a script needs a cookie of its own")
-            return found, False
+            self._note_return(found, invitation, now)
+            return self.study_store.participant(found.id), False
         self._add_study(study)
         new = Participant(
             id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
             kind="human" if script is None else "script", script=script, stage="consent",
-            consent_version=None, consent_ms=None, joined_ms=self._now(), completed_ms=None, completion_code=None,
-            settings="{}",
+            consent_version=None, consent_ms=None, joined_ms=now, completed_ms=None, completion_code=None,
+            settings="{}", invitation=invitation,
         )  # fmt: skip
-        self.study_store.add_participant(new, kept)
+        self._add(study, new, kept)
         return new, True
 
     def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
@@ -119,7 +126,10 @@ class ParticipantProgress:
             self.study_store.withdraw(participant, self._now())
             return
         now = self._now()
-        self.study_store.set_stage(participant.id, now, "instructions", consent_version=version, consent_ms=now)
+        with self.recruitment.noting(now), self.lobby.store.transaction():
+            if participant.kind == "human":
+                self.recruitment.check_consent(study, participant)
+            self.study_store.set_stage(participant.id, now, "instructions", consent_version=version, consent_ms=now)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -195,6 +205,11 @@ class ParticipantProgress:
         note = partial(self.study_store.withdraw, participant, self._now())
         session.abandon(session.current.id, session.episode.steps, note)
 
+    def supervise(self, name: str, player_id: str | None, code: str) -> None:
+        """Note that the operator typed their code for a participant; StageError for a wrong one."""
+        study, participant = self._at(name, player_id, *_SUPERVISED)
+        supervise(self.study_store, study, participant, code, self._now())
+
     def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""
         participant = self.participant(name, player_id)
@@ -212,6 +227,21 @@ class ParticipantProgress:
             raise StageError(f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed")
         return study, participant
 
+    def _note_return(self, found: Participant, invitation: str | None, now: int) -> None:
+        """Note that a participant opened the study again: after leaving it, or before the consent by another invitation."""
+        if found.stage == "withdrawn":
+            self.recruitment.note(found.id, "after leaving", now)
+        elif invitation is not None and invitation != found.invitation:
+            self.study_store.set_invitation(found.id, invitation)
+
+    def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
+        """Add a participant, with what is known of their outside id if they are a person."""
+        id_is = self.recruitment.repeats_outside_id(study, kept) if new.kind == "human" else None
+        with self.lobby.store.transaction():
+            if id_is == "repeated":
+                self.recruitment.note_repeated_id(study, kept, new.joined_ms)
+            self.study_store.add_participant(new, kept, {} if id_is is None else {"outside_id": id_is})
+
     def _add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
         known = self.study_store.add_study(study.row())
@@ -222,18 +252,6 @@ class ParticipantProgress:
             self.study_store.path, study.name, known.protocol_hash[:12],
         )  # fmt: skip
         raise StageError(f"the study {study.name!r} cannot be played on this server now; tell whoever invited you")
-
-    def _check_person(self, study: Study, player_id: str, kept: Mapping[str, str], found: Participant | None) -> None:
-        """Check that the first outside id and the cookie name the same person; StageError otherwise."""
-        if not study.protocol.outside_ids or (person := study.protocol.outside_ids[0]) not in kept:
-            return
-        other = self.study_store.player_with_identity(study.name, person, kept[person])
-        if other is not None and other != player_id:
-            raise StageError(
-                f"someone has joined with this {person} in another browser: go on there, or write to whoever invited you"
-            )
-        if found is not None and other is None and self.study_store.identity(found.id, person) is not None:
-            raise StageError(f"this browser takes part for another {person} already: use another browser or a private window")
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)

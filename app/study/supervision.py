@@ -8,11 +8,17 @@ from __future__ import annotations
 import hmac
 from datetime import UTC, datetime, timedelta
 
+from app.storage.studies import StudyStore
+from app.storage.study_rows import Participant
 from app.study.folder import Study
+from app.study.participation import StageError
 from app.study.tokens import grouped, read_code, signature
 
 MAX_WRONG_CODES = 10
 """Wrong codes of one participant after which no code of theirs is looked at."""
+
+_WRONG_CODE = "wrong_code"
+"""Kind of the stage event of a wrong code."""
 
 _LENGTH = 8  # 40 bits
 DAY_MS = 86_400_000
@@ -34,4 +40,16 @@ def is_code(study: Study, typed: str, now_ms: int) -> bool:
     """Return whether somebody typed the operator's code of this UTC day or of the one before."""
     given = read_code(typed).encode()
     codes = [read_code(code_of(study, at)).encode() for at in (now_ms, now_ms - DAY_MS)]
-    return any([hmac.compare_digest(given, code) for code in codes])
+    return any(hmac.compare_digest(given, code) for code in codes)
+
+
+def supervise(study_store: StudyStore, study: Study, participant: Participant, typed: str, now_ms: int) -> None:
+    """Note that the operator typed their code for a person; StageError for a wrong one, which is noted too."""
+    if participant.kind != "human":
+        raise StageError("only a person's session can be supervised")
+    if study_store.count_stage_events(participant.id, _WRONG_CODE) >= MAX_WRONG_CODES:
+        raise StageError(f"{MAX_WRONG_CODES} wrong codes were typed here: no code is looked at any more, go on without one")
+    if not is_code(study, typed, now_ms):
+        study_store.add_stage_event(participant.id, now_ms, _WRONG_CODE, {})
+        raise StageError("this is not the operator's code of today: ask the operator to type it")
+    study_store.note_supervised(participant.id, now_ms)
