@@ -72,7 +72,8 @@ class Invitations:
                     f"expected 1 to {MAX_INVITATIONS - len(found)} further invitations (a study has at most "
                     f"{MAX_INVITATIONS}), got {count}"
                 )
-            now, issued = now_ms(), []
+            issued: list[Invitation] = []
+            now = now_ms()
             while len(issued) < count:
                 ident = "".join(secrets.choice(ALPHABET) for _ in range(_ID_LENGTH))
                 if ident not in found:

@@ -171,6 +171,12 @@ class Protocol(_Part):
             raise ValueError("a study with looks must hide its figures between them: set hides_interim to true")
         return self
 
+    @model_validator(mode="after")
+    def _panel_names_people(self) -> Protocol:
+        if self.recruitment == "panel" and not self.outside_ids:
+            raise ValueError("recruitment by a panel needs outside_ids: the first one names the person, got none")
+        return self
+
     @property
     def env_config(self) -> EnvConfig:
         """The configuration of every episode."""

@@ -113,6 +113,16 @@ class Recruitment:
             if (other := self._consented_with(study, name, value, participant.player_id)) is not None:
                 raise _taken_id(name, other)
 
+    def obstacle(self, study: Study, participant: Participant) -> str | None:
+        """Return why somebody at the consent cannot agree any more, in a sentence; None when nothing stands in the way."""
+        if participant.stage != "consent" or participant.kind != "human" or not study.is_open:
+            return None
+        try:
+            self.check_consent(study, participant)
+        except StageError as error:
+            return str(error)
+        return None
+
     def repeats_outside_id(self, study: Study, outside_ids: Mapping[str, str]) -> str | None:
         """Return `missing`, `repeated` or `new` for the first outside id of somebody who comes; None where none is asked for.
 

@@ -21,6 +21,9 @@ _WRONG_CODE = "wrong_code"
 """Kind of the stage event of a wrong code."""
 
 _LENGTH = 8  # 40 bits
+SUPERVISED_MS = 4 * 3_600_000
+"""For how long a session counts as supervised after the operator's code was typed."""
+
 DAY_MS = 86_400_000
 
 
@@ -34,6 +37,11 @@ def valid_until_ms(now_ms: int) -> int:
     """Return when the code of this day ends to be valid: at the end of the following UTC day."""
     day = datetime.fromtimestamp(now_ms / 1000, UTC).replace(hour=0, minute=0, second=0, microsecond=0)
     return int((day + timedelta(days=2)).timestamp() * 1000)
+
+
+def supervised_until_ms(participant: Participant) -> int | None:
+    """Return when the participant's supervision lapses or lapsed; None when the operator's code was never typed."""
+    return None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_MS
 
 
 def is_code(study: Study, typed: str, now_ms: int) -> bool:

@@ -5,20 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
-from pydantic import Field, field_validator
 
-from app.play.messages import Message
 from app.play.session import RefusedError
 from app.storage.study_rows import Participant, participant_label
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.study.recruitment import Arrival
+from app.study.supervision import supervised_until_ms
 from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.study_messages import AbandonEpisode, Advance, Answers, ConsentAnswer, Join, OperatorCode, ParticipantSettings
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
@@ -31,59 +32,6 @@ WITHDRAWN = (
     "You have withdrawn. What you had played until then is kept without your name, as the consent text says; to have it "
     "erased, write to whoever invited you and give them your label {label}."
 )
-
-
-class Join(Message):
-    """Who joins: the ids in the link that brought them, and the name of the script if it is no person."""
-
-    outside_ids: dict[str, Annotated[str, Field(max_length=200)]] = Field(default_factory=dict, max_length=50)
-    script: Annotated[str, Field(min_length=1, max_length=80)] | None = Field(
-        default=None, description='what plays, for example "noisy-frontier"; a script for ever', examples=[None]
-    )
-
-
-class ConsentAnswer(Message):
-    """The answer to the consent text of a version."""
-
-    version: str = Field(max_length=40)
-    agree: bool
-
-
-class Advance(Message):
-    """Which stage is left."""
-
-    from_: Literal["instructions", "tutorial", "debrief"] = Field(alias="from")
-
-
-class Answers(Message):
-    """The index of the choice for each question."""
-
-    answers: list[Annotated[int, Field(ge=0)]] = Field(max_length=20, examples=[[0, 1, 1]])
-
-
-class AbandonEpisode(Message):
-    """The frame on which the episode is abandoned."""
-
-    episode: str = Field(max_length=64)
-    step: int = Field(ge=0)
-
-
-class ParticipantSettings(Message):
-    """What a participant chose; what is left out stays as it was."""
-
-    modality: Literal["keyboard", "touch"] | None = None
-    palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
-    keys: dict[Literal["north", "east", "south", "west"], list[Annotated[str, Field(max_length=64)]]] | None = None
-
-    @field_validator("keys")
-    @classmethod
-    def _no_key_twice(cls, keys: dict[str, list[str]] | None) -> dict[str, list[str]] | None:
-        codes = [code for each in (keys or {}).values() for code in each]
-        if len(set(codes)) < len(codes):
-            raise ValueError("keys: one key cannot mean two directions")
-        if len(codes) > 40:
-            raise ValueError(f"keys: at most 40 in all, got {len(codes)}")
-        return keys
 
 
 @contextmanager
@@ -139,18 +87,20 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "phase": trials[-1].phase if trials else None,
         "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
         "debrief": await services_of(request).debriefs.summary(study, participant, trials) if is_over else None,
-        "note": _note(study, participant),
+        "note": _note(progress, study, participant),
+        "invited": participant.invitation is not None,
+        "supervised_until_ms": supervised_until_ms(participant),
     }
 
 
-def _note(study: Study, participant: Participant) -> str | None:
+def _note(progress: ParticipantProgress, study: Study, participant: Participant) -> str | None:
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
         return WITHDRAWN.format(label=participant_label(participant.id))
     if not study.is_open and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
-    return None
+    return progress.recruitment.obstacle(study, participant)
 
 
 async def _present_state(request: Request, name: str) -> dict[str, Any]:
@@ -200,11 +150,15 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
 async def join(
     request: Request, response: Response, progress: ProgressOf, name: Name, wanted: Join | None = None
 ) -> dict[str, Any]:
-    """Join, or resume: 201 for a new participant, 200 for one who returns. The player cookie that is set identifies them."""
+    """Join, or resume: 201 for a new participant, 200 for one who returns. The player cookie that is set identifies them.
+
+    A person needs the link's invitation or outside id where the study's recruitment asks for one, and 409 says so. Agreeing
+    to the consent text uses it up; joining does not. A script needs none.
+    """
     wanted = wanted or Join()
     player_id = player_of(request) or progress.lobby.sources.player_id()
     with answering_study_errors():
-        participant, is_new = progress.join(name, player_id, wanted.outside_ids, wanted.script)
+        participant, is_new = progress.join(name, player_id, Arrival(wanted.outside_ids, wanted.script, wanted.invitation))
         answer = await participant_state(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
     remember_player(response, request, player_id)
@@ -269,6 +223,17 @@ async def settings(
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
         progress.set_settings(name, player, chosen.model_dump(exclude_none=True))
+    return await _present_state(request, name)
+
+
+@router.post("/{name}/supervise", summary="The operator's code")
+async def supervise(request: Request, progress: ProgressOf, player: Player, name: Name, typed: OperatorCode) -> dict[str, Any]:
+    """Check the operator's code of the day, which `marsexplorer study supervise` prints: the session is supervised from now.
+
+    A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
+    """
+    with answering_study_errors():
+        progress.supervise(name, player, typed.code)
     return await _present_state(request, name)
 
 
