@@ -3,35 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from app.cli.console import PATH, SizeType, env_config_of, print_table, progress, settings_of
-
-STUDIES = click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]")
-DATABASE = click.option("--database", type=PATH, help="The database the study was played in, if it is not the default one.")
-
-
-@contextmanager
-def _study_errors() -> Iterator[None]:
-    """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
-    from app.study.folder import StudyError
-
-    try:
-        yield
-    except StudyError as error:
-        failed = isinstance(error.__cause__, OSError)
-        raise (click.ClickException if failed else click.UsageError)(str(error)) from error
-
-
-def _folder(studies: Path | None) -> Any:
-    from app.study.folder import Folder
-
-    return Folder(studies or settings_of().studies)
+from app.cli import recruiting
+from app.cli.console import SizeType, env_config_of, print_table, progress, settings_of
+from app.cli.study_options import DATABASE, STUDIES
+from app.cli.study_options import folder_of as _folder
+from app.cli.study_options import study_errors as _study_errors
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
@@ -46,9 +27,14 @@ def study() -> None:
     Examples:
       marsexplorer study new pilot --players 10
       marsexplorer study freeze pilot
-      marsexplorer serve                      the link is http://127.0.0.1:8000/study/pilot
+      marsexplorer study invite pilot 10      ten links, each for one person
+      marsexplorer serve
       marsexplorer study close pilot
     """
+
+
+for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise):
+    study.add_command(_command)
 
 
 @study.command(short_help="Begin a study: write its protocol as a draft.")
@@ -59,6 +45,10 @@ def study() -> None:
 @click.option("--warm-up", type=int, default=15, show_default=True, help="Episodes that do not count, before the others.")
 @click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
 @click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
+@click.option(
+    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation", show_default=True,
+    help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
+)  # fmt: skip
 @click.option("--break-every", type=int, default=10, show_default=True, help="Ranked episodes after which a break is offered.")
 @click.option(
     "--outside-id", "outside_ids", multiple=True,
@@ -78,7 +68,7 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
     Examples:
       marsexplorer study new pilot
       marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
-      marsexplorer study new online --return-url "https://app.prolific.com/submissions/complete?cc={code}"
+      marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
     from app.study.protocol import default_protocol
 
@@ -104,6 +94,8 @@ def freeze(name: str, studies: Path | None) -> None:
         found = _folder(studies).freeze(name, advance)
     click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
     click.echo(f"A running server offers it at once, at /study/{name}")
+    if found.protocol.recruitment == "invitation":
+        click.echo(f"It is by invitation: `marsexplorer study invite {name} {found.protocol.players}` makes the links")
 
 
 @study.command(short_help="End the study and reveal its secret.")

@@ -19,6 +19,7 @@ from app.release.errors import ReleaseError
 from app.storage import digests
 from app.storage.connection import rows, stream
 from app.storage.database import open_database, transaction
+from app.storage.forgotten import ERASED
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
@@ -59,9 +60,16 @@ class Pseudonyms:
         """Return the pseudonym of an id, remembered; None for none."""
         if ident is None:
             return None
-        made = hmac.new(self._key, f"{table}|{ident}".encode(), hashlib.sha256).hexdigest()[:12]
-        self.known[ident] = PREFIXES[table] + made
-        return self.known[ident]
+        made = self.once(PREFIXES[table], ident, table)
+        assert made is not None
+        self.known[ident] = made
+        return made
+
+    def once(self, prefix: str, ident: str | None, table: str = "") -> str | None:
+        """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
+        if ident is None:
+            return None
+        return prefix + hmac.new(self._key, f"{table or prefix}|{ident}".encode(), hashlib.sha256).hexdigest()[:12]
 
 
 def write_pseudonymized(
@@ -92,6 +100,7 @@ def write_pseudonymized(
 def _rows(
     source: sqlite3.Connection, study: str, pseudonyms: Pseudonyms, closed: tuple[int | None, str | None]
 ) -> Iterator[tuple[str, dict[str, Any]]]:
+    yield from (("meta", row) for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"))
     row = rows(source, "SELECT * FROM studies WHERE name = ?", study)[0]
     yield "studies", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = rows(source, _PEOPLE, study)
@@ -100,7 +109,8 @@ def _rows(
         pseudonyms.of("participants", person["id"])
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
-        yield "participants", pseudonymizer.row("participants", _without_traces(person))
+        invitation = pseudonyms.once("I", person["invitation"])
+        yield "participants", pseudonymizer.row("participants", {**_without_traces(person), "invitation": invitation})
     for table, sql in _SELECTS.items():
         for row in stream(source, sql, study):
             yield table, pseudonymizer.row(table, row)

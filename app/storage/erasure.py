@@ -18,7 +18,7 @@ from typing import Any
 from app.storage import digests
 from app.storage.connection import reading, rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
-from app.storage.forgotten import TRAJECTORY, person_hashes, trajectory_hash
+from app.storage.forgotten import TRAJECTORY, invitation_hash, note_erased, person_hashes, trajectory_hash
 from app.storage.releases import mark_outdated_releases
 from app.storage.study_rows import participant_label
 
@@ -105,7 +105,11 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     (protocol,) = conn.execute("SELECT protocol FROM studies WHERE name = ?", [person["study"]]).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
     hashes = person_hashes(person)[:1] if keeps else person_hashes(person)  # who stays without a name still came then
+    if person["invitation"] is not None and person["consent_ms"] is not None:
+        hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes])
+    if not keeps:
+        note_erased(conn, person, now)
     conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
@@ -154,7 +158,8 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
 
 def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
     """Give participant, player and session new ids, delete what else there is of the person, and return the session's id."""
-    new = {name: prefix + secrets.token_hex(6) for name, prefix in (("id", "P"), ("player", "B"), ("session", "S"))}
+    prefixes = (("id", "P"), ("player", "B"), ("session", "S"), ("invitation", "I"))
+    new = {name: prefix + secrets.token_hex(6) for name, prefix in prefixes}
     old = person["id"]
     finished = "SELECT episode_id FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE participant_id = ? AND {}"
     ended = [row[0] for row in conn.execute(finished.format("ended_ms IS NOT NULL"), [old])]
@@ -166,8 +171,9 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
     )
     conn.execute("UPDATE episodes SET session_id = ? WHERE session_id = ?", (new["session"], person["session_id"]))
     conn.execute(
-        "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL WHERE id = ?",
-        (new["id"], new["player"], new["session"] if person["session_id"] else None, old),
+        """UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL,
+            invitation = iif(invitation IS NULL, NULL, ?) WHERE id = ?""",
+        (new["id"], new["player"], new["session"] if person["session_id"] else None, new["invitation"], old),
     )
     for table in ("study_episodes", "stage_events"):
         conn.execute(f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new["id"], old))

@@ -14,14 +14,25 @@ from typing import Any
 from app.storage.connection import rows
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
+ERASED = "erased"
+"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study; the value is when."""
+
 TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
 """The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
 
 
 def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add the source's list of the forgotten to the target's."""
+    """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
+    erased = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [ERASED]).fetchall()
+    target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", erased)
     for table in FORGOTTEN_TABLES:
         target.executemany(f"INSERT OR IGNORE INTO {table} VALUES (?, ?)", source.execute(f"SELECT * FROM {table}").fetchall())
+
+
+def note_erased(conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int) -> None:
+    """Note that a participant's rows were erased from a study, without anything that leads to the person."""
+    name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
+    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, str(at_ms)))
 
 
 def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:

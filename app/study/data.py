@@ -25,6 +25,7 @@ from app.storage.study_reader import (
 from app.storage.study_rows import ParticipantKind, Phase
 from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, parse_protocol
+from app.study.repeats import repeated_reasons
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
 
@@ -38,6 +39,9 @@ class Person:
     completed_ms  when the last ranked episode ended; None before
     settings      modality, palette, keys
     events        stage events: (at_ms, kind, detail), in order
+    invitation    whether an invitation brought them
+    supervised    whether the operator's code was typed at least once
+    repeated      signs that they take part more than once, in words (`app.study.repeats`); none is no proof
     """
 
     id: str
@@ -49,6 +53,9 @@ class Person:
     completed_ms: int | None
     settings: dict[str, Any]
     events: tuple[tuple[int, str, dict[str, Any]], ...] = field(default=(), repr=False)
+    invitation: bool = False
+    supervised: bool = False
+    repeated: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -157,7 +164,14 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
         events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
     return tuple(
-        Person(**{name: getattr(row, name) for name in names}, settings=json.loads(row.settings), events=tuple(events[row.id]))
+        Person(
+            **{name: getattr(row, name) for name in names},
+            settings=json.loads(row.settings),
+            events=tuple(events[row.id]),
+            invitation=row.invitation is not None,
+            supervised=row.supervised_ms is not None,
+            repeated=repeated_reasons(events[row.id]),
+        )
         for row in participants(reader, study)
     )
 

@@ -15,6 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.storage.reader import Reader
+from app.storage.study_reader import participants
+from app.storage.study_rows import participant_label
 from app.study.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
 from app.study.folder import Folder, Study
 from app.study.protocol import StudyError
@@ -130,6 +133,22 @@ def token_of(study: Study, ident: str) -> str:
 def link_of(study: Study, ident: str, base: str) -> str:
     """Return the link of an invitation below the server's address `base`."""
     return f"{base.rstrip('/')}/study/{study.name}?{PARAMETER}={token_of(study, ident)}"
+
+
+def uses_of(reader: Reader, name: str) -> dict[str, tuple[str, str]]:
+    """Return (`opened` or `used`, the participant's label) for each invitation with which somebody has joined, by id.
+
+    Of several people who have opened one, the one who agreed is named, else the first who has not left again.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for person in participants(reader, name):
+        if person.invitation is None:
+            continue
+        if person.consent_ms is not None:
+            found[person.invitation] = ("used", participant_label(person.id))
+        elif person.stage != "withdrawn":
+            found.setdefault(person.invitation, ("opened", participant_label(person.id)))
+    return found
 
 
 def _signed(study: Study, ident: str) -> str:

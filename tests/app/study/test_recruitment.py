@@ -1,0 +1,314 @@
+"""Who gets into a study: forged, foreign, used and revoked links, two who agree at once, panels' ids, the operator's code."""
+
+import json
+import sqlite3
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.storage.erasure import forget
+from app.study import supervision
+from app.study.data import load
+from app.study.folder import Folder
+from app.study.invitations import MAX_INVITATIONS, Invitations, link_of, token_of
+from app.study.protocol import StudyError, parse_protocol
+from app.study.recruitment import NO_ID, NO_INVITATION, REVOKED, USED, WRONG_INVITATION
+from app.study.supervision import DAY_MS, MAX_WRONG_CODES, code_of
+from app.study.tokens import ALPHABET
+from tests.support.study import Person, freeze
+
+YES = {"version": "1", "agree": True}
+PID = "PROLIFIC_PID"
+
+
+@pytest.fixture
+def invited(serve, tmp_path):
+    """`invited(n)` is a server with a study by invitation, the study and n tokens."""
+
+    def make(count=3):
+        study = freeze(tmp_path / "studies", recruitment="invitation")
+        issued = Invitations(Folder(tmp_path / "studies")).issue("small", count)
+        return serve(), study, [token_of(study, each.id) for each in issued]
+
+    return make
+
+
+def comes(server, **join):
+    """Return a person who has not joined yet, and what joining says."""
+    person = Person(server, joins=False)
+    answer = person.client.post(f"{person.url}/join", json=join)
+    person.where = answer.json()
+    return person, answer.status_code, person.where.get("detail") or person.where.get("note")
+
+
+def rows(server, sql, *values):
+    with closing(sqlite3.connect(server.services.store.path)) as db:
+        return db.execute(sql, values).fetchall()
+
+
+def noted(server):
+    """The reasons of the further joins on record, oldest first."""
+    found = rows(server, "SELECT detail FROM stage_events WHERE kind = 'repeated_join' ORDER BY at_ms, number")
+    return [json.loads(detail)["reason"] for (detail,) in found]
+
+
+def test_an_invitation_lets_one_person_in_and_opening_its_link_uses_nothing_up(invited):
+    server, _, (token, *_) = invited()
+    for _ in range(3):  # what a messenger does to show a preview, and a scanner of mail
+        client = server.client()
+        assert client.get(f"/study/small?invitation={token}").status_code == 200
+        assert client.head(f"/study/small?invitation={token}").status_code in (200, 405)
+    first, status, _ = comes(server, invitation=token.lower().replace("-", " "))
+    assert (status, first.where["stage"], first.where["invited"]) == (201, "consent", True)
+    second, status, _ = comes(server, invitation=token)
+    assert status == 201, "joining uses nothing up either"
+    second.call("consent", YES)
+    assert first.refused("consent", YES) == USED
+    assert first.me()["note"] == USED, "the page can say so instead of the consent"
+    _, status, said = comes(server, invitation=token)
+    assert (status, said) == (409, USED)
+    assert noted(server) == ["invitation", "invitation"]
+    assert second.call("join", None, (200,))["stage"] == "instructions", "the same cookie goes on without the token"
+    assert second.call("join", {"invitation": token}, (200,))["stage"] == "instructions"
+    (kept,) = rows(server, "SELECT invitation FROM participants WHERE consent_ms IS NOT NULL")
+    assert token.startswith(kept[0])
+
+
+def test_declining_uses_nothing_up(invited):
+    server, _, (token, *_) = invited()
+    shy, _, _ = comes(server, invitation=token)
+    shy.call("consent", {**YES, "agree": False})
+    other, status, _ = comes(server, invitation=token)
+    assert status == 201
+    other.call("consent", YES)
+    assert comes(server, invitation=token)[1:] == (409, USED)
+
+
+def test_no_token_a_forged_one_and_one_of_another_study_let_nobody_in(invited, tmp_path):
+    server, study, (token, *_) = invited()
+    other = freeze(tmp_path / "studies", "other", recruitment="invitation")
+    (foreign,) = Invitations(Folder(tmp_path / "studies")).issue("other", 1)
+    assert comes(server)[1:] == (409, NO_INVITATION)
+    own = token.split("-")[0]
+    unknown = next(ident for ident in (f"{a}ZZZ" for a in ALPHABET) if ident != own)
+    forgeries = [
+        token[:-1] + ALPHABET[(ALPHABET.index(token[-1]) + 1) % 32], own, f"{own}-0000-0000-0000", "", "x" * 100, "é" * 19,
+        token_of(other, foreign.id), token_of(other, own), token_of(study, unknown), token + token,
+    ]  # fmt: skip
+    for forged in forgeries:
+        assert comes(server, invitation=forged)[1:] == (409, WRONG_INVITATION), forged
+    assert server.client().post("/api/studies/small/join", json={"invitation": "x" * 101}).status_code == 422
+    assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
+    person, status, _ = comes(server, outside_ids={"invitation": token})
+    assert (status, person.where["detail"]) == (409, NO_INVITATION)
+    refused = person.client.post(f"{person.url}/consent", json=YES)
+    assert refused.status_code == 404, "nobody agrees who has not joined"
+
+
+def test_a_revoked_invitation_lets_nobody_agree_and_sends_nobody_away(invited, tmp_path):
+    server, _, (token, used, _) = invited()
+    waiting, begun = comes(server, invitation=token)[0], comes(server, invitation=used)[0]
+    begun.call("consent", YES)
+    Invitations(Folder(tmp_path / "studies")).revoke("small", [token.split("-")[0].lower(), used])
+    assert waiting.refused("consent", YES) == REVOKED
+    assert comes(server, invitation=token)[1:] == (409, REVOKED)
+    assert comes(server, invitation=used)[1:] == (409, USED)
+    assert begun.call("advance", {"from": "instructions"})["stage"] == "tutorial"
+
+
+def test_a_closed_study_takes_nobody_whatever_they_bring(invited, tmp_path):
+    server, _, (token, waits, _) = invited()
+    waiting, _, _ = comes(server, invitation=waits)
+    Folder(tmp_path / "studies").close("small")
+    assert "is closed" in comes(server, invitation=token)[2]
+    assert "is closed" in waiting.refused("consent", YES)
+    with pytest.raises(StudyError, match="is closed"):
+        Invitations(Folder(tmp_path / "studies")).issue("small", 1)
+
+
+def test_of_many_who_agree_with_one_invitation_at_once_one_takes_part(invited):
+    server, _, (token, *_) = invited()
+    crowd = [comes(server, invitation=token)[0] for _ in range(6)]
+    ready = threading.Barrier(len(crowd))
+
+    def agree(person):
+        ready.wait()
+        return person.client.post(f"{person.url}/consent", json=YES).status_code
+
+    with ThreadPoolExecutor(len(crowd)) as pool:
+        assert sorted(pool.map(agree, crowd)) == [200, *[409] * 5]
+    assert rows(server, "SELECT count(*) FROM participants WHERE consent_ms IS NOT NULL") == [(1,)]
+    assert noted(server) == ["invitation"] * 5
+
+
+def test_a_browser_that_takes_part_is_not_used_for_another_invitation(invited):
+    server, _, (token, other, _) = invited()
+    person, _, _ = comes(server, invitation=token)
+    assert person.call("join", {"invitation": other}, (200,))["stage"] == "consent", "before the consent any link will do"
+    person.call("consent", YES)
+    assert "takes part with another invitation" in person.refused("join", {"invitation": token})
+    assert comes(server, invitation=other)[1:] == (409, USED)
+    assert comes(server, invitation=token)[1] == 201
+    assert noted(server) == ["another invitation", "invitation"]
+
+
+def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_does_not(invited, serve, tmp_path):
+    server, _, (token, unused, _) = invited()
+    person, _, _ = comes(server, invitation=token)
+    person.call("consent", YES)
+    shy, _, _ = comes(server, invitation=unused)
+    server.stop()
+    for each in (person, shy):
+        forget(tmp_path / "playground.db", each.where["participant"])
+    assert token.split("-")[0].encode() not in (tmp_path / "playground.db").read_bytes()
+    again = serve()
+    assert comes(again, invitation=token)[1:] == (409, USED)
+    assert comes(again, invitation=unused)[1] == 201
+
+
+@pytest.mark.parametrize("recruitment", ["invitation", "panel", "open"])
+def test_a_script_joins_without_an_invitation_and_stays_a_script(serve, tmp_path, recruitment):
+    freeze(tmp_path / "studies", recruitment=recruitment)
+    server = serve()
+    script = Person(server, script="noisy-frontier")
+    script.call("consent", YES)
+    assert script.refused("supervise", {"code": "7K3M-XWT5"}) == "only a person's session can be supervised"
+    assert rows(server, "SELECT kind, invitation FROM participants") == [("script", None)]
+
+
+def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_path):
+    freeze(tmp_path / "studies", recruitment="panel")
+    server = serve()
+    for nothing in ({}, {PID: ""}, {PID: "  "}, {"STUDY_ID": "s"}):
+        assert comes(server, outside_ids=nothing)[1:] == (409, NO_ID)
+    first, second = (comes(server, outside_ids={PID: value})[0] for value in ("abc 5F1", "ABC5f1"))
+    second.call("consent", YES)
+    taken = f"someone has joined with this {PID} in another browser: go on there, or write to whoever invited you"
+    assert first.refused("consent", YES) == taken
+    for value in ("abc5f1", " ABC 5F1 "):
+        assert comes(server, outside_ids={PID: value})[1:] == (409, taken)
+    assert noted(server) == ["outside id"] * 4, "one of them at the join: the same id had come before the consent"
+    assert second.call("join", None, (200,))["stage"] == "instructions"
+    assert second.call("join", {"outside_ids": {PID: "abc5f1"}}, (200,))["stage"] == "instructions"
+    assert "takes part for another" in second.refused("join", {"outside_ids": {PID: "abd"}})
+
+
+def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
+    with pytest.raises(StudyError, match="needs outside_ids"):
+        freeze(tmp_path / "studies", recruitment="panel", outside_ids=())
+
+
+def test_an_open_study_lets_everybody_in_and_flags_who_may_be_there_twice(serve, tmp_path):
+    study = freeze(tmp_path / "studies", recruitment="open")
+    server = serve()
+    people = [comes(server, outside_ids=ids)[0] for ids in ({}, {PID: "ada-1"}, {PID: " ADA-1"}, {PID: "bob-2"})]
+    assert comes(server, outside_ids={PID: "bob-2"})[1] == 409
+    people[0].call("consent", {**YES, "agree": False})
+    Person(server, client=people[0].client)
+    server.stop()
+    data = load(tmp_path / "playground.db", study.name)
+    assert [person.repeated for person in data.people] == [
+        ("the study was opened again after leaving it", "no outside id"),
+        ("their outside id came again elsewhere",),
+        ("an outside id that somebody had before",),
+        ("their outside id came again elsewhere",),
+    ]
+    assert {(person.invitation, person.supervised) for person in data.people} == {(False, False)}
+
+
+def test_an_earlier_protocol_without_the_field_is_open(tmp_path):
+    protocol = freeze(tmp_path / "studies").protocol.model_dump(mode="json")
+    del protocol["recruitment"]
+    assert parse_protocol(protocol).recruitment == "open"
+
+
+def test_the_operators_code_supervises_a_session_for_two_days_of_utc(invited, monkeypatch):
+    server, study, (token, *_) = invited()
+    person, _, _ = comes(server, invitation=token)
+    assert "you are at the consent" in person.refused("supervise", {"code": "x"})
+    person.call("consent", YES)
+    now = server.services.lobby.sources.clock_ms()
+    other = freeze(Folder(server.services.progress.folder.root).root, "other")
+    wrong = [code_of(study, now - 2 * DAY_MS), code_of(study, now + DAY_MS), code_of(other, now), "", "é" * 9, "x" * 100]
+    for code in wrong:
+        assert person.refused("supervise", {"code": code}).startswith("this is not the operator's code of today")
+    assert person.me()["supervised_until_ms"] is None
+    code = code_of(study, now - DAY_MS)
+    until = person.call("supervise", {"code": code.lower().replace("-", " ")})["supervised_until_ms"]
+    assert 0 <= until - now - supervision.SUPERVISED_MS < 60_000
+    kinds = rows(server, "SELECT kind, count(*) FROM stage_events WHERE kind IN ('wrong_code', 'supervised') GROUP BY kind")
+    assert kinds == [("supervised", 1), ("wrong_code", len(wrong))]
+    for _ in range(MAX_WRONG_CODES - len(wrong)):
+        person.refused("supervise", {"code": "no"})
+    assert "no code is looked at any more" in person.refused("supervise", {"code": code_of(study, now)})
+    other_person, _, _ = comes(server, invitation=token)
+    assert other_person.where["detail"] == USED
+
+
+def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_path):
+    study = freeze(tmp_path / "studies", recruitment="invitation")
+    invitations = Invitations(Folder(tmp_path / "studies"))
+    issued = invitations.issue("small", 4)
+    text = (tmp_path / "studies" / "small" / "invitations.json").read_text()
+    for each in issued:
+        assert each.id in text
+        assert token_of(study, each.id)[5:] not in text
+        assert link_of(study, each.id, "http://h/p/") == f"http://h/p/study/small?invitation={token_of(study, each.id)}"
+    for count in (0, -1, MAX_INVITATIONS):
+        with pytest.raises(StudyError, match="expected 1 to"):
+            invitations.issue("small", count)
+    with pytest.raises(StudyError, match="has no invitation 'ZZZZ!'"):
+        invitations.revoke("small", [issued[0].id, "ZZZZ!"])
+    assert all(each.revoked_ms is None for each in invitations.of("small").values())
+    freeze(tmp_path / "studies", "free", recruitment="open")
+    with pytest.raises(StudyError, match="recruitment 'open'"):
+        invitations.issue("free", 1)
+    (tmp_path / "studies" / "small" / "invitations.json").write_text("{}")
+    with pytest.raises(StudyError, match="damaged"):
+        invitations.of("small")
+
+
+def test_two_who_issue_at_once_lose_nothing(tmp_path):
+    freeze(tmp_path / "studies", recruitment="invitation")
+    with ThreadPoolExecutor(4) as pool:
+        done = [pool.submit(lambda: Invitations(Folder(tmp_path / "studies")).issue("small", 5)) for _ in range(8)]
+        issued = {each.id for work in done for each in work.result()}
+    assert set(Invitations(Folder(tmp_path / "studies")).of("small")) == issued
+    assert len(issued) == 40
+
+
+def run(args):
+    """Run the command and return its exit code."""
+    with pytest.raises(SystemExit) as ended:
+        main(args)
+    return ended.value.code
+
+
+def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, capsys):
+    folder = ["--studies", str(tmp_path / "studies")]
+    assert run(["study", "new", "lab", "--size", "7x9", "--policy", "random", *folder]) == 0
+    assert Folder(tmp_path / "studies").draft("lab").recruitment == "invitation"
+    study = freeze(tmp_path / "studies", recruitment="invitation")
+    capsys.readouterr()
+    assert run(["study", "invite", "small", "2", "--url", "https://lab.example", *folder]) == 0
+    links = capsys.readouterr().out.split()
+    known = Invitations(Folder(tmp_path / "studies"))
+    assert links == [link_of(study, ident, "https://lab.example") for ident in known.of("small")]
+    ident = next(iter(known.of("small")))
+    assert run(["study", "revoke", "small", ident, *folder]) == 0
+    table, base = tmp_path / "links.csv", ["--database", str(tmp_path / "none.db"), *folder]
+    capsys.readouterr()
+    assert run(["study", "invite", "small", "--list", "--url", "https://lab.example", "--csv", str(table), *base]) == 0
+    assert {"issued", "revoked"} <= set(capsys.readouterr().out.split())
+    lines = table.read_text().splitlines()
+    assert (lines[0], lines[1]) == ("id,state,participant,link", f"{ident},revoked,,{links[0]}")
+    assert table.stat().st_mode & 0o077 == 0, "for its owner alone"
+    assert run(["study", "supervise", "small", *folder]) == 0
+    code, until = capsys.readouterr().out.splitlines()
+    assert (len(code), until[:11], until[-4:]) == (9, "valid until", " UTC")
+    for args, said in ((["invite", "small"], "number of links"), (["revoke", "small", "nope"], "no invitation")):
+        assert run(["study", *args, *folder]) == 2
+        assert said in capsys.readouterr().err
