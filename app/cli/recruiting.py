@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, print_table, reason, settings_of
-from app.cli.study_options import DATABASE, STUDIES, folder_of, study_errors
+from app.cli.console import DATABASE, PATH, STUDIES, folder_of, print_table, reason, settings_of, study_errors
 
 if TYPE_CHECKING:
     from app.study.folder import Study

@@ -9,10 +9,9 @@ from typing import Any
 import click
 
 from app.cli import recruiting
-from app.cli.console import SizeType, env_config_of, print_table, progress, settings_of
-from app.cli.study_options import DATABASE, STUDIES
-from app.cli.study_options import folder_of as _folder
-from app.cli.study_options import study_errors as _study_errors
+from app.cli.console import DATABASE, STUDIES, SizeType, env_config_of, print_table, progress, settings_of
+from app.cli.console import folder_of as _folder
+from app.cli.console import study_errors as _study_errors
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
