@@ -20,7 +20,9 @@ from app.leaderboard.leaderboard import Leaderboard
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.policy_catalogue import PolicyCatalogue
+from app.play.ranked import PageBoards
 from app.play.sources import Sources
+from app.play.spectators import Spectators
 from app.services import Services
 from app.settings import Settings
 from app.storage.store import Store
@@ -30,7 +32,7 @@ from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
-from app.web import admin, api, api_docs, leaderboard, pages, results, sockets, study, viewer
+from app.web import admin, api, api_docs, leaderboard, pages, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
 from app.web.middleware import SecurityHeaders
@@ -67,13 +69,15 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         with _opened(settings, prepared.store) as store:
             async with aclosing(_services(settings, store, policies, prepared.sources or Sources(), login)) as services:
                 app.state.services = services
-                sweeper = asyncio.create_task(services.lobby.sweep(), name="sweep")
+                lobby, page_boards = services.lobby, services.page_boards
+                sweepers = [asyncio.create_task(part.sweep(), name="sweep") for part in (lobby, page_boards)]
                 gc.collect()
                 gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
                 try:
                     yield
                 finally:
-                    sweeper.cancel()
+                    for sweeper in sweepers:
+                        sweeper.cancel()
 
     app = FastAPI(
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
@@ -81,7 +85,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     )  # fmt: skip
     app.add_middleware(SecurityHeaders)
     add_error_handlers(app)
-    for module in (api, results, study, sockets, leaderboard, viewer, pages):
+    for module in (api, watch, results, study, sockets, leaderboard, viewer, pages):
         app.include_router(module.router)
     if login is not None:
         app.include_router(admin.router)
@@ -110,6 +114,8 @@ def _services(
     return Services(
         store=store,
         lobby=lobby,
+        page_boards=PageBoards(lobby, settings.abandon_after_s),
+        spectators=Spectators(lobby),
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,

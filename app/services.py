@@ -8,6 +8,8 @@ from app.admin.services import AdminServices
 from app.leaderboard.leaderboard import Leaderboard
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
+from app.play.ranked import PageBoards
+from app.play.spectators import Spectators
 from app.storage.store import Store
 from app.study.debrief import Debriefs
 from app.study.progress import ParticipantProgress
@@ -20,6 +22,8 @@ class Services:
 
     store          the database that every move is recorded in
     lobby          the sessions
+    page_boards    begins the boards of the page's players, and ends the ranked ones that are left
+    spectators     what anybody may watch
     viewer         the 3-D view of the sessions
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
@@ -30,6 +34,8 @@ class Services:
 
     store: Store
     lobby: Lobby
+    page_boards: PageBoards
+    spectators: Spectators
     viewer: Viewer
     player_tokens: PlayerTokens
     progress: ParticipantProgress

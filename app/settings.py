@@ -32,6 +32,7 @@ class Settings(BaseSettings):
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
     admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
     idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
+    abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
     """
 
     model_config = SettingsConfigDict(env_prefix="MARS_", frozen=True, extra="forbid")
@@ -45,3 +46,4 @@ class Settings(BaseSettings):
     admin: bool = False
     admin_password: SecretStr | None = None
     idle_s: float = Field(default=600.0, gt=0)
+    abandon_after_s: float = Field(default=1800.0, gt=0)

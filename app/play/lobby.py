@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,7 +20,7 @@ from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.session import HUMAN, Participation, Session, restore_episode
 from app.play.sources import Sources
-from app.storage.store import EpisodeRow, Resumable, SessionRow, Store, StoreError
+from app.storage.store import Control, EpisodeRow, Resumable, SessionRow, Store, StoreError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -45,6 +45,16 @@ class BoardGroup:
     def boards(self) -> list[Session]:
         """Return the player's board, then the rival's if there is one."""
         return [self.player] if self.rival is None else [self.player, self.rival]
+
+    def board(self, session_id: str) -> Session:
+        """Return the one of the boards that has this session's id."""
+        return next(board for board in self.boards if board.id == session_id)
+
+
+def next_config(session: Session, wanted: NewEpisode) -> EnvConfig:
+    """Return the configuration of a session's next episode: what is left out stays as it was."""
+    was = session.current.config
+    return EnvConfig.of(wanted.level or was.level, wanted.size or (was.rows, was.cols))
 
 
 EpisodeTransaction = Callable[[EpisodeRow], AbstractContextManager[None]]
@@ -84,10 +94,16 @@ class Lobby:
 
     def sessions(self) -> list[Session]:
         """Return the sessions in memory, in the order they came."""
-        return [next(board for board in group.boards if board.id == id_) for id_, group in self._groups.items()]
+        return [group.board(session_id) for session_id, group in self._groups.items()]
 
-    async def create(self, wanted: NewSession, player_id: str) -> Session:
-        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or an unsolvable level."""
+    async def create(
+        self, wanted: NewSession, player_id: str, control: Control = "bearer", left: Sequence[Session] = ()
+    ) -> Session:
+        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or an unsolvable level.
+
+        control  what moves it: whoever knows its id, or its player's cookie alone
+        left     boards whose running episodes are abandoned in the transaction that opens this one
+        """
         if wanted.player != HUMAN:
             self.policies.check(wanted.player, HUMAN)
         drivers = [wanted.player] if wanted.rival is None else [wanted.player, self.policies.check(wanted.rival)]
@@ -95,13 +111,12 @@ class Lobby:
         self.policies.check_size(drivers, config)
         replayed = None if wanted.replays is None else await self._ended_session(wanted.replays, wanted.player)
         seed, episodes = await self._begin_episodes(config, wanted.seed, len(drivers))
-        rows = self._session_rows(drivers, player_id)
-        for row in rows:
-            self.store.add_session(row)
+        rows = self._session_rows(drivers, player_id, control)
         boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
+        adding = contextmanager(partial(self._adding, player_id, rows))
+        self._open_episodes(boards, episodes, seed, wanted.seed is not None, lambda _: adding(), left)
         if len(boards) == 2:
             self._rivals[boards[0].id] = boards[1].id
-        self._open_episodes(boards, episodes, seed, wanted.seed is not None)
         player = self._add_group(boards).player
         if replayed is not None:
             replayed.pair_with(player)
@@ -110,32 +125,41 @@ class Lobby:
     async def get(self, session_id: str) -> Session:
         """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
         group = self._groups.get(session_id) or await self._resume(session_id)
-        session = next(board for board in group.boards if board.id == session_id)
+        session = group.board(session_id)
         session.touch()
         return session
+
+    def in_memory(self, session_id: str) -> Session | None:
+        """Return the session if it is in memory; it is not touched, so it may be unloaded."""
+        group = self._groups.get(session_id)
+        return None if group is None else group.board(session_id)
 
     def rival_of(self, session: Session) -> Session | None:
         """Return the rival's board of a player's; None when it plays alone or is a rival's itself."""
         group = self._groups.get(session.id)
         return group.rival if group is not None and group.player is session else None
 
-    async def restart(self, session: Session, wanted: NewEpisode) -> None:
-        """Abandon the running episodes and begin the next ones, the rival's on the same terrain."""
+    def owner_of(self, session: Session) -> str | None:
+        """Return the player at whose screen a session in memory runs: a rival's is its player's."""
+        group = self._groups.get(session.id)
+        return session.row.player_id if group is None else group.player.row.player_id
+
+    async def restart(self, session: Session, wanted: NewEpisode, left: Sequence[Session] = ()) -> None:
+        """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
         group = self._groups.get(session.id) or await self._resume(session.id)
         if session is group.rival:
             raise ValueError("a rival plays its player's terrain; begin the next episode in the player's session")
         async with group.lock:
-            was = session.current.config
-            config = EnvConfig.of(wanted.level or was.level, wanted.size or (was.rows, was.cols))
+            config = next_config(session, wanted)
             self.policies.check_size((board.row.driver_name for board in group.boards), config)
             seed, episodes = await self._begin_episodes(config, wanted.seed, len(group.boards))
-            self._open_episodes(group.boards, episodes, seed, wanted.seed is not None)
+            self._open_episodes(group.boards, episodes, seed, wanted.seed is not None, left=left)
             self._pair(group)  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, participation: Participation) -> Session:
         """Return a new board for a participant; nobody can find it before `begin` opens its first episode."""
         id_, now = self.sources.session_id(), self.sources.clock_ms()
-        row = SessionRow(id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now)
+        row = SessionRow(id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie")
         return Session(row, self.store, self.sources.clock_ms, participation)
 
     async def begin(self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction) -> None:
@@ -173,15 +197,21 @@ class Lobby:
             self._unload(group)
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _session_rows(self, drivers: list[str], player_id: str) -> list[SessionRow]:
+    def _session_rows(self, drivers: list[str], player_id: str, control: Control) -> list[SessionRow]:
         now, rows = self.sources.clock_ms(), list[SessionRow]()
-        self.store.add_player(player_id, now)
         for number, driver in enumerate(drivers):
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
             mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
             id_ = self.sources.session_id()
-            rows.append(SessionRow(id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now))
+            rows.append(SessionRow(id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control))
         return rows
+
+    def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
+        """Add a player and their sessions, in the transaction that opens the first episodes."""
+        self.store.add_player(player_id, rows[0].created_ms)
+        for row in rows:
+            self.store.add_session(row)
+        yield
 
     async def _ended_session(self, session_id: str, driver: str) -> Session:
         """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
@@ -204,6 +234,7 @@ class Lobby:
         seed: int,
         seed_chosen: bool,
         within: EpisodeTransaction | None = None,
+        left: Sequence[Session] = (),
     ) -> None:
         """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
         now = self.sources.clock_ms()
@@ -224,7 +255,7 @@ class Lobby:
             )
             for board, episode in zip(boards, episodes, strict=True)
         ]
-        running = [board for board in boards if board.number and not board.episode.ended]
+        running = [board for board in (*boards, *left) if board.number and not board.episode.ended]
         closing = [board.stop_episode() for board in running]
         try:
             with self.store.transaction(), within(rows[0]) if within else nullcontext():
@@ -235,6 +266,8 @@ class Lobby:
             raise
         for board, row, episode in zip(boards, rows, episodes, strict=True):
             board.begin(row, episode)
+        for board in left:
+            board.publish_frame()
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:
         """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""

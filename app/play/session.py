@@ -124,8 +124,17 @@ class Session:
     def counts(self) -> bool:
         """Return whether the episode, as far as can be said while it runs, counts for the human score."""
         row = self.current
-        is_persons = self.is_human and self.participation is None
+        is_persons = self.is_human and self.participation is None and self.takes_persons_moves
         return is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+
+    @property
+    def takes_persons_moves(self) -> bool:
+        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's.
+
+        An episode that a person had begun before sessions had a control goes on as theirs.
+        """
+        is_earlier = bool(self.number) and self.episode.steps > 0 and self.current.driver == HUMAN
+        return self.row.control == "cookie" or self.participation is not None or is_earlier
 
     @property
     def driver(self) -> str:

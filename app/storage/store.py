@@ -229,6 +229,11 @@ class Store(Reader):
         found = self._latest(" AND s.id = :id", values, now_ms)
         return self._resumable(found[0]) if found else None
 
+    def find_episode(self, episode_id: str) -> Resumable | None:
+        """Return an episode as it stands now, open or ended, and its session; None when there is none."""
+        sql = "SELECT e.*, (e.ended_ms IS NOT NULL) AS ended FROM episodes e WHERE e.id = ?"
+        return next((self._resumable(row) for row in list(self._db.query(sql, [episode_id]))), None)
+
     def _latest(self, extra: str, values: dict[str, Any], now_ms: int | None) -> list[dict[str, Any]]:
         now = int(time.time() * 1000) if now_ms is None else now_ms
         return list(self._db.query(_LATEST + extra, {"participants": None, **values, "since": now - DAY_MS}))

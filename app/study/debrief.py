@@ -6,22 +6,19 @@ Replays show warm-up terrains alone, because the ranked ones stay secret until t
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.play.messages import encode_frame
+from app.play.replays import frames
 from app.storage.store import Store
 from app.storage.study_rows import Participant, TrialRow
 from app.study.folder import Study
-from marsexplorer.episode import Episode, Record, replay
+from marsexplorer.episode import Episode, Record
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target
 
-MAX_REPLAY_CELLS = 2_000_000
-"""Most cells in the frames of one replay: beyond it some frames are left out."""
 _log = logging.getLogger(__name__)
 
 
@@ -99,21 +96,6 @@ def _play(study: Study) -> list[WarmUpRun]:
             episode.step(policy.act(episode.codes.copy()))
         runs.append(WarmUpRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
     return runs
-
-
-def frames(record: Record, episode_id: str) -> list[dict[str, Any]]:
-    """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
-    config = record.config
-    stride = max(1, -(-len(record.actions) * config.n // MAX_REPLAY_CELLS))
-    episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
-    texts = [encode_frame(episode_id, episode)]
-    for number, action in enumerate(record.actions, 1):
-        episode.step(action)
-        if number % stride == 0 or number == len(record.actions):
-            texts.append(encode_frame(episode_id, episode))
-    if record.outcome == "abandoned":
-        texts.append(encode_frame(episode_id, replay(record)))
-    return [json.loads(each) for each in texts]
 
 
 def _mean(values: Sequence[float]) -> float | None:

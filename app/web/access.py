@@ -1,6 +1,8 @@
-"""Who asks, and what they may see: a session's frames are for whoever knows its id, a study's board for its participant.
+"""Who asks, and what they may see and move.
 
-The operator may see every session.
+A session that the page began is its player's: only their cookie sees and moves it. One that a script began (`control` is
+"bearer") is anybody's who knows its id. A study's board is its participant's. The operator may see every session. Whoever may
+not see a session gets the answer for an id that does not exist.
 """
 
 from __future__ import annotations
@@ -39,17 +41,31 @@ def is_operator(connection: HTTPConnection) -> bool:
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:
-    """Return whether the asker's cookie is that of the session's player."""
+    """Return whether the asker's cookie is that of the player at whose screen the session runs."""
     player_id = player_of(connection)
-    return player_id is not None and player_id == session.row.player_id
+    return player_id is not None and player_id == services_of(connection).lobby.owner_of(session)
 
 
-async def authorized_session(connection: HTTPConnection, session_id: str) -> Session:
+def may_control(connection: HTTPConnection, session: Session) -> bool:
+    """Return whether the asker may move the session's rover, as far as their cookie and the id say."""
+    is_bearer = session.row.control == "bearer" and session.participation is None
+    return is_bearer or is_owner(connection, session)
+
+
+async def visible_session(connection: HTTPConnection, session_id: str) -> Session:
     """Return the session that is asked for; UnknownSessionError when there is none that the asker may see."""
     session = await services_of(connection).lobby.get(session_id)
-    if session.participation is None or is_owner(connection, session) or is_operator(connection):
+    if may_control(connection, session) or is_operator(connection):
         return session
     raise UnknownSessionError(session_id)
+
+
+async def controlled_session(connection: HTTPConnection, session_id: str) -> Session:
+    """Return the session that is to be moved; UnknownSessionError when there is none that the asker may move."""
+    session = await services_of(connection).lobby.get(session_id)
+    if not may_control(connection, session):
+        raise UnknownSessionError(session_id)
+    return session
 
 
 def has_own_origin(connection: HTTPConnection) -> bool | None:

@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi import APIRouter, HTTPException, Query, Request, Response
 
-from app.play.lobby import Lobby
+from app.play.lobby import Lobby, next_config
 from app.play.messages import Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
 from app.play.session import SCRIPT, RefusedError, Session
-from app.web.access import authorized_session, player_of, remember_player, services_of
+from app.web.access import (
+    controlled_session,
+    has_own_origin,
+    is_owner,
+    player_of,
+    remember_player,
+    services_of,
+    visible_session,
+)
 from app.web.sockets import as_move
 from marsexplorer.config import CORE_VERSION, LEVELS
 
@@ -102,34 +110,58 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
     """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
 
     `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
-    into the first act. A player cookie is set when you send none. `counts` says whether the episode counts for the
-    human score so far: moves over HTTP are a script's and never count.
+    into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
+
+    A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
+    the episode counts for the volunteers' figure so far. Instead of a second ranked board the page gets the open one, with 200.
     """
-    lobby = _lobby(request)
-    player_id = player_of(request) or lobby.sources.player_id()
+    wanted = wanted or NewSession()
+    player_id = player_of(request) or _lobby(request).sources.player_id()
     with _bad_input():
-        session = await lobby.create(wanted or NewSession(), player_id)
+        if wanted.replays is not None:
+            await controlled_session(request, wanted.replays)
+        if has_own_origin(request):
+            session, was_open = await services_of(request).page_boards.begin(wanted, player_id)
+            response.status_code = 200 if was_open else 201
+        else:
+            session = await _lobby(request).create(wanted, player_id)
     remember_player(response, request, player_id)
-    return session_summary(lobby, session)
+    return session_summary(_lobby(request), session)
+
+
+@router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
+async def get_my_session(
+    request: Request, episode: Annotated[str | None, Query(max_length=64)] = None
+) -> dict[str, Any] | None:
+    """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
+
+    `episode` asks for the board on which that episode is the current one. Null when there is no such board of yours.
+    """
+    player_id = player_of(request)
+    if player_id is None:
+        return None
+    page_boards = services_of(request).page_boards
+    session = await (page_boards.newest(player_id) if episode is None else page_boards.with_episode(player_id, episode))
+    return None if session is None else session_summary(_lobby(request), session)
 
 
 @router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
 async def get_frame(request: Request, session_id: str) -> Response:
     """Return the same bytes that the session's socket sends."""
-    return _json((await authorized_session(request, session_id)).frame)
+    return _json((await visible_session(request, session_id)).frame)
 
 
 @router.get("/sessions/{session_id}/about", tags=["play"], summary="The session as it stands now")
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
-    session = await authorized_session(request, session_id)
+    session = await visible_session(request, session_id)
     return session_summary(_lobby(request), session)
 
 
 @router.get("/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses={200: {"model": History}})
 async def get_history(request: Request, session_id: str) -> Response:
     """Return the position and the number of discovered cells after each step, the start first."""
-    session = await authorized_session(request, session_id)
+    session = await visible_session(request, session_id)
     return _json(encode_history(session.current.id, session.episode))
 
 
@@ -145,7 +177,7 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
 
     When it does not, 409 returns the current frame and nothing changes, so repeating a move after a lost answer is harmless.
     """
-    session = await authorized_session(request, session_id)
+    session = await controlled_session(request, session_id)
     _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
     try:
         session.act(as_move(wanted, SCRIPT))
@@ -156,19 +188,40 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
 
 @router.post("/sessions/{session_id}/episodes", status_code=201, tags=["play"], summary="Begin the next episode")
 async def create_episode(request: Request, session_id: str, wanted: NewEpisode | None = None) -> dict[str, Any]:
-    """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts."""
-    lobby = _lobby(request)
-    session = await authorized_session(request, session_id)
+    """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
+
+    On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
+    which it waits, or a new board, with a `session` of its own.
+    """
+    lobby, page_boards, wanted = _lobby(request), services_of(request).page_boards, wanted or NewEpisode()
+    session = await controlled_session(request, session_id)
     _check_no_study(session, "its terrains are the study's", "POST /api/studies/{name}/next begins the next episode")
     with _bad_input():
-        await lobby.restart(session, wanted or NewEpisode())
+        if session.row.control == "cookie":
+            session, _ = await page_boards.begin_next(session, wanted)
+        elif has_own_origin(request) and is_owner(request, session):
+            session, _ = await page_boards.begin(_as_new_session(lobby, session, wanted), session.row.player_id or "")
+        else:
+            await lobby.restart(session, wanted)
     return session_summary(lobby, session)
+
+
+def _as_new_session(lobby: Lobby, session: Session, wanted: NewEpisode) -> NewSession:
+    """Return what begins the next episode on a board of the page's, for a session from before there were any."""
+    config, rival = next_config(session, wanted), lobby.rival_of(session)
+    return NewSession(
+        level=config.level,
+        size=(config.rows, config.cols),
+        seed=wanted.seed,
+        player=session.row.driver_name,
+        rival=None if rival is None else rival.row.driver_name,
+    )
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
 async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> Pace:
     """Set exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only) where a policy drives."""
-    session = await authorized_session(request, session_id)
+    session = await controlled_session(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with _bad_input():
         return _lobby(request).change_pace(session, wanted)

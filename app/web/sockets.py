@@ -25,7 +25,7 @@ from app.play.messages import (
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.storage.store import StoreError
-from app.web.access import authorized_session, has_own_origin, is_owner
+from app.web.access import has_own_origin, is_owner, may_control, visible_session
 
 UNKNOWN_SESSION = 4404
 FOREIGN_ORIGIN = 4403
@@ -43,7 +43,7 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await authorized_session(websocket, session_id)
+            session = await visible_session(websocket, session_id)
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
@@ -52,11 +52,12 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
 
 
 class PlaySocket:
-    """One connection to a session; it knows whether the session's own cookie came with it, and whether our page opened it."""
+    """One connection to a session; it knows whether its player's cookie came with it, and whether our page opened it."""
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
         self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
+        self._may_control = may_control(websocket, session)
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
@@ -115,7 +116,7 @@ class PlaySocket:
             if isinstance(message, Events):
                 return self._keep(message).model_dump_json()
             if isinstance(message, Act):
-                self._check_owner()
+                self._check_control()
                 session.act(as_move(message, self._driver(message)))
                 return None
             return encode_history(session.current.id, session.episode)
@@ -131,6 +132,7 @@ class PlaySocket:
             self._is_owner
             and self._is_page
             and act.input is not None
+            and self._session.takes_persons_moves
             and (participation is None or participation.driver == HUMAN)
         )
         return HUMAN if is_human else SCRIPT
@@ -140,7 +142,7 @@ class PlaySocket:
         try:
             if self._session.participation is None:
                 raise RefusedError("input events are kept for a study's episodes alone; this session belongs to none")
-            self._check_owner()
+            self._check_control()
             self._session.participation.keep_events(events)
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
@@ -148,9 +150,9 @@ class PlaySocket:
             return Kept(episode=events.episode, count=0, reason=str(refusal))
         return Kept(episode=events.episode, count=len(events.events))
 
-    def _check_owner(self) -> None:
-        if self._session.participation is not None and not self._is_owner:
-            raise RefusedError("this board is a participant's of a study: nobody else can move its rover")
+    def _check_control(self) -> None:
+        if not self._may_control:
+            raise RefusedError("this board is its player's: nobody else can move its rover")
 
 
 def as_move(act: Act, driver: str) -> Move:

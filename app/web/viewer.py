@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import Response
 
 from app.play.lobby import UnknownSessionError
-from app.web.access import authorized_session, has_own_origin, services_of
+from app.web.access import has_own_origin, services_of, visible_session
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
 VIEWER_CSP = (
@@ -21,7 +21,7 @@ router = APIRouter(include_in_schema=False)
 @router.get("/viewer/{session_id}/")
 async def viewer_page(request: Request, session_id: str) -> Response:
     """Serve viser's page, the same for every session; its version and content are its ETag."""
-    await authorized_session(request, session_id)
+    await visible_session(request, session_id)
     page = services_of(request).viewer.page
     headers = {
         "ETag": page.etag,
@@ -45,7 +45,7 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         await websocket.close(FOREIGN_ORIGIN)
         return
     try:
-        session = await authorized_session(websocket, session_id)
+        session = await visible_session(websocket, session_id)
     except UnknownSessionError:
         await websocket.accept()
         await websocket.close(UNKNOWN_SESSION, "unknown session")

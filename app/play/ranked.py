@@ -1,0 +1,151 @@
+"""Boards that the page begins: a ranked episode cannot be dropped by leaving it.
+
+A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew (`app.storage.boards`). Once a
+move is made it counts, however it ends:
+
+- whoever asks for a ranked board of the same configuration gets the open one back, where it stood;
+- whoever begins any other board abandons the open one, which then counts at what that outcome costs;
+- one that nobody has moved for a time is abandoned as well.
+
+An episode without a move has shown its terrain and stays open as it is: the player's next ranked episode of that configuration
+is this one, so that no terrain can be exchanged for another. It does not count until a move is made.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from contextlib import suppress
+from weakref import WeakValueDictionary
+
+from app.play.lobby import Lobby, UnknownSessionError, next_config
+from app.play.messages import NewEpisode, NewSession
+from app.play.session import HUMAN, RefusedError, Session
+from app.storage.boards import OpenRanked, newest_session, open_ranked, ranked_left_since, watchable_session
+from app.storage.store import StoreError
+from marsexplorer.config import EnvConfig
+
+SWEEP_S = 60.0
+"""Seconds between two looks for ranked episodes that were left, at most."""
+
+_log = logging.getLogger(__name__)
+
+
+class PageBoards:
+    """Begins boards for the page's players; `abandon_after_s` is how long a ranked episode waits for its next move."""
+
+    def __init__(self, lobby: Lobby, abandon_after_s: float) -> None:
+        self._lobby, self._abandon_after_s = lobby, abandon_after_s
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    async def begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
+        """Return a player's board, and whether it is one that was open already; ValueError as `Lobby.create`."""
+        async with self._lock(player_id):
+            return await self._begin(wanted, player_id)
+
+    async def begin_next(self, session: Session, wanted: NewEpisode) -> tuple[Session, bool]:
+        """Begin the next episode; return the board that has it, and whether it was open already; ValueError as `Lobby.restart`.
+
+        The board is another one when the session's terrain, or one of the player's elsewhere, waits for its first move.
+        """
+        player_id = session.row.player_id
+        if player_id is None or not _is_alone(self._lobby, session):
+            await self._lobby.restart(session, wanted)
+            return session, False
+        async with self._lock(player_id):
+            found = await self._open(player_id)
+            if session in found and not session.episode.steps:
+                config = next_config(session, wanted)
+                fresh = NewSession(level=config.level, size=(config.rows, config.cols), seed=wanted.seed)
+                return await self._begin(fresh, player_id)
+            others = [board for board in found if board is not session]
+            waiting = _waiting(others, next_config(session, wanted)) if wanted.seed is None else None
+            left = [board for board in others if board.episode.steps and board is not waiting and wanted.seed is None]
+            if waiting is None:
+                await self._lobby.restart(session, wanted, left)
+                return session, False
+            _abandon([*left, *(board for board in found if board is session)])
+            return waiting, True
+
+    async def newest(self, player_id: str) -> Session | None:
+        """Return the board that a player's page goes on with: their open ranked one, else their newest; None without any."""
+        found = newest_session(self._lobby.store, player_id, self._lobby.sources.clock_ms())
+        if found is None:
+            return None
+        with suppress(UnknownSessionError):
+            return await self._lobby.get(found)
+        return None
+
+    async def with_episode(self, player_id: str, episode_id: str) -> Session | None:
+        """Return a player's board on which an episode is the current one; None when there is none of theirs."""
+        found = watchable_session(self._lobby.store, episode_id)
+        if found is None:
+            return None
+        with suppress(UnknownSessionError):
+            session = await self._lobby.get(found[0])
+            group = session if session.row.rival_of is None else await self._lobby.get(session.row.rival_of)
+            is_own = group.row.player_id == player_id and group.row.control == "cookie"
+            return group if is_own and session.current.id == episode_id else None
+        return None
+
+    async def sweep(self) -> None:
+        """Abandon now, and again and again until cancelled, what was left."""
+        while True:
+            try:
+                await self.abandon_left()
+            except StoreError as error:
+                _log.warning("ranked episodes that were left stay open for now: %s", error)
+            await asyncio.sleep(min(SWEEP_S, self._abandon_after_s / 4))
+
+    async def abandon_left(self) -> None:
+        """Abandon every ranked episode whose last move was made longer ago than a player is waited for."""
+        before_ms = self._lobby.sources.clock_ms() - round(1000 * self._abandon_after_s)
+        for row in ranked_left_since(self._lobby.store, before_ms):
+            board = await self._board_of(row)
+            if board is not None and board.current.id == row.episode_id:
+                with suppress(RefusedError):  # a move came meanwhile
+                    board.abandon(row.episode_id, row.moves)
+
+    async def _begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
+        found = await self._open(player_id)
+        is_ranked = wanted.player == HUMAN and wanted.rival is None and wanted.seed is None
+        waiting = _waiting(found, EnvConfig.of(wanted.level or "random", wanted.size or 21)) if is_ranked else None
+        left = [board for board in found if board.episode.steps and board is not waiting and wanted.replays is None]
+        if waiting is None:
+            return await self._lobby.create(wanted, player_id, "cookie", left), False
+        _abandon(left)
+        return waiting, True
+
+    async def _open(self, player_id: str) -> list[Session]:
+        """Return the boards of a player's open ranked episodes, resumed where they were not in memory."""
+        rows = open_ranked(self._lobby.store, player_id)
+        found = [(row, await self._board_of(row)) for row in rows]
+        return [board for row, board in found if board is not None and board.current.id == row.episode_id]
+
+    async def _board_of(self, row: OpenRanked) -> Session | None:
+        """Return the board of an open episode; None when the rules that it was played by are gone."""
+        with suppress(UnknownSessionError):
+            return await self._lobby.get(row.session_id)
+        return None
+
+    def _lock(self, player_id: str) -> asyncio.Lock:
+        lock = self._locks.get(player_id)
+        if lock is None:
+            lock = self._locks[player_id] = asyncio.Lock()
+        return lock
+
+
+def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:
+    """Return the board whose open episode is of a configuration."""
+    return next((board for board in boards if board.current.config == config and not board.episode.ended), None)
+
+
+def _abandon(boards: Sequence[Session]) -> None:
+    for board in boards:
+        if not board.episode.ended:
+            board.abandon(board.current.id, board.episode.steps)
+
+
+def _is_alone(lobby: Lobby, session: Session) -> bool:
+    return session.is_human and session.participation is None and lobby.rival_of(session) is None

@@ -1,0 +1,59 @@
+"""Watching an episode by its id, over HTTP and over a socket: for anybody who has the link, and nothing but watching."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator
+from typing import Any
+
+from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
+
+from app.play.messages import encode_error
+from app.play.spectators import UnwatchableError
+from app.web.access import has_own_origin, services_of
+from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
+
+router = APIRouter()
+
+
+@router.get("/api/watch/{episode_id}", tags=["play"], summary="Watch an episode of the playground")
+async def get_watched(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return an episode by the id in its frames: the newest frame, the path so far, and once it has ended every frame.
+
+    `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched.
+    """
+    try:
+        return await services_of(request).spectators.describe(episode_id)
+    except UnwatchableError as error:
+        raise HTTPException(404, str(error)) from error
+
+
+@router.websocket("/ws/watch/{episode_id}")
+async def watch_socket(websocket: WebSocket, episode_id: str) -> None:
+    """Send an episode's frames as they come, and close when it has ended; what the spectator sends is ignored."""
+    if has_own_origin(websocket) is False:
+        await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
+        return
+    await websocket.accept()
+    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(episode_id)))
+    try:
+        while (await websocket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        sender.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sender
+
+
+async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:
+    """Send each message, then close the socket."""
+    async with contextlib.aclosing(messages):
+        try:
+            async for message in messages:
+                await websocket.send_text(message)
+        except UnwatchableError as error:
+            await websocket.send_text(encode_error(str(error)))
+            await websocket.close(UNKNOWN_SESSION, "unknown episode")
+            return
+    await websocket.close(1000, "the episode has ended")
