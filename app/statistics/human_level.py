@@ -1,7 +1,9 @@
-"""The figure people are compared with: per configuration, the mean of the players' means and its 95 % t interval.
+"""The figure of the playground's volunteers: for each configuration, the mean of the players' means with its interval.
 
-The unit of analysis is the player: pooling episodes would make the interval far too narrow, as one player's episodes
-resemble each other. Only counted episodes enter (`app.storage.reader.HUMAN_SCORE_CONDITION`).
+Volunteers chose to play, and how often: they are no sample of anybody, and their figure is not called the human level, which is
+a closed study's alone. Every player weighs the same, however much they played, because one player's episodes resemble each
+other. The interval is the one that reports print (`app.statistics.intervals`). Only counted episodes enter
+(`app.storage.reader.HUMAN_SCORE_CONDITION`); one that was abandoned is among them.
 """
 
 from __future__ import annotations
@@ -13,22 +15,25 @@ from typing import Any
 
 import numpy as np
 
+from app.statistics.exclusion_sets import MetricName
+from app.statistics.intervals import RULE_VERSION, estimate
+from app.statistics.study_figures import metric_bounds
 from app.storage.reader import Reader
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.score import steps_to_target
 
-NO_HUMAN_LEVEL = "Nobody has played for the human score yet: there is no human level to compare with."
+NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 
 
 def human_level(store: Reader) -> dict[str, Any]:
-    """Return `{"figures": [one per configuration], "sentence": the same in words}`; no figures while nobody has played."""
+    """Return the volunteers' `{"figures": [one per configuration], "sentence": the same in words}`; none for nobody."""
     by_config: dict[str, list[dict[str, Any]]] = {}
     for row in store.totals("human"):
         by_config.setdefault(row["config"], []).append(row)
     figures = [_figure(config, played) for config, played in by_config.items()]
     figures.sort(key=lambda figure: -figure["episodes"])
-    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NO_HUMAN_LEVEL}
+    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
 
 def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
@@ -54,12 +59,23 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
         "cols": config.cols,
         "config_hash": config.hash,
         "config": config.to_dict(),
+        "population": "volunteers",
+        "interval_rule": RULE_VERSION,
         "players": len(scores),
         "episodes": len(played),
-        "score": mean_interval([_mean(own) for own in scores.values()]),
-        "steps": mean_interval([_mean(own) for own in steps.values()]),
+        "abandoned": sum(row["outcome"] == "abandoned" for row in played),
+        "score": _interval_of(scores, config, "score"),
+        "steps": _interval_of(steps, config, "steps"),
         "completed": _mean([_mean(own) for own in explored.values()]),
     }
+
+
+def _interval_of(values: dict[str, list[float]], config: EnvConfig, metric: MetricName) -> dict[str, float | None]:
+    """Return mean, low and high over players as a report prints them; low and high None for one player."""
+    means = np.array([_mean(own) for own in values.values()], np.float64)
+    found = estimate(means, metric_bounds(config, metric))
+    low, high = found.interval or (None, None)
+    return {"mean": found.mean, "low": low, "high": high}
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -69,10 +85,11 @@ def _mean(values: Sequence[float]) -> float:
 def _sentence(figure: dict[str, Any]) -> str:
     """Return a figure in plain words."""
     who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
-    where = f"Level {figure['level']}, {figure['rows']} x {figure['cols']}"
+    abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
+    where = f"level {figure['level']}, {figure['rows']} x {figure['cols']}"
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure['score'], '.3f')}"
     steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure['steps'], '.1f')}"
-    text = f"{where} ({who}): {score}, {steps}, {figure['completed']:.0%} completed."
+    text = f"Volunteers on this playground: {where} ({who}{abandoned}): {score}, {steps}, {figure['completed']:.0%} completed."
     return text if figure["players"] > 1 else f"{text} One player gives no interval."
 
 

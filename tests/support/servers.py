@@ -71,6 +71,10 @@ class Running:
         self._clients.append(client)
         return client
 
+    def page(self, **rest):
+        """A client whose requests are those of the server's own page."""
+        return self.client(headers={"Origin": self.url}, **rest)
+
     @contextmanager
     def socket(self, session_id, client=None, origin=True, path="/ws/sessions/", **headers):
         """Yield a Socket with the client's cookie and the page's Origin, as a browser would."""

@@ -85,7 +85,8 @@ def test_a_rule_publishes_no_thought(client_and_server):
 
 @pytest.mark.parametrize("rival", [None, "thinker"])
 def test_no_thought_is_published_about_a_persons_board(client_and_server, rival):
-    client, server = client_and_server
+    _, server = client_and_server
+    client = server.page()
     body = {"size": SIZE} | ({"rival": rival} if rival else {})
     about = client.post("/api/sessions", json=body).json()
     assert about["counts"] == (rival is None)

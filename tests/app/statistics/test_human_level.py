@@ -1,10 +1,12 @@
-"""The human level: players are the unit, one figure a configuration, nothing where nobody has played."""
+"""The volunteers' figure: players are the unit, one figure a configuration, nothing where nobody has played."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.human_level import NO_HUMAN_LEVEL, human_level, mean_interval
+from app.statistics.human_level import NOBODY_PLAYED, human_level, mean_interval
+from app.statistics.intervals import estimate
+from app.statistics.study_figures import metric_bounds
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
@@ -24,7 +26,7 @@ def test_nobody_has_played(store):
     play(store, seed=1, player="bob", driver="script")
     play(store, seed=2, player="bob", assisted=True)
     play(store, seed=3, player="bob", seed_chosen=True)
-    assert human_level(store) == {"figures": [], "sentence": NO_HUMAN_LEVEL}
+    assert human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
 
 
 def test_one_player_gives_a_mean_without_an_interval(store):
@@ -47,16 +49,21 @@ def test_each_player_weighs_the_same_however_much_they_played(store):
     episodes = {p: [store.episode(play(store, next(seeds), p, e).id) for e in plays] for p, plays in own.items()}
     (figure,) = human_level(store)["figures"]
     means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
-    interval = stats.t.interval(0.95, 2, loc=np.mean(means), scale=stats.sem(means))
-    assert (figure["players"], figure["episodes"]) == (3, 6)
+    interval = estimate(np.array(means), metric_bounds(SMALL, "score")).interval
+    assert (figure["players"], figure["episodes"], figure["population"]) == (3, 6, "volunteers")
     assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
     assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
 
 
-def test_an_unfinished_episode_counts_max_steps(store):
+def test_an_abandoned_episode_counts_max_steps_and_is_told_of(store):
     play(store, seed=1)
-    (figure,) = human_level(store)["figures"]
+    found = human_level(store)
+    (figure,) = found["figures"]
     assert figure["steps"]["mean"] == SMALL.limit
+    assert figure["abandoned"] == 1
+    assert found["sentence"].startswith(
+        "Volunteers on this playground: level random, 5 x 7 (1 player, 1 episode, 1 of them aban"
+    )
     assert figure["completed"] == 0.0
 
 

@@ -1,0 +1,229 @@
+"""A ranked episode cannot be dropped by leaving it, nor its terrain exchanged for another."""
+
+import asyncio
+import threading
+import time
+from contextlib import closing, suppress
+
+import httpx
+import pytest
+
+from app.play.lobby import Lobby
+from app.play.messages import NewSession
+from app.play.policy_catalogue import PolicyCatalogue
+from app.play.ranked import PageBoards
+from app.play.session import Move
+from app.play.sources import Sources, now_ms
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from tests.support.servers import eventually
+
+SMALL = {"size": [9, 12]}
+LIMIT = EnvConfig.of("random", (9, 12)).limit
+MINUTE_MS = 60_000
+
+
+def begin(client, **body):
+    answer = client.post("/api/sessions", json=body)
+    assert answer.status_code in (200, 201), answer.text
+    return answer.json()
+
+
+def drive(server, client, about, moves, away=True):
+    """Go to and fro between the first two cells; off the grid instead with `away` False. Return the last frame."""
+    with server.socket(about["session"], client) as socket:
+        frame = socket.receive("frame")
+        ways = ("south", "north") if frame["grid"][1][0] != "#" else ("east", "west")
+        for number in range(moves):
+            socket.act(frame, ways[number % 2] if away else "north", input="key")
+            frame = socket.frame_after(frame["step"])
+    return frame
+
+
+def outcome(client, about):
+    """The outcome and the steps of a finished episode, and whether it counts; None while it runs."""
+    answer = client.get(f"/api/episodes/{about['frame']['episode']}")
+    kept = answer.json()
+    return None if answer.status_code == 404 else (kept["outcome"], kept["steps"], kept["counts"])
+
+
+def seed_of(server, about):
+    return server.services.store.find_episode(about["frame"]["episode"]).episode.seed
+
+
+OTHER_BOARDS = [
+    SMALL | {"rival": "frontier-cost"},
+    {"player": "random", "rival": "frontier-cost"},
+    SMALL | {"seed": 7},
+    {"size": [9, 13]},
+]
+
+
+@pytest.mark.parametrize("body", OTHER_BOARDS)
+def test_a_ranked_episode_that_is_left_for_another_board_counts_as_abandoned(server, body):
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    assert ranked["counts"] is True
+    drive(server, client, ranked, 3)
+    assert outcome(client, ranked) is None
+    with server.socket(ranked["session"], client) as other_tab:
+        other_tab.receive("frame")
+        begin(client, **body)
+        assert other_tab.frame_after(-1)["outcome"] == "abandoned", "the tab that still shows it is told"
+    assert outcome(client, ranked) == ("abandoned", 3, True)
+    (figure,) = client.get("/api/human-level").json()["figures"]
+    assert (figure["episodes"], figure["abandoned"], figure["steps"]["mean"]) == (1, 1, LIMIT)
+
+
+def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(server):
+    """The rule that gained 17 steps by leaving: a board that is not nearly done after some moves is left for a new one."""
+    client, left = server.page(), 0
+    for board in range(3):
+        ranked = begin(client, **SMALL)
+        drive(server, client, ranked, 4)
+        if board < 2:
+            begin(client, **SMALL, rival="frontier-cost")
+            left += 1
+    drive(server, client, ranked, 1, away=False)
+    (figure,) = client.get("/api/human-level").json()["figures"]
+    assert (figure["episodes"], figure["abandoned"]) == (3, left)
+    assert figure["steps"]["mean"] == LIMIT
+
+
+def test_coming_back_goes_on_where_the_episode_stood(serve):
+    server = serve()
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    frame = drive(server, client, ranked, 4)
+    for answer in (client.get("/api/me/session"), client.post("/api/sessions", json=SMALL)):
+        assert (answer.status_code, answer.json()["session"], answer.json()["frame"]) == (200, ranked["session"], frame)
+    server.stop()
+    again = serve()
+    back = again.page(cookies=dict(client.cookies))
+    assert back.get("/api/me/session").json()["frame"] == frame
+    assert begin(back, **SMALL)["session"] == ranked["session"]
+    drive(again, back, ranked, 1, away=False)
+    assert outcome(back, ranked)[2] is True
+
+
+def test_the_next_terrain_leaves_the_running_episode_as_abandoned_and_stays_ranked(server):
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    drive(server, client, ranked, 2)
+    following = client.post(f"/api/sessions/{ranked['session']}/episodes", json={}).json()
+    assert (following["session"], following["counts"]) == (ranked["session"], True)
+    assert outcome(client, ranked) == ("abandoned", 2, True)
+
+
+def test_a_terrain_that_was_shown_is_not_exchanged_by_leaving_it(server):
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    url = f"/api/sessions/{ranked['session']}/episodes"
+    assert client.post(url, json={}).json()["frame"] == ranked["frame"], "it waits for its first move"
+    elsewhere = client.post(url, json={"seed": 7}).json()
+    assert (elsewhere["session"] != ranked["session"], elsewhere["counts"]) == (True, False)
+    for body in OTHER_BOARDS:
+        begin(client, **body)
+    assert begin(client, **SMALL)["frame"] == ranked["frame"]
+    other_size = client.post(url, json={"size": [9, 14]}).json()
+    assert other_size["session"] != ranked["session"]
+    assert begin(client, **SMALL)["frame"] == ranked["frame"]
+    assert client.post(f"/api/sessions/{other_size['session']}/episodes", json=SMALL).json()["frame"] == ranked["frame"]
+    assert client.get("/api/human-level").json()["figures"] == [], "without a move it does not count"
+    drive(server, client, ranked, 1, away=False)
+    assert outcome(client, ranked) == ("out_of_bounds", 1, True), "the terrain was not met before"
+    following = client.post(url, json={}).json()
+    assert seed_of(server, following) != seed_of(server, ranked)
+
+
+def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(server):
+    client = server.page()
+    begin(client, **SMALL, rival="frontier-cost")
+    answers = []
+    tabs = [server.page(cookies=dict(client.cookies)) for _ in range(8)]
+    threads = [threading.Thread(target=lambda tab=tab: answers.append(begin(tab, **SMALL))) for tab in tabs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({about["session"] for about in answers}) == 1
+    assert len({about["frame"]["episode"] for about in answers}) == 1
+
+
+def test_a_ranked_episode_that_nobody_moves_is_abandoned_after_a_while_in_memory_or_not(serve):
+    server = serve(abandon_after_s=0.8, idle_s=0.2)
+    client, other = server.page(), server.page()
+    ranked, unmoved = begin(client, **SMALL), begin(other, **SMALL)
+    practice = begin(server.page(), **SMALL, rival="frontier-cost")
+    drive(server, client, ranked, 2)
+    eventually(lambda: outcome(client, ranked) is not None)
+    assert outcome(client, ranked) == ("abandoned", 2, True)
+    assert outcome(other, unmoved) is None, "a terrain without a move waits"
+    assert outcome(other, practice) is None
+    assert begin(other, **SMALL)["frame"] == unmoved["frame"]
+    assert begin(client, **SMALL)["frame"]["episode"] != ranked["frame"]["episode"]
+
+
+def test_a_server_that_starts_abandons_what_was_left_meanwhile(serve):
+    server = serve()
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    drive(server, client, ranked, 3)
+    server.stop()
+    late = serve(abandon_after_s=0.001)
+    back = late.page(cookies=dict(client.cookies))
+    eventually(lambda: outcome(back, ranked) == ("abandoned", 3, True))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kill", range(5))
+def test_a_kill_leaves_one_ranked_episode_open_and_nothing_lost(spawn, kill):
+    server = spawn()
+    client = server.page()
+    first = begin(client, **SMALL)
+    drive(server, client, first, 3)
+    asking = threading.Thread(target=lambda: suppressed(begin, client, size=[9, 13]))
+    asking.start()
+    time.sleep(0.002 * kill)
+    server.kill()
+    asking.join()
+    again = spawn()
+    back = again.page(cookies=dict(client.cookies))
+    found = back.get("/api/me/session").json()
+    if outcome(back, first) is None:
+        assert (found["session"], found["frame"]["step"]) == (first["session"], 3)
+    else:
+        assert outcome(back, first) == ("abandoned", 3, True)
+        assert found["size"] == [9, 13]
+    drive(again, back, found, 1)
+    again.kill()
+
+
+def suppressed(work, *given, **more):
+    """Do what a server that is killed may not answer."""
+    with suppress(httpx.HTTPError):
+        work(*given, **more)
+
+
+def test_each_move_puts_the_time_off(tmp_path):
+    now = [now_ms()]
+
+    async def scenario(lobby):
+        boards = PageBoards(lobby, abandon_after_s=1800)
+        session, _ = await boards.begin(NewSession(size=[9, 12]), "me")
+        away = 2 if not session.episode.terrain[1, 0] else 1
+        for action in (away, (away + 2) % 4, away):
+            session.act(Move(session.current.id, session.episode.steps, action, "human"))
+            now[0] += 29 * MINUTE_MS
+            await boards.abandon_left()
+            assert not session.episode.ended
+        now[0] += 2 * MINUTE_MS
+        await boards.abandon_left()
+        assert (session.episode.outcome, session.episode.steps) == ("abandoned", 3)
+
+    with closing(Store(tmp_path / "play.db")) as store:
+        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: now[0]), 600.0)
+        try:
+            asyncio.run(scenario(lobby))
+        finally:
+            lobby.close()
