@@ -24,7 +24,7 @@ class Metric:
     """The further statistics of one metric ("score" or "steps") under the primary set.
 
     new_terrains  interval of the mean over players and terrains alike
-    iqm           the interquartile mean over all episodes, with its percentile interval over players
+    iqm           the interquartile mean over all episodes, with its interval for other players
     warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
     """
 

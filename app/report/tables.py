@@ -20,6 +20,8 @@ SPREAD = (
     "95 % interval of the ICC",
     "between-player SD",
     "within-player SD",
+    "of that between terrains",
+    "of that the rest",
     "episodes a player (n0)",
     "players",
     "episodes",
@@ -79,7 +81,7 @@ def group_tables(report: Report, group: GroupReport) -> GroupTables:
         result=_result(group),
         exclusion_sets=_exclusion_sets(group),
         variance=_by_metric(
-            "Variance components (one-way random effects, ANOVA estimator) and interquartile mean",
+            "Variance components (players and terrains crossed, ANOVA estimator) and interquartile mean",
             group,
             SPREAD,
             [_spread_column(metric) for metric in group.metrics],
@@ -173,8 +175,8 @@ def _spread_column(metric: Metric) -> tuple[str, ...]:
     digits, found = DIGITS[metric.name], metric.variance
     middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
     if found is None:
-        return (*[NONE] * 9, *middle)
-    sds = number(found.between_sd, digits), number(found.within_sd, digits)
+        return (*[NONE] * 11, *middle)
+    sds = [number(sd, digits) for sd in (found.between_sd, found.within_sd, found.terrain_sd, found.rest_sd)]
     counts = f"{found.n0:.1f}", str(found.players), str(found.episodes), f"{found.design_effect:.1f}", f"{found.effective:.0f}"
     return (number(found.icc, 3), interval(found.icc_interval, 2), *sds, *counts, *middle)
 

@@ -19,7 +19,7 @@ from scipy import stats
 
 from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
 from app.statistics.crossed import crossed_interval
-from app.statistics.false_alarms import PAIRED_ICCS, measure_false_alarms, measure_ratio
+from app.statistics.further_coverage import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_ratio
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from app.statistics.simulated_studies import SCORE_BOUNDS, generator, mean_score, simulate_studies
 from marsexplorer.evaluation.intervals import Floats, t_interval
@@ -94,6 +94,12 @@ def markdown_table(cells: Sequence[Cell]) -> str:
 
 Measured = Callable[[ScorePopulation, float, int, int, int], float]
 """(population, ICC, players, studies, seed) -> percent."""
+FURTHER: dict[str, tuple[Measured, Sequence[float]]] = {
+    "ratio": (measure_ratio, ICCS),
+    "paired": (measure_false_alarms, PAIRED_ICCS),
+    "iqm": (measure_iqm, ICCS),
+}
+"""What is measured instead of the quoted table, and at which ICCs."""
 
 
 def _percentages(
@@ -119,13 +125,14 @@ def coverage_error(coverage: float, studies: int) -> float:
 @click.option("--studies", type=click.IntRange(min=20), default=2000, show_default=True, help="Simulated studies a cell.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--players", multiple=True, type=click.IntRange(min=5), help="Numbers of players; default 5, 10, 20, 30.")
-@click.option("--ratio", is_flag=True, help="Measure the interval of policy / people instead.")
-@click.option("--paired", is_flag=True, help="Measure the false alarms of the test of policy - people instead.")
+@click.option("--ratio", "what", flag_value="ratio", help="Measure the interval of policy / people instead.")
+@click.option("--paired", "what", flag_value="paired", help="Measure the false alarms of the test of policy - people instead.")
+@click.option("--iqm", "what", flag_value="iqm", help="Measure the interval of the interquartile mean instead.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
-def main(studies: int, seed: int, players: tuple[int, ...], ratio: bool, paired: bool, save: bool) -> None:
+def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
-    if ratio or paired:
-        measure, iccs = (measure_ratio, ICCS) if ratio else (measure_false_alarms, PAIRED_ICCS)
+    if what:
+        measure, iccs = FURTHER[what]
         with _progress_bar() as advance:
             rows = list(_percentages(measure, iccs, studies, seed, players or PLAYERS, advance))
         click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))

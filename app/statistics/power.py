@@ -108,7 +108,10 @@ def _t_quantiles() -> Floats:
 
 
 def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:
-    """Return (player SD, episode SD) of the people of a study; ValueError when they are too few to estimate them."""
+    """Return (player SD, episode SD) of the people of a study; ValueError when they are too few to estimate them.
+
+    The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
+    """
     cohort = people_of(data)
     ids = members(cohort, {})
     found = variance_components(cohort.table(ids, metric)) if ids else None
@@ -116,4 +119,4 @@ def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> t
         raise ValueError(
             f"the study {data.protocol.name!r} has too few players with a spread to plan from: give the SDs instead"
         )
-    return found.between_sd, found.within_sd
+    return found.between_sd, found.rest_sd

@@ -9,7 +9,7 @@ import pytest
 
 from app.statistics.coverage import coverage_error, markdown_table, measure_cell
 from app.statistics.coverage_table import SCORE_POPULATIONS, nearest, saved
-from app.statistics.false_alarms import measure_false_alarms, measure_ratio
+from app.statistics.further_coverage import measure_false_alarms, measure_iqm, measure_ratio
 from app.statistics.intervals import RULE_VERSION
 from app.statistics.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies
 
@@ -70,6 +70,11 @@ def test_false_alarms_are_as_rare_as_they_should_be_at_every_icc():
     for icc in (0.0, 0.1, 0.3, 0.5):
         assert 2 < measure_false_alarms(BY_NAME["skewed"], icc, 10, 1000, seed=15) < 7.5
     assert measure_false_alarms(BY_NAME["rare collisions"], 0.5, 5, 200, seed=15) > 30
+
+
+def test_the_interquartile_means_interval_covers_it():
+    assert within(measure_iqm(BY_NAME["symmetric"], 0.2, 10, 200, seed=16), 94, 97.5, 200)
+    assert within(measure_iqm(BY_NAME["very skewed"], 0.5, 10, 200, seed=16), 93, 97.5, 200)
 
 
 def test_the_same_seed_gives_the_same_cell():

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from app.statistics.spread import iqm, iqm_interval, variance_components
+from app.statistics.intervals import printed_interval
+from app.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
 """Shrout and Fleiss 1979, table 2: between mean square 11.24, within 6.26, ICC(1,1) = 0.17."""
@@ -20,28 +20,55 @@ def uneven(seed=1, players=7, terrains=9):
 
 def test_the_icc_of_shrout_and_fleiss():
     found = variance_components(SHROUT_FLEISS)
-    assert found.icc == pytest.approx(0.1657, abs=5e-5)
-    assert found.within_sd**2 == pytest.approx(6.2639, abs=5e-5)
-    assert found.between_sd**2 == pytest.approx((11.2417 - 6.2639) / 4, abs=5e-5)
+    assert found.icc == pytest.approx(0.2898, abs=5e-5)
+    assert found.rest_sd**2 == pytest.approx(1.0194, abs=5e-5)
+    assert found.between_sd**2 == pytest.approx((11.2417 - 1.0194) / 4, abs=5e-5)
+    assert found.terrain_sd**2 == pytest.approx((32.4861 - 1.0194) / 6, abs=5e-5)
+    assert found.within_sd**2 == pytest.approx(found.terrain_sd**2 + found.rest_sd**2)
     assert (found.n0, found.players, found.episodes) == (4, 6, 24)
-    assert found.design_effect == pytest.approx(1 + 3 * found.icc)
     # the interval that McGraw and Wong 1996 and the R package psych give for these data
-    assert found.icc_interval == pytest.approx((-0.1329, 0.7226), abs=5e-4)
+    assert found.icc_interval == pytest.approx((0.0188, 0.7611), abs=5e-4)
 
 
-def test_uneven_numbers_of_episodes_take_n0():
-    groups = [[1.0, 2.0, 3.0], [4.0, 6.0], [2.0, 2.5, 3.5, 4.0, 1.0]]
-    table = np.array([row + [NAN] * (5 - len(row)) for row in groups])
-    sizes = [len(row) for row in groups]
-    total = sum(sizes)
-    grand = sum(map(sum, groups)) / total
-    between = sum(len(row) * (np.mean(row) - grand) ** 2 for row in groups) / 2
-    within = sum((x - np.mean(row)) ** 2 for row in groups for x in row) / (total - 3)
-    n0 = (total - sum(size**2 for size in sizes) / total) / 2
-    found = variance_components(table)
-    assert found.n0 == pytest.approx(n0)
-    assert found.icc == pytest.approx((between - within) / (between + (n0 - 1) * within))
-    assert stats.f_oneway(*groups).statistic == pytest.approx(between / within)
+def test_the_design_effect_is_what_pooling_leaves_out_of_the_variance():
+    found = variance_components(SHROUT_FLEISS)
+    total = found.between_sd**2 + found.within_sd**2
+    truth = found.between_sd**2 / 6 + found.rest_sd**2 / 24
+    assert found.design_effect == pytest.approx(truth / (total / 24))
+    assert found.effective == pytest.approx(24 / found.design_effect)
+
+
+def one_way_icc(table):
+    """Return the ICC of the one-way analysis of variance, in which the terrains are noise within players."""
+    of_players = table.shape[1] * table.mean(1).var(ddof=1)
+    within = table.var(axis=1, ddof=1).mean()
+    return (of_players - within) / (of_players + (table.shape[1] - 1) * within)
+
+
+def test_the_icc_is_unbiased_where_players_share_their_terrains():
+    rng = np.random.default_rng(3)
+    shares = np.sqrt([0.05, 0.4, 0.55])
+    shape = (1200, 10, 30)
+    parts = (rng.standard_normal((1200, 10, 1)), rng.standard_normal((1200, 1, 30)), rng.standard_normal(shape))
+    tables = sum(share * part for share, part in zip(shares, parts, strict=True))
+    found = [variance_components(table) for table in tables]
+    assert np.mean([each.icc for each in found]) == pytest.approx(0.05, abs=0.003)
+    assert np.mean([one_way_icc(table) for table in tables]) < 0.04, "biased low, as it was before"
+    covered = np.mean([each.icc_interval[0] <= 0.05 <= each.icc_interval[1] for each in found])
+    assert covered == pytest.approx(0.95, abs=0.02)
+
+
+def test_gaps_leave_the_icc_near_the_truth():
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(400):
+        table = rng.normal(0, 1, (10, 1)) + rng.normal(0, 1, (1, 12)) + rng.normal(0, 1.4, (10, 12))
+        table[rng.random(table.shape) < 0.2] = NAN
+        found.append(variance_components(table))
+    assert np.mean([each.icc for each in found]) == pytest.approx(1 / 3.96, abs=0.02)
+    assert np.mean([each.icc_interval[0] <= 1 / 3.96 <= each.icc_interval[1] for each in found]) > 0.92
+    sizes = (~np.isnan(table)).sum(1)
+    assert found[-1].n0 == pytest.approx((sizes.sum() - (sizes**2).sum() / sizes.sum()) / 9)
 
 
 def test_players_more_alike_than_chance_have_a_negative_icc_and_no_spread_between():
@@ -59,8 +86,18 @@ def test_the_iqm_drops_a_quarter_on_each_side():
     assert iqm(np.array([[0.0, 1, 2, 3], [4, 5, 6, 100]])) == pytest.approx(3.5)
 
 
-def test_the_iqms_interval_is_its_literal_twin():
+def test_the_iqms_interval_is_the_rules_on_the_players_shares_in_it():
     table = uneven(3)
-    picks = np.random.default_rng(len(table)).integers(0, len(table), (300, len(table)))
-    literal = [stats.trim_mean([x for x in table[pick].ravel() if not np.isnan(x)], 0.25) for pick in picks]
-    assert iqm_interval(table, 300) == pytest.approx(tuple(np.quantile(literal, [0.025, 0.975])))
+    values = np.sort(table[~np.isnan(table)])
+    cut = len(values) // 4
+    low, high = values[cut], values[-cut - 1]
+    winsorised = np.clip(values, low, high).mean()
+    shares = [
+        iqm(table)
+        + 2 * len(table) * sum(np.clip(value, low, high) - winsorised for value in row if not np.isnan(value)) / len(values)
+        for row in table
+    ]
+    assert iqm_shares(table) == pytest.approx(shares)
+    assert np.mean(shares) == pytest.approx(iqm(table))
+    assert iqm_interval(table) == pytest.approx(tuple(map(float, printed_interval(np.array(shares)))))
+    assert iqm_shares(np.stack([table, table + 1]))[1] == pytest.approx(np.array(shares) + 1)
