@@ -1,4 +1,4 @@
-"""The state of disk and database: free space, sizes, the last write, and the result of SQLite's own check."""
+"""The state of disk and database: free space, sizes, the last write, SQLite's own check, and the head of the chain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.storage.health import quick_check
+from app.storage.health import chain_head, quick_check
 
 LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
@@ -46,11 +46,13 @@ class Health:
         space = shutil.disk_usage(self._database.parent)
         wal = self._database.with_name(self._database.name + "-wal")
         written = max((path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0)
+        chain = chain_head(self._database)
         return {
             "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
             "database": {"name": self._database.name, "size": _size(self._database), "wal_size": _size(wal)},
             "last_write_ms": round(written * 1000),
             "check": {"result": self._check.result, "is_whole": self._check.is_whole, "at_ms": self._check.at_ms},
+            "chain": {"entries": chain.entries, "head": chain.head},
         }
 
 

@@ -60,6 +60,8 @@ def release(
         raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
     rows = built.header.rows
     click.echo(f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves")
+    if built.header.chain_head:
+        click.echo(f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}")
     click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
     if built.header.interim:
         click.echo("the study is open: do not publish this, it gives the terrains away")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,30 +24,37 @@ MAX_PRINTED = 200
 @click.option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
 @click.option("--studies", type=PATH, help="The folder of studies, for the secrets of open ones.  [default: data/studies]")
 @click.option("--signer", help="The fingerprint that the dataset's signing key must have.")
-def verify(database: Path | None, dataset: Path | None, studies: Path | None, signer: str | None) -> int:
+@click.option("--head", help="A head of the database's chain from before, or a release's folder, which holds one.")
+def verify(database: Path | None, dataset: Path | None, studies: Path | None, signer: str | None, head: str | None) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
     Every reward, outcome, total, score and trajectory hash is compared, every seed with its terrain, every study
-    with its protocol, and a digest over every stored field with one kept when the episode ended. Each difference is
-    printed; the exit code is 1 when there is one. A dataset's files and signature are checked as well.
-    This proves the record consistent. Who made it is proved by the signature, to whoever knows the key's
-    fingerprint: --signer.
+    with its protocol, and every stored field of episodes, sessions, players, participants and studies with the
+    chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
+    one. A dataset's files and signature are checked as well.
+    This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
+    one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
+    dataset is proved by its signature, to whoever knows the key's fingerprint: --signer.
 
     \b
     Examples:
       marsexplorer verify
       marsexplorer verify --database lab.db
+      marsexplorer verify --head 9c0d1ab2...
+      marsexplorer verify --head dunes-1
       marsexplorer verify --dataset dunes-1 --signer 15f592c2...
     """
     if database is not None and dataset is not None:
         raise click.UsageError("give --database or --dataset, not both")
     if signer is not None and dataset is None:
         raise click.UsageError("--signer goes with --dataset: a database is not signed")
+    if head is not None and dataset is not None:
+        raise click.UsageError("--head goes with --database: a dataset's signature stands for all of it")
     from app.release.errors import ReleaseError
     from app.storage.database import StoreError
 
     try:
-        result, about = _of_dataset(dataset, signer) if dataset is not None else _of_database(database, studies)
+        result, about = _of_dataset(dataset, signer) if dataset is not None else _of_database(database, studies, head)
     except (StoreError, ReleaseError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
@@ -54,18 +64,38 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
     if len(result.findings) > MAX_PRINTED:
         click.echo(f"... and {len(result.findings) - MAX_PRINTED} more")
     click.echo(_sentence(result, about))
+    for line in _chain_lines(result):
+        click.echo(line)
     return 1 if result.findings else 0
 
 
-def _of_database(database: Path | None, studies: Path | None) -> tuple[Verification, str]:
+def _of_database(database: Path | None, studies: Path | None, head: str | None) -> tuple[Verification, str]:
     from app.study.folder import Folder
     from app.study.verification import verify_database
 
     settings = settings_of()
     path = database or settings.database
     known = {name: secret for name, (_, secret) in Folder(studies or settings.studies).known_secrets().items()}
+    earlier = None if head is None else _earlier_head(head)
     with progress("verifying (the rules are compiled first)") as advance:
-        return verify_database(path, advance, known), str(path)
+        return verify_database(path, advance, known, head=earlier), str(path)
+
+
+def _earlier_head(given: str) -> str:
+    """Return the head that was given in hexadecimal, or the one that a release's manifest holds."""
+    from app.release.errors import ReleaseError
+    from app.release.manifest import read_manifest
+
+    if not Path(given).is_dir():
+        if not re.fullmatch(r"[0-9a-fA-F]{64}", given):
+            raise click.UsageError(
+                f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {given!r}"
+            )
+        return given.lower()
+    found = read_manifest(Path(given))[0].get("chain_head")
+    if not found:
+        raise ReleaseError(f"{given} holds no head of a chain: an earlier version of the software wrote it")
+    return str(found)
 
 
 def _of_dataset(dataset: Path, signer: str | None) -> tuple[Verification, str]:
@@ -82,3 +112,18 @@ def _sentence(result: Verification, about: str) -> str:
     still_open = f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
     verdict = f"{result.failed} of its parts DIFFER from what was recorded" if result.findings else "all as recorded"
     return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{still_open}"
+
+
+def _chain_lines(result: Verification) -> Iterator[str]:
+    """Yield what the chain is, and what came after the earlier head that was asked for."""
+    if result.chain is not None and result.chain.entries:
+        forgotten = f", {result.chain.forgotten} of them of forgotten people" if result.chain.forgotten else ""
+        yield f"chain: {result.chain.entries:,} entries{forgotten}; head {result.chain.head}"
+    if (since := result.since) is not None:
+        day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
+        yield f"the head {since.head} is that of entry {since.entry:,}, of {day}; since then: {_counted(since.added)}"
+        yield f"of what stood then, changed since: {_counted(since.replaced)}; forgotten since: {_counted(since.forgotten)}"
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count:,} of kind {kind}" for kind, count in sorted(counts.items())) or "nothing"

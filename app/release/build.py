@@ -22,6 +22,7 @@ from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_pseudonymized
 from app.release.tables import TableWriters, released_episodes
+from app.storage.chain_checks import chain_state
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
@@ -103,6 +104,7 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         )
     last = latest_release(conn, request.study)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    state = chain_state(conn)
     return ReleaseHeader(
         study=request.study,
         protocol=_protocol(row),
@@ -115,6 +117,8 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         supersedes=_superseded(last) if last else None,
         authors=request.authors or (f"The operators of the study {request.study}",),
         url=request.url,
+        chain_head=state.head if state else None,
+        chain_entries=state.entries if state else 0,
     ), closed
 
 

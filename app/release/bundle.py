@@ -1,6 +1,6 @@
 """A released folder: verified as a stranger would verify it, and imported into a database.
 
-The verification checks the files, the signature and the digests, and simulates every episode again.
+The verification checks the files, the signature and the chain, and simulates every episode again.
 """
 
 from __future__ import annotations

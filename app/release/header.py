@@ -21,6 +21,7 @@ class ReleaseHeader:
     supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
     rows        rows by table
     left_out    what the release does not hold, counted
+    chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None for one of an earlier schema
     """
 
     study: str
@@ -37,6 +38,8 @@ class ReleaseHeader:
     rows: dict[str, int] = field(default_factory=dict)
     left_out: dict[str, int] = field(default_factory=dict)
     outcomes: dict[str, int] = field(default_factory=dict)
+    chain_head: str | None = None
+    chain_entries: int = 0
 
     @property
     def interim(self) -> bool:
@@ -77,6 +80,8 @@ class ReleaseHeader:
             "supersedes": self.supersedes,
             "rows": self.rows,
             "left_out": self.left_out,
+            "chain_head": self.chain_head,
+            "chain_entries": self.chain_entries,
         }
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from app.release.errors import ReleaseError
-from app.storage import digests
+from app.storage import chain
 from app.storage.connection import rows, stream
 from app.storage.database import open_database, transaction
 from app.storage.forgotten import ERASED
@@ -75,7 +75,7 @@ class Pseudonyms:
 def write_pseudonymized(
     source: sqlite3.Connection, study: str, target: Path, key: bytes, closed: tuple[int | None, str | None]
 ) -> LeftOut:
-    """Write the study's rows into a new database at `target`, with digests and in one file; return what was left out.
+    """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
 
     source  a connection that reads one moment
     key     of this release's pseudonyms; forget it afterwards
@@ -89,7 +89,7 @@ def write_pseudonymized(
             for table, found in _rows(source, study, pseudonyms, closed):
                 marks = ",".join("?" * len(found))
                 conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))
-            digests.write_all(conn)
+            chain.append_all(conn, chain.things(conn))
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
     finally:

@@ -1,4 +1,4 @@
-"""Stored rows checked against what they follow from: an episode against its simulation, every row against its digest.
+"""Stored rows checked against what they follow from: an episode against its simulation, every row against the chain.
 
 `app.study.verification` puts these checks together with those of the study's protocol.
 """
@@ -7,25 +7,35 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from app.storage import digests
+from app.storage.chain import Kind
+from app.storage.chain_checks import check_thing, check_without_owner
 from app.storage.connection import rows
 from app.storage.resimulation import Finding, differences
 from app.storage.study_rows import ORDER_EVENT, StudyRow
 
-_DIGEST_OWNERS = {
+_MAY_HAVE_ENTRY: dict[Kind, str] = {
+    "study": "SELECT name FROM studies",
+    "session": "SELECT id FROM sessions",
     "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
-    "events": "SELECT episode_id FROM input_events",
     "participant": "SELECT id FROM participants",
 }
-"""Kind of digest -> the ids that may have one."""
+"""Kind of entry in the chain -> the ids (SQL) that may have one."""
+
+_MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
+    WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id){within} ORDER BY e.session_id"""
 
 _WITHOUT_OWNER = {
     "steps": "episode_id NOT IN (SELECT id FROM episodes)",
     "input_events": "episode_id NOT IN (SELECT id FROM episodes)",
     "study_episodes": "episode_id NOT IN (SELECT id FROM episodes) OR participant_id NOT IN (SELECT id FROM participants)",
     "stage_events": "participant_id NOT IN (SELECT id FROM participants)",
+    "identities": "participant_id NOT IN (SELECT id FROM participants)",
+    "participants": "study NOT IN (SELECT name FROM studies) OR player_id NOT IN (SELECT id FROM players) "
+    "OR session_id NOT IN (SELECT id FROM sessions)",
+    "episodes": "session_id NOT IN (SELECT id FROM sessions)",
+    "sessions": "player_id NOT IN (SELECT id FROM players) OR owner_id NOT IN (SELECT id FROM players)",
 }
 """Table -> the condition that a row of it belongs to nothing."""
 
@@ -85,45 +95,28 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Findi
     """Return the moves of a finished episode and what is wrong with it."""
     row = rows(conn, "SELECT * FROM episodes WHERE id = ?", ident)[0]
     steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return len(steps), [*differences(row, steps), *_compare(conn, "episode", ident, digests.compute(conn, "episode", ident))]
+    return len(steps), [*differences(row, steps), *check_thing(conn, "episode", ident)]
 
 
-def check_input_events(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
-    """Yield the episodes whose input events are not those of their digest."""
-    sql = f"SELECT DISTINCT episode_id FROM input_events WHERE 1{_within(study, 'episode_id')}"
-    for (ident,) in conn.execute(sql).fetchall():
-        yield from _compare(conn, "events", ident, digests.compute_events(conn, ident))
-
-
-def check_participants(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
-    """Yield the participants whose rows are not those of their digest."""
+def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
+    """Yield the studies, sessions and participants whose rows are not those of their entries in the chain."""
+    for row in studies(conn, study):
+        yield from check_thing(conn, "study", row.name)
+    for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
+        yield from check_thing(conn, "session", ident)
     for (ident,) in conn.execute("SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)).fetchall():
-        yield from _compare(conn, "participant", ident, digests.compute(conn, "participant", ident))
+        yield from check_thing(conn, "participant", ident)
 
 
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield digests of what is no longer there, and rows that belong to nothing."""
-    for kind, owners in _DIGEST_OWNERS.items():
-        sql = f"SELECT id FROM digests WHERE kind = ? AND id NOT IN ({owners})"
-        for (ident,) in conn.execute(sql, [kind]).fetchall():
-            yield Finding(
-                _place(kind, ident), f"a digest of kind {kind}", "kept", "nothing it belongs to (deleted or opened again)"
-            )
+    """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
+    yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
     for table, condition in _WITHOUT_OWNER.items():
         for (count,) in conn.execute(f"SELECT count(*) FROM {table} WHERE {condition}").fetchall():
             if count:
-                yield Finding(f"table {table}", "rows", count, "no episode or participant that they belong to")
-
-
-def _compare(conn: sqlite3.Connection, kind: digests.DigestKind, ident: str, found: str) -> Iterator[Finding]:
-    stored = digests.read(conn, kind, ident)
-    if stored != found:
-        what = "digest of its input events" if kind == "events" else "digest of its stored fields"
-        yield Finding(_place(kind, ident), what, stored or "missing", found)
-
-
-def _place(kind: str, ident: Any) -> str:
-    return f"{'participant' if kind == 'participant' else 'episode'} {ident}"
+                yield Finding(
+                    f"table {table}", "rows", count, "no episode, participant, session, player or study that they belong to"
+                )
 
 
 def _within(study: str | None, column: str = "id") -> str:

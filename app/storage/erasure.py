@@ -1,7 +1,7 @@
 """A participant erased for good: nothing of theirs remains in the database or in its log.
 
 What is kept are hashes of the person and of the erased trajectories (`app.storage.forgotten`), so that a merge or an import
-cannot bring them back.
+cannot bring them back, and their entries in the chain, which nobody can read any longer: the salts are deleted.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.storage import digests
+from app.storage import chain
+from app.storage.chain import Thing
 from app.storage.connection import reading, rows
 from app.storage.database import StoreError, open_database, take_lock, transaction
 from app.storage.forgotten import TRAJECTORY, invitation_hash, note_erased, person_hashes, trajectory_hash
@@ -110,28 +111,53 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes])
     if not keeps:
         note_erased(conn, person, now)
-    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
     ).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
-    if keeps:
-        kept = _rename(conn, person)
-        sessions = [session for session in sessions if session != kept]
+    entries = _entries_of(conn, person, sessions)
+    unsound = {each: stored for each in entries if keeps and (stored := chain.unsound_hash(conn, each.kind, each.id))}
+    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
+    new = _rename(conn, person) if keeps else {}
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
     _delete_episodes(conn, episodes, now)
     outdated: tuple[int, ...] = ()
     if not keeps:
         conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
-        conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [person["id"]])
         conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
         outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
     for session in sessions:
         conn.execute("DELETE FROM sessions WHERE id = ?", [session])
     if not elsewhere:
         conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
+    _renew_chain(conn, entries, unsound, new)
     return Erasure(person["study"], len(episodes), keeps, outdated)
+
+
+def _entries_of(conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]) -> list[Thing]:
+    """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+    return [
+        Thing("participant", person["id"]),
+        *(Thing("session", ident) for ident in sessions),
+        *(Thing("episode", ident) for ident in episodes),
+    ]
+
+
+def _renew_chain(
+    conn: sqlite3.Connection, entries: Sequence[Thing], unsound: Mapping[Thing, str], new: Mapping[str, str]
+) -> None:
+    """Make the person's entries unreadable, and append entries of what is kept of them, under its new ids.
+
+    What did not fit its entry before does not fit afterwards.
+    """
+    chain.forget(conn, entries)
+    if new:
+        renamed = {each: Thing(each.kind, new.get(each.id, each.id)) for each in entries}
+        kept = set(renamed.values()) & chain.things(conn)
+        chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
 
 
 def _sessions_of(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]) -> list[str]:
@@ -152,38 +178,28 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
             conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now))
         for table in ("input_events", "steps", "study_episodes"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
-        conn.execute("DELETE FROM digests WHERE kind IN ('episode', 'events') AND id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
 
 
-def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> str:
-    """Give participant, player and session new ids, delete what else there is of the person, and return the session's id."""
-    prefixes = (("id", "P"), ("player", "B"), ("session", "S"), ("invitation", "I"))
-    new = {name: prefix + secrets.token_hex(6) for name, prefix in prefixes}
-    old = person["id"]
-    finished = "SELECT episode_id FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE participant_id = ? AND {}"
-    ended = [row[0] for row in conn.execute(finished.format("ended_ms IS NOT NULL"), [old])]
-    sound = [ident for ident in ended if digests.read(conn, "episode", ident) == digests.compute(conn, "episode", ident)]
-    conn.execute("INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new["player"], person["player_id"]))
+def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
+    """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
+    old, player, session, invitation = (person[name] for name in ("id", "player_id", "session_id", "invitation"))
+    prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
+    new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
+    conn.execute("INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new[player], player))
+    if session:
+        values = (new[session], new[player], new[player], session)
+        conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)
+        conn.execute("UPDATE episodes SET session_id = ? WHERE session_id = ?", (new[session], session))
     conn.execute(
-        "UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?",
-        (new["session"], new["player"], new["player"], person["session_id"]),
-    )
-    conn.execute("UPDATE episodes SET session_id = ? WHERE session_id = ?", (new["session"], person["session_id"]))
-    conn.execute(
-        """UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL,
-            invitation = iif(invitation IS NULL, NULL, ?) WHERE id = ?""",
-        (new["id"], new["player"], new["session"] if person["session_id"] else None, new["invitation"], old),
+        "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
+        (new[old], new[player], new.get(session), new.get(invitation), old),
     )
     for table in ("study_episodes", "stage_events"):
-        conn.execute(f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new["id"], old))
-    for was, now in ((old, new["id"]), (person["player_id"], new["player"]), (person["session_id"] or old, new["session"])):
-        conn.execute("UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?", (was, now, new["id"]))
-    conn.execute("DELETE FROM digests WHERE kind = 'participant' AND id = ?", [old])
-    digests.write(conn, "participant", new["id"])
-    for ident in sound:
-        digests.write(conn, "episode", ident)
-    return new["session"]
+        conn.execute(f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old))
+    for was, now in new.items():
+        conn.execute("UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?", (was, now, new[old]))
+    return new
 
 
 def _take_exclusively(conn: sqlite3.Connection, database: Path) -> None:

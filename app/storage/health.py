@@ -1,4 +1,4 @@
-"""What SQLite's own check says of a database file."""
+"""What SQLite's own check says of a database file, and how far its chain has come."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+from app.storage import chain
+from app.storage.connection import reading
 from app.storage.database import StoreError
 from app.storage.reader import Reader
 
@@ -18,3 +20,9 @@ def quick_check(database: Path) -> str:
     except (StoreError, sqlite3.DatabaseError) as error:
         return str(error)
     return "; ".join(str(next(iter(row.values()))) for row in rows)
+
+
+def chain_head(database: Path) -> chain.Head:
+    """Return the end of the chain of a database that a server may be writing."""
+    with reading(database) as conn:
+        return chain.head(conn)

@@ -10,6 +10,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from app.storage import chain
+from app.storage.chain import Kind, Thing
+from app.storage.chain_checks import chain_state
 from app.storage.connection import reading, rows, stream
 from app.storage.database import StoreError, open_database, transaction
 from app.storage.forgotten import forgotten_people, learn_forgotten
@@ -17,13 +20,23 @@ from marsexplorer.files import replace_whole
 
 MERGED_TABLES = (
     "players", "sessions", "episodes", "steps", "participants", "identities", "stage_events", "study_episodes",
-    "input_events", "digests", "releases",
+    "input_events", "releases",
 )  # fmt: skip
-"""What is merged, besides `studies`; the key that signs cookies stays where it is."""
+"""What is merged, besides `studies`. The key that signs cookies stays where it is, and so does the chain: two of them cannot be
+one, so the target's own goes on, with an entry that holds the heads of the sources."""
 
 ROWS_AT_A_TIME = 2_000
 _REFERENCED = {"id": None, "session_id": "sessions", "episode_id": "episodes", "participant_id": "participants"}
 """Column -> the table whose id it holds; None stands for the row's own table."""
+
+_PARTS: dict[str, tuple[Kind, str]] = {
+    "steps": ("episode", "episode_id"),
+    "input_events": ("episode", "episode_id"),
+    "study_episodes": ("episode", "episode_id"),
+    "stage_events": ("participant", "participant_id"),
+    "identities": ("participant", "participant_id"),
+}
+"""Table -> whose parts its rows are, and by which column."""
 
 _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN participants p ON p.id = i.participant_id
     WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM studies s WHERE s.name = p.study)
@@ -84,13 +97,51 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     """
     counts = MergeCounts()
     target.execute("PRAGMA defer_foreign_keys = ON")
+    known = chain.things(target)
+    counted = _parts_of(target, known)
     _merge_studies(target, source, where)
     hidden = _hidden(target, source)
     counts.forgotten = len(hidden["participants"])
     for table in MERGED_TABLES:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
+    found = {each for each in chain.things(source) if each.id not in hidden.get(f"{each.kind}s", ())}
+    _check_same_parts(counted, _parts_of(source, found & known), where)
+    _extend_chain(target, source, chain.things(target) - known, found)
     return counts
+
+
+def _extend_chain(target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]) -> None:
+    """Append the source's head and an entry of everything added; what did not fit its entry in the source stays so.
+
+    added  what is new in the target
+    found  everything of the source that was merged, new or not
+    """
+    state = chain_state(source)
+    chain.append_note(target, "merged", {"merged": {"head": state and state.head, "entries": state and state.entries}})
+    stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
+    unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
+    chain.append_all(target, added | unsound.keys(), unsound)
+
+
+def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
+    """Return the number of rows that finished episodes and participants have in each of the tables of their parts."""
+    parts: dict[Thing, dict[str, int]] = {each: {} for each in wanted if each.kind in ("episode", "participant")}
+    for table, (kind, column) in _PARTS.items() if parts else ():
+        for ident, count in conn.execute(f"SELECT {column}, count(*) FROM {table} GROUP BY {column}"):
+            if (each := Thing(kind, ident)) in parts:
+                parts[each][table] = count
+    return parts
+
+
+def _check_same_parts(old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], where: str) -> None:
+    """Raise MergeError when a thing has more or fewer rows in the source than it had in the target."""
+    for each, counts in new.items():
+        if old[each] != counts:
+            raise MergeError(
+                f"the {each.kind} {each.id} has other rows in {where} than before ({counts}, not {old[each]}): nothing was "
+                "joined; one of the two was changed, or is an older copy"
+            )
 
 
 def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:
@@ -115,11 +166,7 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
 
 def _visible(table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]) -> Iterator[dict[str, Any]]:
     for row in found:
-        if table == "digests":
-            concealed = row["id"] in hidden["participants"] or row["id"] in hidden["episodes"]
-        else:
-            concealed = any(name in row and row[name] in hidden.get(of or table, ()) for name, of in _REFERENCED.items())
-        if not concealed:
+        if not any(name in row and row[name] in hidden.get(of or table, ()) for name, of in _REFERENCED.items()):
             yield row
 
 
@@ -157,10 +204,13 @@ def _merge_studies(target: sqlite3.Connection, source: sqlite3.Connection, where
             target.execute(f"INSERT INTO studies VALUES ({','.join('?' * len(row))})", list(row.values()))
             continue
         _check_same_study(known[0], row, where)
-        target.execute(
-            "UPDATE studies SET closed_ms = coalesce(closed_ms, ?), secret = coalesce(secret, ?) WHERE name = ?",
-            (row["closed_ms"], row["secret"], row["name"]),
-        )
+        if all(known[0][name] is not None or row[name] is None for name in ("closed_ms", "secret")):
+            continue
+        with chain.changing(target, "study", row["name"]):
+            target.execute(
+                "UPDATE studies SET closed_ms = coalesce(closed_ms, ?), secret = coalesce(secret, ?) WHERE name = ?",
+                (row["closed_ms"], row["secret"], row["name"]),
+            )
 
 
 def _check_same_study(old: dict[str, Any], row: dict[str, Any], where: str) -> None:

@@ -1,6 +1,7 @@
 """The tables, migration by migration: they bring an empty file, or an older database, to the newest schema.
 
-A released migration never changes, and it calls no code outside this module: what it needs is written here as it was then.
+A released migration never changes, and it calls no code outside this module and `app.storage.first_chain`: what it needs is
+written there as it was then.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import json
 import sqlite3
 from collections.abc import Callable
 from typing import Any
+
+from app.storage.first_chain import begin_chain
 
 Migration = Callable[[sqlite3.Connection], None]
 
@@ -149,7 +152,7 @@ def _create_study_tables(conn: sqlite3.Connection) -> None:
 
 def _create_release_tables(conn: sqlite3.Connection) -> None:
     for statement in (
-        # SHA-256 over stored rows: see app/storage/digests.py
+        # SHA-256 over stored rows; schema 5 has the chain instead
         """CREATE TABLE digests (
             kind TEXT NOT NULL CHECK (kind IN ('episode', 'events', 'participant')),
             id TEXT NOT NULL,
@@ -201,7 +204,8 @@ def _line_of_schema_4(value: Any) -> bytes:
     return json.dumps(value, default=bytes.hex, separators=(",", ":")).encode() + b"\n"
 
 
-def _add_attestation(conn: sqlite3.Connection) -> None:
+def _add_attestation_and_chain(conn: sqlite3.Connection) -> None:
+    unsound = _unsound_in_schema_4(conn)
     levels = "'unattested', 'declared', 'attested', 'supervised'"
     for statement in (
         # what moves a session: the cookie of its player alone, or whoever knows its id
@@ -214,10 +218,24 @@ def _add_attestation(conn: sqlite3.Connection) -> None:
         "ALTER TABLE participants ADD COLUMN invitation TEXT",
         "ALTER TABLE participants ADD COLUMN supervised_ms INTEGER",
         "CREATE INDEX participants_by_invitation ON participants (study, invitation) WHERE invitation IS NOT NULL",
-        "DELETE FROM digests",
+        "DROP TABLE digests",
     ):
         conn.execute(statement)
+    begin_chain(conn, unsound)
+
+
+def _unsound_in_schema_4(conn: sqlite3.Connection) -> dict[tuple[str, str], str]:
+    """Return what does not fit its digest, or has one and is not there: ("episode" or "participant", id) -> the digest."""
+    sql = "SELECT kind, id, digest FROM digests ORDER BY kind, id"
+    stored = {(kind, ident): digest for kind, ident, digest in conn.execute(sql).fetchall()}
+    conn.execute("DELETE FROM digests")
     _write_digests_of_schema_4(conn)
+    right = {(kind, ident): digest for kind, ident, digest in conn.execute(sql).fetchall()}
+    return {
+        ("participant" if kind == "participant" else "episode", ident): stored.get((kind, ident), "missing")
+        for kind, ident in sorted(stored.keys() | right.keys())
+        if stored.get((kind, ident)) != right.get((kind, ident))
+    }
 
 
 MIGRATIONS: tuple[Migration, ...] = (
@@ -225,6 +243,6 @@ MIGRATIONS: tuple[Migration, ...] = (
     _create_indexes,
     _create_study_tables,
     _create_release_tables,
-    _add_attestation,
+    _add_attestation_and_chain,
 )
 """Migration k (from 1) leads from schema k - 1 to schema k."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from app.storage import digests
+from app.storage import chain
 from app.storage.database import StoreError, check_writable, open_database, take_lock, transaction
 from app.storage.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
@@ -209,6 +209,8 @@ class Store(Reader):
         with self.transaction():
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
+            if row.step == 0:
+                chain.append_first_move(self._conn, row.episode_id)
             if row.driver != "human":
                 self._conn.execute("UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,))
             if closing is not None:
@@ -277,7 +279,7 @@ class Store(Reader):
         values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
-        digests.write(self._conn, "episode", episode_id)
+        chain.append(self._conn, "episode", episode_id)
 
 
 def terrain_hash(row: EpisodeRow) -> str:

@@ -1,7 +1,7 @@
 """Studies written to the database: participants, their stages, trials and input events.
 
 Works on the store's connection and in its transactions: `app.storage.store` stays the one writer. Whatever changes a
-participant writes the digest of their rows in the same transaction (`app.storage.digests`).
+participant or a study appends an entry to the chain in the same transaction (`app.storage.chain`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from app.storage import digests
+from app.storage import chain
 from app.storage.forgotten import invitation_hash
 from app.storage.store import Store
 from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
@@ -26,7 +26,8 @@ _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0)
 _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
 _NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
     JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
-_NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
+_IS_OPEN = "SELECT 1 FROM studies WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
+_NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ?"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM study_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
 _RUN_OF_EVENTS = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FROM input_events
@@ -57,7 +58,8 @@ class StudyStore:
         """Add a study, open, unless one of its name is there; return the one that is there now."""
         values = (study.name, study.protocol, study.protocol_hash, study.commitment, study.frozen_ms)
         with self._store.transaction():
-            self._conn.execute("INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values)
+            if self._conn.execute("INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values).rowcount:
+                chain.append(self._conn, "study", study.name)
             return StudyRow(*self._conn.execute("SELECT * FROM studies WHERE name = ?", [study.name]).fetchone())
 
     def note_closed(self, study: StudyRow) -> None:
@@ -65,7 +67,9 @@ class StudyStore:
         if study.closed_ms is None:
             return
         with self._store.transaction():
-            self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name, study.protocol_hash))
+            if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
+                with chain.changing(self._conn, "study", study.name):
+                    self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
@@ -221,7 +225,7 @@ class StudyStore:
                 return False
             rows = [(episode_id, number, *event, at_ms) for number, event in enumerate(events, first)]
             self._conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
-            digests.extend_events(self._conn, episode_id, first)
+            chain.append_late_events(self._conn, episode_id, first)
         return True
 
     def _has_run(self, episode_id: str, events: Sequence[InputEventRow]) -> bool:
@@ -239,9 +243,8 @@ class StudyStore:
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:
-        with self._store.transaction():
+        with self._store.transaction(), chain.changing(self._conn, "participant", participant_id):
             yield
-            digests.write(self._conn, "participant", participant_id)
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)

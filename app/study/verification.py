@@ -1,4 +1,4 @@
-"""Every finished episode of a database simulated again, every digest made again: whatever differs, by name.
+"""Every finished episode of a database simulated again, every entry of its chain made again: whatever differs, by name.
 
 That proves the file consistent: what it says happened is what its causes give. It cannot prove who made it; the signature
 of a release does that for whoever knows the key.
@@ -13,11 +13,12 @@ import sqlite3
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.storage import checks
-from app.storage.connection import reading
+from app.storage.chain_checks import ChainState, EarlierHead, chain_state, check_chain, find_head
+from app.storage.connection import is_copy, reading
 from app.storage.resimulation import Finding
 from app.study.checks import check_studies
 from app.study.folder import Advance
@@ -38,6 +39,8 @@ class Verification:
     episodes, moves   simulated
     still_open        unfinished episodes, not simulated
     findings          what differs; empty when all is well
+    chain             what the chain is; None for a database of an earlier schema
+    since             what came after an earlier head, where one was given and found
     """
 
     episodes: int
@@ -45,6 +48,8 @@ class Verification:
     still_open: int
     findings: tuple[Finding, ...]
     seconds: float
+    chain: ChainState | None = None
+    since: EarlierHead | None = None
 
     @property
     def failed(self) -> int:
@@ -57,15 +62,22 @@ def verify_database(
     advance: Advance = lambda done, total: None,
     secrets: Mapping[str, bytes] | None = None,
     study: str | None = None,
+    head: str | None = None,
 ) -> Verification:
     """Verify a database; StoreError when it is not one of ours.
 
     advance   called with (episodes simulated, of how many)
     secrets   of studies that are still open, where they are known; closed ones hold theirs
     study     only this study's episodes and participants
+    head      an earlier head that must be in the chain (hex)
     """
     with reading(path) as conn:
-        return verify_moment(conn, path, advance, secrets, study)
+        result = verify_moment(conn, path, advance, secrets, study)
+        since = None if head is None else find_head(conn, head)
+    if head is not None and since is None:
+        lost = Finding("chain", "the head given", head, "no entry with it: taken away, made anew, or of another database")
+        return replace(result, findings=(*result.findings, lost))
+    return replace(result, since=since)
 
 
 def verify_moment(
@@ -86,21 +98,23 @@ def verify_moment(
         done += checked
         findings += found
         advance(done, len(episodes))
-    findings += checks.check_input_events(conn, study)
+    findings += checks.check_entries(conn, study)
     findings += check_studies(conn, secrets or {}, study)
-    findings += checks.check_participants(conn, study)
+    findings += check_chain(conn)
     if study is None:
         findings += checks.check_owners(conn)
     still_open = checks.count_unfinished(conn, study)
-    return Verification(len(episodes), moves, still_open, tuple(findings), time.monotonic() - began)
+    seconds = time.monotonic() - began
+    return Verification(len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn))
 
 
 def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str]) -> Iterator[tuple[int, int, list[Finding]]]:
     """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
 
-    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
+    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for. The copy
+    that is read of an earlier schema is made once.
     """
-    if len(episodes) < PARALLEL_FROM or cores() == 1:
+    if len(episodes) < PARALLEL_FROM or cores() == 1 or is_copy(conn):
         for ident in episodes:
             yield (1, *checks.check_episode(conn, ident))
         return

@@ -97,13 +97,14 @@ export function paintAttention(list, found) {
  * @param {number} now_ms
  */
 export function paintHealth(list, health, now_ms) {
-  const { disk, database, check } = health;
+  const { disk, database, check, chain } = health;
   /** @type {[string, string, string][]} */
   const facts = [
     ["Disk", `${size(disk.free)} free of ${size(disk.total)}`, disk.is_low ? "warn" : ""],
     ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
     ["Last write", ago(now_ms - health.last_write_ms), ""],
     ["Integrity", check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, check.is_whole ? "good" : "warn"],
+    ["Chain", `${many(chain.entries, "entry", "entries")}${chain.head ? `, head ${chain.head}` : ""}`, ""],
     ["Server", `${many(health.sessions, "board")} in memory, up for ${ago(1000 * health.up_s + 10000).replace(" ago", "")}`, ""],
   ];
   list.replaceChildren(...facts.flatMap(([name, text, tone]) => [create("dt", name), create("dd", text, { "data-tone": tone })]));

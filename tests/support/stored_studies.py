@@ -6,7 +6,7 @@ import itertools
 import json
 import random
 
-from app.storage import digests
+from app.storage import chain
 from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
@@ -45,10 +45,11 @@ class StudyRecorder:
         protocol = json.dumps(study.protocol.model_dump(mode="json"))
         revealed = None if study.is_open else study.secret.hex()
         values = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
-        self.insert("studies", study.name, protocol, *values)
+        if self.insert("studies", study.name, protocol, *values):
+            chain.append(self.conn, "study", study.name)
 
     def insert(self, table, *values):
-        self.conn.execute(f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values)
+        return self.conn.execute(f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values).rowcount
 
     def tick(self, ms=100):
         self.clock += ms
@@ -76,7 +77,7 @@ class StudyRecorder:
             self.insert("identities", participant, name, value.format(number))
         for event, kind_of in enumerate(("joined", "stage", "answers")):
             self.insert("stage_events", participant, event, now + event, kind_of, json.dumps({"session": session, "n": event}))
-        digests.write(self.conn, "participant", participant)
+        chain.append(self.conn, "participant", participant)
         return participant
 
     def _order(self, participant):
@@ -134,7 +135,7 @@ class StudyRecorder:
         for extra, kind in enumerate(("keydown", "keyup")):
             row = (ident, number + extra, kind, "ArrowUp", 0, 1, self.clock / 7 + extra, step, 12.5, self.clock)
             self.insert("input_events", *row)
-        digests.extend_events(self.conn, ident, number)
+        chain.append_late_events(self.conn, ident, number)
 
     def _actions(self, episode, how):
         if how == "idle":
@@ -149,6 +150,13 @@ class StudyRecorder:
 
     def close(self):
         self.store.close()
+
+
+def write_chain_anew(conn):
+    """Do what a forger would do who can write the file: make a chain of the rows as they are now."""
+    for table in ("chain", "chain_salts"):
+        conn.execute(f"DELETE FROM {table}")
+    chain.append_all(conn, chain.things(conn))
 
 
 def _there_and_back(episode):

@@ -25,7 +25,7 @@ from app.release.bundle import import_release, verify_bundle
 from app.release.columns import BUNDLE_COLUMNS, dictionary, json_schema, markdown
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
-from app.storage import digests
+from app.storage import chain
 from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
 from app.study.protocol import canonical, canonical_json, parse_protocol
@@ -382,7 +382,7 @@ def test_a_changed_field_in_the_bundles_database_is_named(copy):
     conn.commit()
     conn.close()
     found = verify_bundle(copy / "out").verified.findings
-    assert any(finding.what == "digest of its stored fields" for finding in found)
+    assert any(finding.what == "digest of its stored fields in the table steps" for finding in found)
     assert any(finding.where == "file study.sqlite" for finding in found)
 
 
@@ -413,7 +413,7 @@ def test_no_release_where_free_text_holds_an_identity(copy):
     (who,) = conn.execute("SELECT participant_id FROM identities WHERE value LIKE '%0zz'").fetchone()
     conn.execute("UPDATE stage_events SET detail = ? WHERE participant_id = ? AND number = 1",
                  (json.dumps({"from": IDENTITIES["PROLIFIC_PID"].format(0)}), who))  # fmt: skip
-    digests.write(conn, "participant", who)
+    chain.append(conn, "participant", who)
     conn.commit()
     conn.close()
     refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")

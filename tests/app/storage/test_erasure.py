@@ -18,7 +18,7 @@ from app.storage.store import StoreError
 from app.storage.study_rows import participant_label
 from app.study.verification import verify_database
 from tests.support.recorded import play
-from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
+from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study, write_chain_anew
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def _empty(path, *more):
     conn = sqlite3.connect(path)
     conn.execute("PRAGMA foreign_keys = OFF")
     people = ("stage_events", "identities", "participants", "sessions", "players", "studies", "releases")
-    for table in ("digests", "input_events", "steps", "study_episodes", "episodes", *people, *more):
+    for table in ("chain", "chain_salts", "input_events", "steps", "study_episodes", "episodes", *people, *more):
         conn.execute(f"DELETE FROM {table}")
     conn.commit()
     conn.close()
@@ -234,9 +234,7 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [person]).fetchone()
     recorder.conn.execute("UPDATE participants SET player_id = ? WHERE id = ?", (player, other))
     recorder.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
-    from app.storage import digests
-
-    digests.write(recorder.conn, "participant", other)
+    write_chain_anew(recorder.conn)
     recorder.close()
     with pytest.raises(ParticipantLookupError, match="studies: first, second"):
         forget(path, IDENTITIES["PROLIFIC_PID"].format(0))

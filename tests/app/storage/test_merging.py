@@ -56,7 +56,6 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
         "participants",
         "identities",
         "input_events",
-        "digests",
         "studies",
     ):
         assert sorted(ask(tmp_path / "c.db", f"SELECT * FROM {table}")) == sorted(

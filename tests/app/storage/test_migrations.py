@@ -1,11 +1,12 @@
 """Migrations: databases of every earlier schema keep everything that is in them, and go on."""
 
+import json
 import sqlite3
 from contextlib import closing
 
 import pytest
 
-from app.storage import database, digests
+from app.storage import chain, database
 from app.storage.database import StoreError, open_database
 from app.storage.migrations import MIGRATIONS
 from app.storage.reader import Reader
@@ -47,22 +48,56 @@ def test_an_old_database_has_the_newest_schema_afterwards_and_every_row_it_had(o
     with closing(open_database(path).conn) as conn:
         assert conn.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
         after = count_rows(conn)
-    assert {name: after[name] for name in expected["rows"]} == expected["rows"]
-    assert after == expected["upgraded"]["rows"]
+        entries = len(chain.things(conn))
+    assert (after.pop("chain"), after.pop("chain_salts")) == (entries, entries)
+    for rows in (expected["rows"], expected["upgraded"]["rows"]):
+        kept = {name: count for name, count in rows.items() if name != "digests"}
+        assert {name: after[name] for name in kept} == kept
+    assert after.keys() | {"digests"} == expected["upgraded"]["rows"].keys()
 
 
 def test_an_old_database_gets_the_digests_it_always_got(old):
     path, expected = old
-    with closing(open_database(path).conn) as conn:
+    with closing(open_database(path, migrations=MIGRATIONS[:4]).conn) as conn:
         assert read_digests(conn) == expected["upgraded"]["digests"]
 
 
-def test_schema_4_gives_the_same_digests_as_the_code_that_keeps_them_up_to_date(old):
-    """Where the two part, a later migration has to write every digest anew."""
-    path, expected = old
+def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(old):
+    path, _ = old
     with closing(open_database(path).conn) as conn:
-        digests.write_all(conn)
-        assert read_digests(conn) == expected["upgraded"]["digests"]
+        found = conn.execute("SELECT c.*, s.id, s.salt, s.parts FROM chain c JOIN chain_salts s USING (number)").fetchall()
+        before = ""
+        for *entry, head, ident, salt, parts in sorted(found):
+            made = chain.compute(conn, chain.Thing(entry[2], ident), salt, entry[3])
+            assert json.loads(parts) == made
+            assert entry[5] == chain.combine(made)
+            assert head == (before := chain.link(before, entry))
+        assert {chain.Thing(row[2], row[-3]) for row in found} == chain.things(conn)
+
+
+HARMED_BEFORE = [
+    ("UPDATE steps SET client_ms = 5 WHERE episode_id = (SELECT min(episode_id) FROM steps)", 1),
+    ("UPDATE participants SET joined_ms = joined_ms + 1 WHERE stage = 'complete'", 1),
+    ("DELETE FROM stage_events WHERE number = 2 AND participant_id = (SELECT min(participant_id) FROM stage_events)", 1),
+    ("DELETE FROM digests WHERE kind = 'episode' AND id = (SELECT min(id) FROM digests WHERE kind = 'episode')", 1),
+    ("UPDATE input_events SET code = 'x' WHERE number = 0", 12),
+    ("DELETE FROM participants WHERE stage = 'withdrawn'", 2),
+]
+
+
+@pytest.mark.parametrize(("harm", "count"), HARMED_BEFORE)
+def test_what_schema_4_could_tell_is_told_after_the_upgrade_and_after_later_changes(harm, count, tmp_path):
+    path, _ = earlier.database(4, tmp_path)
+    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+        conn.execute("PRAGMA foreign_keys = OFF")
+        conn.execute(harm)
+    with closing(open_database(path).conn) as conn:
+        found = [finding for finding in verify_database(path).findings if "digest" in finding.what]
+        assert len({finding.where for finding in found}) == count
+        for kind, ident, _ in chain.things(conn):
+            chain.append(conn, kind, ident)
+        after = [finding for finding in verify_database(path).findings if "digest" in finding.what]
+        assert after == found
 
 
 def test_the_old_schemas_are_what_the_migrations_make(old):

@@ -154,7 +154,7 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(server, person, tm
         raise StudyError("protocol.json was changed after the study was frozen")
 
     with person.socket() as socket:
-        for where, what in (("app.storage.digests.extend_events", fail), ("app.study.folder.Folder.study", thaw)):
+        for where, what in (("app.storage.chain.append_late_events", fail), ("app.study.folder.Folder.study", thaw)):
             with monkeypatch.context() as patch:
                 patch.setattr(where, what)
                 assert send_events(socket, episode, BATCH) == (0, None)

@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from app.storage import digests
+from app.storage import chain
 from app.study.verification import verify_database
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 from tests.support.study import Person
@@ -72,7 +72,7 @@ def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made
     for trial in range(3):
         recorder.play(participant, "ranked", trial)
     recorder.conn.execute("UPDATE stage_events SET detail = ? WHERE kind = 'order'", [detail])
-    digests.write(recorder.conn, "participant", participant)
+    chain.append(recorder.conn, "participant", participant)
     recorder.store.close()
     found = [str(finding) for finding in verify_database(tmp_path / "play.db").findings]
     assert any("order of ranked terrains" in each or "number in the Latin square" in each for each in found), found

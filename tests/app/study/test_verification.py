@@ -6,10 +6,9 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.storage import digests
 from app.study import verification
 from app.study.verification import verify_database
-from tests.support.stored_studies import StudyRecorder, freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +87,7 @@ def test_a_change_to_any_stored_field_is_found(copy, table, column, kind):
         "DELETE FROM steps WHERE step = (SELECT max(step) FROM steps)",
         "DELETE FROM stage_events WHERE number = 2",
         "DELETE FROM study_episodes WHERE phase = 'tutorial'",
-        "DELETE FROM digests WHERE kind = 'episode'",
+        "DELETE FROM chain_salts WHERE kind = 'episode'",
         "DELETE FROM episodes WHERE outcome = 'out_of_bounds'",
         "INSERT INTO input_events SELECT episode_id, 5000, kind, code, repeat, trusted, client_ms, step, round_trip_ms, "
         "server_ms FROM input_events WHERE number = 0",
@@ -135,10 +134,10 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
         ("DELETE FROM study_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
     ],
 )
-def test_a_forger_who_makes_the_digests_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
+def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
     conn, path = copy
     assert conn.execute(harm).rowcount > 0
-    digests.write_all(conn)
+    write_chain_anew(conn)
     said = {finding.what for finding in verify_database(path).findings}
     assert not any("digest" in what for what in said)
     assert any(what.startswith(found) for what in said), said

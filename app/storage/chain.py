@@ -1,0 +1,278 @@
+"""An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no longer fits its entry.
+
+The table `chain` has an entry for each study, each session with a move, each finished episode with its steps and input
+events, each batch of input events that came after an episode's end, and each state of a participant. An entry's `hash` is
+SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head before it, so that a
+head which was printed or published stands for everything up to it. The table `chain_salts` names what the latest entries
+stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by trying: when
+somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
+
+The columns that a hash covers are listed here by version, so that a column of a later schema changes no earlier hash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Literal, NamedTuple
+
+Kind = Literal["study", "session", "episode", "events", "participant"]
+"""What an entry stands for; `events` are input events that came after their episode's end."""
+
+VERSION = 1
+"""The version of the columns that new entries cover."""
+
+UNSOUND = 0
+"""The version of an entry whose `hash` was found not to fit the rows: when an earlier schema was upgraded, on a merge, or when
+somebody was forgotten. `verify` goes on reporting it."""
+
+DAY_MS = 86_400_000
+_SALT_BYTES = 32
+_BEYOND = 2**62
+
+
+class Thing(NamedTuple):
+    """What an entry stands for; of kind `events`, `id` is the episode's and `first` the number of the first event."""
+
+    kind: Kind
+    id: str
+    first: int = 0
+
+
+class Head(NamedTuple):
+    """The end of the chain: how many entries it has, and the head of the last (hex; empty without an entry)."""
+
+    entries: int
+    head: str
+
+
+class _Part(NamedTuple):
+    table: str
+    columns: str
+    where: str
+
+
+_EVENTS = _Part(
+    "input_events",
+    "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms",
+    "episode_id = :id AND number >= :first AND number < :until ORDER BY number",
+)
+_PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
+    (1, "study"): (
+        _Part("studies", "name, protocol, protocol_hash, commitment, frozen_ms, closed_ms, secret", "name = :id"),
+    ),
+    (1, "session"): (
+        _Part("sessions", "id, player_id, owner_id, driver_name, rival_of, created_ms, control", "id = :id"),
+        _Part(
+            "players",
+            "id, created_ms",
+            "id IN (SELECT player_id FROM sessions WHERE id = :id UNION SELECT owner_id FROM sessions WHERE id = :id) "
+            "ORDER BY id",
+        ),
+    ),
+    (1, "episode"): (
+        _Part(
+            "episodes",
+            "id, session_id, number, level, config, config_hash, seed, seed_chosen, terrain, terrain_hash, terrain_met_before, "
+            "start_row, start_col, policy_seed, core_version, driver, assisted, started_ms, ended_ms, outcome, steps, "
+            "discovered, total, score, trajectory_hash, attestation, attestation_reason",
+            "id = :id",
+        ),
+        _Part(
+            "steps",
+            "step, action, reward, discovered, server_ms, client_ms, key_down_ms, key_up_ms, input, driver",
+            "episode_id = :id ORDER BY step",
+        ),
+        _Part("study_episodes", "participant_id, phase, trial, terrain", "episode_id = :id"),
+        _EVENTS,
+    ),
+    (1, "events"): (_EVENTS,),
+    (1, "participant"): (
+        _Part(
+            "participants",
+            "id, study, player_id, session_id, kind, script, stage, consent_version, consent_ms, joined_ms, completed_ms, "
+            "completion_code, settings, invitation, supervised_ms",
+            "id = :id",
+        ),
+        _Part("stage_events", "number, at_ms, kind, detail", "participant_id = :id ORDER BY number"),
+        _Part("identities", "name, value", "participant_id = :id ORDER BY name"),
+        _Part("players", "id, created_ms", "id = (SELECT player_id FROM participants WHERE id = :id)"),
+    ),
+}  # fmt: skip
+
+OWNERS: dict[Kind, str] = {
+    "study": "SELECT name FROM studies",
+    "session": "SELECT session_id FROM episodes e WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id)",
+    "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
+    "participant": "SELECT id FROM participants",
+}
+"""Kind -> the ids (SQL) of everything that has an entry."""
+
+
+def compute(conn: sqlite3.Connection, thing: Thing, salt: bytes, version: int = VERSION) -> dict[str, str]:
+    """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table."""
+    covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
+    parts = {}
+    for table, columns, where in _PARTS[version, thing.kind]:
+        found = hashlib.sha256(salt + canonical([table, columns]))
+        for row in select(conn, f"SELECT {columns} FROM {table} WHERE {where}", covered):
+            found.update(canonical(row))
+        parts[table] = found.hexdigest()
+    return parts
+
+
+def combine(parts: Mapping[str, str]) -> str:
+    """Return the hash of an entry: SHA-256 (hex) over its salted hashes by table."""
+    return hashlib.sha256(canonical(list(parts.items()))).hexdigest()
+
+
+def link(before: str, entry: Iterable[Any]) -> str:
+    """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from its number to its note."""
+    return hashlib.sha256(canonical([before, *entry])).hexdigest()
+
+
+def head(conn: sqlite3.Connection) -> Head:
+    """Return the end of the chain."""
+    found = select(conn, "SELECT number, head FROM chain ORDER BY number DESC LIMIT 1").fetchone()
+    return Head(0, "") if found is None else Head(*found)
+
+
+def append(conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0) -> None:
+    """Append an entry of a thing as it is now; call it inside the transaction that wrote the rows.
+
+    What was found not to fit its rows stays so: a later change makes nothing sound.
+    """
+    thing = Thing(kind, ident, first)
+    sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
+        WHERE s.kind = ? AND s.id = ? AND s.first = ? AND c.version = ?"""
+    for (stored,) in select(conn, sql, (*thing, UNSOUND)).fetchall():
+        return append_unsound(conn, kind, ident, stored)
+    salt = secrets.token_bytes(_SALT_BYTES)
+    parts = compute(conn, thing, salt)
+    return _append(conn, thing, VERSION, combine(parts), salt, parts)
+
+
+def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
+    """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is that entry's hash."""
+    _append(conn, Thing(kind, ident), UNSOUND, stored, secrets.token_bytes(_SALT_BYTES), {})
+
+
+@contextmanager
+def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]:
+    """Append an entry after the block, which changes a thing; one that did not fit its entry before stays unsound."""
+    sql = "SELECT 1 FROM chain_salts WHERE kind = ? AND id = ?"
+    is_known = select(conn, sql, (kind, ident)).fetchone() is not None
+    stored = unsound_hash(conn, kind, ident) if is_known else None
+    yield
+    if stored is None:
+        append(conn, kind, ident)
+    else:
+        append_unsound(conn, kind, ident, stored)
+
+
+def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
+    """Append an entry of the input events from number `first` on if their episode has ended; its end covers the others."""
+    if select(conn, "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]).fetchone():
+        append(conn, "events", episode_id, first)
+
+
+def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
+    """Append an entry of an episode's session unless it has one: call it in the transaction of an episode's first move."""
+    sql = """SELECT session_id FROM episodes WHERE id = ?
+        AND session_id NOT IN (SELECT id FROM chain_salts WHERE kind = 'session')"""
+    for (session,) in select(conn, sql, [episode_id]).fetchall():
+        append(conn, "session", session)
+
+
+def append_note(conn: sqlite3.Connection, kind: Literal["forgotten", "merged"], content: Any) -> None:
+    """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
+    note = canonical(content).decode().rstrip()
+    _link(conn, kind, VERSION, None, hashlib.sha256(note.encode()).hexdigest(), note)
+
+
+def things(conn: sqlite3.Connection) -> set[Thing]:
+    """Return everything that must have an entry, apart from late input events."""
+    return {Thing(kind, ident) for kind, sql in OWNERS.items() for (ident,) in select(conn, sql)}
+
+
+def append_all(conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None) -> None:
+    """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing -> stored hash) stay so."""
+    for thing in sorted(wanted):
+        if unsound and thing in unsound:
+            append_unsound(conn, thing.kind, thing.id, unsound[thing])
+        else:
+            append(conn, thing.kind, thing.id)
+
+
+def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None:
+    """Return the hash of the first entry of a thing that does not fit its rows, "missing" without one; None when all fit.
+
+    An episode's entries are its own and those of the input events that came after its end.
+    """
+    sql = """SELECT s.first, s.salt, s.parts, c.kind, c.version, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
+        WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
+    found = select(conn, sql, (ident, kind, _also(kind))).fetchall()
+    for first, salt, _, of, version, stored in found:
+        if (version, of) not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt, version)) != stored:
+            return str(stored or "missing")
+    return None if any(row[3] == kind for row in found) else "missing"
+
+
+def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
+    """Delete the salts of what is erased, and append an entry that lists theirs; late input events go with their episodes."""
+    sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
+    found = [select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased]
+    numbers = sorted(number for rows in found for (number,) in rows)
+    if numbers:
+        append_note(conn, "forgotten", {"forgotten": numbers})
+
+
+def _also(kind: Kind) -> Kind:
+    """Return the kind of entries that belong to a thing besides its own."""
+    return "events" if kind == "episode" else kind
+
+
+def _append(conn: sqlite3.Connection, thing: Thing, version: int, hash_: str, salt: bytes, parts: Mapping[str, str]) -> None:
+    sql = "SELECT number FROM chain_salts WHERE kind = ? AND id = ? AND first = ?"
+    replaces = select(conn, sql, thing).fetchone()
+    number = _link(conn, thing.kind, version, replaces and replaces[0], hash_, None)
+    values = (*thing, number, salt, canonical(parts).decode().rstrip())
+    conn.execute("INSERT OR REPLACE INTO chain_salts VALUES (?, ?, ?, ?, ?, ?)", values)
+
+
+def _link(conn: sqlite3.Connection, kind: str, version: int, replaces: int | None, hash_: str, note: str | None) -> int:
+    """Append an entry and return its number; its time is the day alone, since entries outlive people who are forgotten."""
+    last = head(conn)
+    now = time.time_ns() // 1_000_000
+    entry = (last.entries + 1, now - now % DAY_MS, kind, version, replaces, hash_, note)
+    conn.execute("INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, link(last.head, entry)))
+    return entry[0]
+
+
+def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
+    """Return the number of the input event with which the next entry of an episode's events begins."""
+    if thing.kind not in ("episode", "events"):
+        return _BEYOND
+    sql = "SELECT min(first) FROM chain_salts WHERE kind = 'events' AND id = ? AND first > ?"
+    (found,) = select(conn, sql, (thing.id, thing.first if thing.kind == "events" else -1)).fetchone()
+    return _BEYOND if found is None else int(found)
+
+
+def select(conn: sqlite3.Connection, sql: str, values: Any = ()) -> sqlite3.Cursor:
+    """Return a query's cursor whose rows are plain tuples, whatever the connection makes of rows."""
+    cursor = conn.cursor()
+    cursor.row_factory = None
+    return cursor.execute(sql, values)
+
+
+_encode = json.JSONEncoder(default=bytes.hex, separators=(",", ":")).encode
+
+
+def canonical(value: Any) -> bytes:
+    """Return the one line of JSON that is hashed; bytes are written in hexadecimal."""
+    return _encode(value).encode() + b"\n"
