@@ -86,7 +86,7 @@ HARMED_BEFORE = [
 
 
 @pytest.mark.parametrize(("harm", "count"), HARMED_BEFORE)
-def test_what_schema_4_could_tell_is_told_after_the_upgrade_and_after_later_changes(harm, count, tmp_path):
+def test_what_schema_4_could_find_is_found_after_the_upgrade_and_after_later_changes(harm, count, tmp_path):
     path, _ = earlier.database(4, tmp_path)
     with closing(sqlite3.connect(path, isolation_level=None)) as conn:
         conn.execute("PRAGMA foreign_keys = OFF")
