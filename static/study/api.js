@@ -18,7 +18,8 @@
  *   warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean}, break_due: boolean,
  *   pause_after_s: number, rules: {coverage: string, lidar_radius: string, max_steps: string}, session: string | null, about: import("../common/messages.js").About | null, phase: Phase | null,
  *   settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: import("./keymap.js").KeyMap | null},
- *   debrief: Debrief | null, note?: string | null}} Participant  note: a closed study, or what is kept of one who left
+ *   debrief: Debrief | null, note?: string | null, invited: boolean, supervised_until_ms: number | null}} Participant
+ * note: why nobody can go on here, or what is kept of one who left
  */
 
 /**
@@ -39,6 +40,23 @@ export function outsideIds(search) {
 }
 
 /**
+ * Return the invitation's token in the page's address; null without one.
+ * @param {string} search
+ */
+export const invitationIn = (search) => new URLSearchParams(search).get("invitation") || null;
+
+/**
+ * Return the page's address without the invitation's token: whoever copies it afterwards hands on nothing.
+ * @param {string} href
+ */
+export function withoutInvitation(href) {
+  const url = new URL(href);
+  if (!url.searchParams.has("invitation")) return href;
+  url.searchParams.delete("invitation");
+  return url.href;
+}
+
+/**
  * @param {import("../common/api.js").Request} request
  * @param {string} name of the study
  */
@@ -49,9 +67,10 @@ export function createStudyApi(request, name) {
     show: () => request(path),
     /**
      * @param {Record<string, string>} outside_ids
+     * @param {string | null} invitation
      * @returns {Promise<Participant>}
      */
-    join: (outside_ids) => request(`${path}/join`, { outside_ids }),
+    join: (outside_ids, invitation) => request(`${path}/join`, { outside_ids, invitation }),
     /** @returns {Promise<Participant>} */
     me: () => request(`${path}/me`, undefined, 5000),
     /**
@@ -85,6 +104,11 @@ export function createStudyApi(request, name) {
      * @returns {Promise<Participant>}
      */
     settings: (settings, signal) => request(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
+    /**
+     * @param {string} code
+     * @returns {Promise<Participant>}
+     */
+    supervise: (code) => request(`${path}/supervise`, { code }),
     /** @returns {Promise<Participant>} */
     withdraw: () => request(`${path}/withdraw`, {}),
     /**

@@ -11,11 +11,12 @@ import { mapInWords } from "./words.js";
 export function startDialogs(page, { frame, onClose }) {
   const by = elementsOf(page);
   for (const dialog of page.querySelectorAll("dialog")) {
-    const opener = by(`open-${dialog.id}`);
-    opener.addEventListener("click", () => {
-      if (dialog.id === "map") fillMap();
-      dialog.showModal();
-    });
+    for (const opener of [by(`open-${dialog.id}`), ...page.querySelectorAll(`[data-open=${dialog.id}]`)]) {
+      opener.addEventListener("click", () => {
+        if (dialog.id === "map") fillMap();
+        dialog.showModal();
+      });
+    }
     dialog.addEventListener("click", (event) => {
       if (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) dialog.close();
     });

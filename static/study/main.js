@@ -8,7 +8,7 @@ import { createRepaint, elementsOf, paintLink, paintNotices } from "../common/pa
 import { createMoveSender } from "../common/pending_moves.js";
 import { announcement } from "../common/words.js";
 import { startActions } from "./actions.js";
-import { createStudyApi, outsideIds, studyName } from "./api.js";
+import { createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
 import { createDebrief } from "./debrief.js";
 import { startDialogs } from "./dialogs.js";
 import { recordInputEvents } from "./input_events.js";
@@ -22,6 +22,7 @@ import { createQuiz } from "./quiz.js";
 import { createSettings } from "./settings.js";
 import { createSettingsSync } from "./settings_sync.js";
 import { apply, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
+import { startSupervision } from "./supervision.js";
 import { createTelemetry } from "./telemetry.js";
 
 /** @typedef {import("./keymap.js").Layout} Layout */
@@ -69,9 +70,11 @@ const look = () => {
 };
 const pages = createPages(document);
 const playScreen = createPlayScreen(document, { look, keys: () => ({ east: keyName(settings.get().keys.east[0], layout), south: keyName(settings.get().keys.south[0], layout) }) });
+const supervision = startSupervision(document, { supervise: study.supervise, dispatch });
 const debrief = createDebrief(document, { look, terrain: study.terrain, dispatch, replay: () => state.replay });
 const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
-const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), channel, onJoined(participant) {
+const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), invitation: invitationIn(location.search), channel, onJoined(participant) {
+  history.replaceState(history.state, "", withoutInvitation(location.href));
   if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
   pages.paintKeys(settings.get().keys, layout);
@@ -135,6 +138,7 @@ function paint(before) {
   const { participant, game } = painted = state;
   pages.paint(state, before);
   if (participant && screenOf(state) === "questions" && before?.participant !== participant) quiz.paint(participant);
+  if (participant && participant !== before?.participant) supervision.paint(participant);
   playScreen.paint(state, before);
   debrief.paint(state, before);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));

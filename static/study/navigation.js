@@ -11,11 +11,12 @@ import { ApiError } from "../common/api.js";
  *   study       the study's API
  *   dispatch    what changes the state
  *   ids         ids of another site, from the address
+ *   invitation  the token in the address, null without one
  *   channel     to other tabs of this study; null where there is none
- * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Event) => void, ids: Record<string, string>,
+ * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Event) => void, ids: Record<string, string>, invitation: string | null,
  *   channel: BroadcastChannel | null, onJoined: (participant: Participant) => void}} how
  */
-export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
+export function createNavigation({ study, dispatch, ids, invitation, channel, onJoined }) {
   /** @type {Promise<unknown>} */
   let queue = Promise.resolve();
   let isBusy = false;
@@ -76,7 +77,7 @@ export function createNavigation({ study, dispatch, ids, channel, onJoined }) {
     /** Join the study or go on in it; try again while there is no server. */
     async join() {
       try {
-        const participant = await study.join(ids);
+        const participant = await study.join(ids, invitation);
         onJoined(participant);
         arrive(participant);
       } catch (error) {

@@ -36,10 +36,11 @@ export function createPages(page) {
     page.defaultView?.scrollTo(0, 0);
   }
   /** @param {Participant} participant */
-  function paintConsent({ title, consent }) {
+  function paintConsent({ title, consent, invited }) {
     put(by("consent-title"), title);
     by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
     put(by("consent-version"), consent.version);
+    by("consent-invited").hidden = !invited;
   }
   /**
    * Put the numbers of the protocol into the page's own sentences.
@@ -86,7 +87,7 @@ export function createPages(page) {
         if (participant && screen === "ready") paintReady(participant);
         if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));
         if (participant && screen === "complete") paintComplete(participant);
-        if (screen === "problem") put(by("problem"), problem ?? "");
+        if (screen === "problem") put(by("problem"), words.sentence(problem ?? ""));
         by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
         show(screen);
       }

@@ -43,6 +43,20 @@ export function share({ stage, warm_up, ranked }) {
 }
 
 /**
+ * Return what the server said as a sentence of its own.
+ * @param {string} text
+ */
+export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
+
+/**
+ * Return until when a session is supervised, in local time; nothing when it is not.
+ * @param {number | null} until_ms
+ * @param {number} now_ms
+ */
+export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms < until_ms
+  ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
+
+/**
  * Return the screen before the first episode of a phase.
  * @param {Participant} participant
  */
