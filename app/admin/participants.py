@@ -20,13 +20,14 @@ from app.storage.reader import Reader, config_of
 from app.storage.study_rows import Stage, participant_label
 from app.study.data import load
 from app.study.protocol import StudyError
+from app.study.repeats import REPEATED_JOIN, repeated_reasons
 from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
-PARTICIPANT_FIELDS = ("id", "kind", "script", "stage", "joined_ms", "session_id")
+PARTICIPANT_FIELDS = ("id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms")
 """What the operator sees of a participant's row."""
 
 
@@ -37,6 +38,9 @@ def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str,
         trials[row["participant_id"]].append(row)
     events = study_reader.event_summaries(reader, study)
     left = {event.participant_id: json.loads(event.detail).get("from") for event in study_reader.withdrawals(reader, study)}
+    signs = defaultdict(list)
+    for event in study_reader.stage_events(reader, study, ("joined", REPEATED_JOIN)):
+        signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     found = []
     for person in study_reader.participants(reader, study):
         own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
@@ -50,6 +54,7 @@ def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
                 "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
+                "repeated": repeated_reasons(signs[person.id]),
                 **_totals(own),
             }
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Mapping
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,10 +16,7 @@ from app.cli.console import DATABASE, PATH, STUDIES, folder_of, print_table, rea
 
 if TYPE_CHECKING:
     from app.study.folder import Study
-    from app.study.invitations import Invitation
-
-Use = tuple[str, str]
-"""(state, label of the participant or "") of an invitation that somebody has opened."""
+    from app.study.invitations import Use
 
 
 @click.command(short_help="Print single-use links to a study.")
@@ -48,7 +44,7 @@ def invite(
       marsexplorer study invite pilot --list
       marsexplorer study invite pilot --list --csv links.csv
     """
-    from app.study.invitations import Invitations, link_of
+    from app.study.invitations import Invitations, link_of, state_of
 
     if (count > 0) == lists:
         raise click.UsageError("expected the number of links to make, such as 10, or --list to see those there are")
@@ -59,7 +55,8 @@ def invite(
     with study_errors():
         study = folder.study(name)
         found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
-    states = _states(found, _uses(database or settings.database, name))
+    uses = _uses(database or settings.database, name)
+    states = {each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "") for each in found}
     links = {each.id: link_of(study, each.id, base) for each in found}
     if table is not None:
         _write_csv(table, study, [(each.id, *states[each.id], links[each.id]) for each in found])
@@ -125,15 +122,6 @@ def _uses(database: Path, name: str) -> dict[str, Use]:
             return uses_of(reader, name)
     except StoreError as error:
         raise click.ClickException(str(error)) from error
-
-
-def _states(found: list[Invitation], uses: Mapping[str, Use]) -> dict[str, Use]:
-    """Return each invitation's state and who has it: issued, opened, used or revoked."""
-    states = {}
-    for each in found:
-        state, label = uses.get(each.id, ("issued", ""))
-        states[each.id] = ("revoked", label) if each.revoked_ms is not None and state != "used" else (state, label)
-    return states
 
 
 def _write_csv(path: Path, study: Study, rows: list[tuple[str, ...]]) -> None:

@@ -6,6 +6,7 @@ Every function takes an open reader. Episodes are dictionaries by column, since 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from app.storage.reader import Reader
@@ -16,8 +17,6 @@ Row = dict[str, Any]
 _EPISODES = """SELECT e.*, x.participant_id, x.phase, x.trial, x.terrain AS terrain_index FROM study_episodes x
     JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
     WHERE p.study = ? ORDER BY e.started_ms, e.id"""
-_EVENTS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
-    WHERE p.study = ? ORDER BY v.number"""
 _ACTIVITY = """SELECT t.participant_id, t.phase, e.outcome, e.steps, e.score, e.config, e.driver,
     coalesce(e.ended_ms, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id), e.started_ms) AS last_ms
     FROM study_episodes t JOIN participants p ON p.id = t.participant_id JOIN episodes e ON e.id = t.episode_id
@@ -56,9 +55,11 @@ def count_participants(reader: Reader, study: str) -> int:
     return int(reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"])
 
 
-def stage_events(reader: Reader, study: str) -> list[StageEventRow]:
-    """Return the stage events of all participants of a study, each participant's in order."""
-    return [StageEventRow(**row) for row in reader.query(_EVENTS, [study])]
+def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:
+    """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
+    sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
+    wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
+    return [StageEventRow(**row) for row in reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])]
 
 
 def study_episodes(reader: Reader, study: str) -> list[Row]:

@@ -14,6 +14,7 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from app.storage.reader import Reader
 from app.storage.study_reader import participants
@@ -135,20 +136,43 @@ def link_of(study: Study, ident: str, base: str) -> str:
     return f"{base.rstrip('/')}/study/{study.name}?{PARAMETER}={token_of(study, ident)}"
 
 
-def uses_of(reader: Reader, name: str) -> dict[str, tuple[str, str]]:
-    """Return (`opened` or `used`, the participant's label) for each invitation with which somebody has joined, by id.
+@dataclass(frozen=True)
+class Use:
+    """What somebody has done with an invitation.
+
+    state   `opened`: joined and not left again; `used`: agreed to the consent text
+    label   of the participant
+    at_ms   when
+    """
+
+    state: Literal["opened", "used"]
+    label: str
+    at_ms: int
+
+
+def uses_of(reader: Reader, name: str) -> dict[str, Use]:
+    """Return the use of each of a study's invitations with which somebody has come, by its id.
 
     Of several people who have opened one, the one who agreed is named, else the first who has not left again.
     """
-    found: dict[str, tuple[str, str]] = {}
+    found: dict[str, Use] = {}
     for person in participants(reader, name):
         if person.invitation is None:
             continue
         if person.consent_ms is not None:
-            found[person.invitation] = ("used", participant_label(person.id))
+            found[person.invitation] = Use("used", participant_label(person.id), person.consent_ms)
         elif person.stage != "withdrawn":
-            found.setdefault(person.invitation, ("opened", participant_label(person.id)))
+            found.setdefault(person.invitation, Use("opened", participant_label(person.id), person.joined_ms))
     return found
+
+
+def state_of(invitation: Invitation, use: Use | None) -> Literal["issued", "opened", "used", "revoked"]:
+    """Return an invitation's state; one that was used before it was revoked stays used."""
+    if use is not None and use.state == "used":
+        return "used"
+    if invitation.revoked_ms is not None:
+        return "revoked"
+    return "issued" if use is None else use.state
 
 
 def _signed(study: Study, ident: str) -> str:

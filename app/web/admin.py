@@ -20,11 +20,13 @@ from pydantic import Field
 from app.admin import live_boards, participants
 from app.admin.exports import ExportKind, ExportRunningError
 from app.admin.login import TooManyAttemptsError, WrongPasswordError
+from app.admin.recruiting import recruiting
 from app.admin.services import AdminServices
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
 from app.storage.reader import Reader
 from app.study.folder import Study
+from app.study.invitations import MAX_INVITATIONS, token_of
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import has_own_origin, is_operator, services_of
@@ -45,6 +47,18 @@ class CloseStudy(Message):
     """The study's name once more, since a closed study cannot be opened again."""
 
     name: str
+
+
+class NewInvitations(Message):
+    """How many links are wanted."""
+
+    count: int = Field(ge=1, le=MAX_INVITATIONS)
+
+
+class RevokedInvitations(Message):
+    """Which invitations are taken back, by their ids."""
+
+    ids: list[Annotated[str, Field(max_length=40)]] = Field(min_length=1, max_length=MAX_INVITATIONS)
 
 
 class ReleaseOptions(Message):
@@ -132,11 +146,15 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     found = _study(admin, name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
-    def read() -> list[dict[str, Any]]:
+    def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
         with closing(Reader.open(store.path)) as reader:
-            return participants.list_participants(reader, name, now)
+            how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
+            return participants.list_participants(reader, name, now), how
 
-    present = await asyncio.to_thread(read)
+    try:
+        present, how = await asyncio.to_thread(read)
+    except StudyError as error:
+        raise HTTPException(409, str(error)) from error
     protocol = found.protocol
     return {
         "name": name,
@@ -155,6 +173,7 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
         "ranked": protocol.ranked,
         "stages": participants.count_stages(present),
         "participants": present,
+        **how,
         **await asyncio.to_thread(admin.figures.of, name),
         "exports": admin.exports.state(name),
         "now_ms": now,
@@ -173,6 +192,28 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
         raise HTTPException(409, str(error)) from error
     admin.progress.study_store.note_closed(closed.row())
     return {"closed_ms": closed.closed_ms}
+
+
+@router.post("/api/admin/studies/{name}/invitations", status_code=201)
+async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) -> dict[str, Any]:
+    """Issue invitations and return their tokens."""
+    found = _study(admin, name)
+    try:
+        issued = await asyncio.to_thread(admin.progress.recruitment.invitations.issue, name, wanted.count)
+    except StudyError as error:
+        raise HTTPException(409, str(error)) from error
+    return {"tokens": [token_of(found, each.id) for each in issued]}
+
+
+@router.post("/api/admin/studies/{name}/invitations/revoke")
+async def revoke_invitations(admin: Operator, name: str, given: RevokedInvitations) -> dict[str, Any]:
+    """Take invitations back; whoever has agreed with one goes on."""
+    _study(admin, name)
+    try:
+        revoked = await asyncio.to_thread(admin.progress.recruitment.invitations.revoke, name, given.ids)
+    except StudyError as error:
+        raise HTTPException(409, str(error)) from error
+    return {"revoked": [each.id for each in revoked]}
 
 
 @router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)

@@ -4,6 +4,7 @@ import { ApiError, createRequest } from "../common/api.js";
 import { create, elementsOf } from "../common/page.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
+import { createRecruiting } from "./recruiting.js";
 import * as tables from "./tables.js";
 import { attention, exportText, summary } from "./words.js";
 
@@ -119,6 +120,7 @@ function paintStudy(study, overview) {
   tables.paintFigure(by("figure"), by("figure-words"), study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
   tables.paintPeople(by("people", HTMLTableElement), study);
+  recruiting.paint(study);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
@@ -163,6 +165,7 @@ by("study").addEventListener("change", () => {
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
+const recruiting = createRecruiting(document, { ask: (path, body) => request(ofStudy(path), body), run });
 const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
 by("make-report").addEventListener("click", () => run(() => request(ofStudy("exports/report"), {})));
 by("make-release").addEventListener("click", () => {

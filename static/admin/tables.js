@@ -73,7 +73,7 @@ export function paintPeople(table, study) {
     const progress = person.stage === "warm_up" ? `warm-up ${person.warm_up} of ${study.warm_up}` : `${person.ranked} of ${study.ranked}`;
     const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
     const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [bar, progress]), ...numbers,
-      create("td", endings(person.outcomes)), create("td", flags(person, study.labels)), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
+      create("td", endings(person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
     return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
   if (rows.length === 0) {

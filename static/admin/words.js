@@ -5,8 +5,9 @@ import { many, outcomeShort } from "../common/words.js";
 /** @typedef {{stage: string, human: number, script: number}} Stage */
 /**
  * @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
- *   left_at: string | null, deviations: number, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant
+ *   left_at: string | null, deviations: number, repeated: string[], invitation: string | null, supervised_ms: number | null, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant
  */
+/** @typedef {{id: string, state: "issued" | "opened" | "used" | "revoked", issued_ms: number, revoked_ms: number | null, label: string | null, at_ms: number | null, token: string | null}} Invitation */
 /** @typedef {import("../common/api.js").Interval} Interval */
 /** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
 /**
@@ -15,15 +16,23 @@ import { many, outcomeShort } from "../common/words.js";
 /**
  * @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
  *   warm_up: number, ranked: number, stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
- *   exports: {report: Export | null, release: Export | null}, now_ms: number}} Study
+ *   exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open", code: string | null, code_until_ms: number | null,
+ *   invitations: Invitation[], now_ms: number}} Study
  */
 /**
  * @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
  *   check: {result: string, is_whole: boolean, at_ms: number}, chain: {entries: number, head: string}, sessions: number, up_s: number}} Health
  */
 
+const NO_ID = "no outside id";
 /** @type {Record<string, string>} */
 const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
+/** How people come into a study. */
+export const RECRUITMENT = {
+  invitation: "By invitation: each link lets one person in, and is used up when they agree to take part.",
+  panel: "From a panel: whoever comes with a new id of the site that sent them may take part.",
+  open: "Open: whoever has the address may take part, more than once from another browser.",
+};
 /** @param {string} stage */
 export const stageName = (stage) => STAGES[stage] ?? stage;
 
@@ -82,10 +91,24 @@ export function attention({ participants, labels }, health) {
   if (quiet.length) found.push({ text: `${many(quiet.length, "person", "people")} without a sign for half an hour`, detail: named(quiet), isWarning: true });
   const off = people.filter(({ deviations }) => deviations);
   if (off.length) found.push({ text: `${many(off.length, "person", "people")} with a deviation`, detail: named(off), isWarning: true });
+  const twice = people.filter(({ repeated }) => repeated.some((sign) => sign !== NO_ID));
+  if (twice.length) found.push({ text: `${many(twice.length, "person", "people")} with a sign of taking part twice`, detail: named(twice), isWarning: true });
+  const unnamed = people.filter(({ repeated }) => repeated.includes(NO_ID));
+  if (unnamed.length) found.push({ text: `${many(unnamed.length, "person", "people")} without an outside id`, detail: named(unnamed), isWarning: false });
   for (const { label, episodes, participants: who } of labels) {
     found.push({ text: `\u201c${label}\u201d on ${many(episodes, "episode")}`, detail: who.slice(0, 6).join(", ") + (who.length > 6 ? " \u2026" : ""), isWarning: false });
   }
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
+}
+
+/**
+ * Return how many invitations are in each state, those in none left out.
+ * @param {Invitation[]} invitations
+ */
+export function invitationCounts(invitations) {
+  const states = /** @type {const} */ (["issued", "opened", "used", "revoked"]);
+  const counts = states.map((state) => /** @type {const} */ ([state, invitations.filter((each) => each.state === state).length]));
+  return counts.filter(([, count]) => count).map(([state, count]) => `${count} ${state === "issued" ? "not opened yet" : state === "opened" ? "opened, not agreed to yet" : state}`).join(", ");
 }
 
 /**
@@ -102,6 +125,8 @@ export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1
 export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");
+  if (person.supervised_ms !== null) own.unshift("supervised");
+  own.push(...person.repeated);
   return own.join(", ");
 }
 

@@ -26,7 +26,14 @@ from tests.support.study import Person, freeze
 
 PASSWORD = "red-planet-4"
 READING = ("overview", "studies/small", "studies/small/files/small-report.html")
-CHANGING = {"check": {}, "studies/small/close": {"name": "small"}, "studies/small/exports/report": {}, "logout": {}}
+CHANGING = {
+    "check": {},
+    "studies/small/close": {"name": "small"},
+    "studies/small/exports/report": {},
+    "studies/small/invitations": {"count": 1},
+    "studies/small/invitations/revoke": {"ids": ["7K3M"]},
+    "logout": {},
+}
 
 
 @pytest.fixture
@@ -199,6 +206,51 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin):
     fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"])
     assert (fresh["players"], fresh["episodes"]) == (1, 3)
     assert fresh["steps"]["mean"] == pytest.approx(sum(steps) / 3)
+
+
+def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
+    freeze(tmp_path / "studies", "lab", recruitment="invitation")
+    operator = admin.operator()
+
+    def shown():
+        return operator.get("/api/admin/studies/lab").json()
+
+    assert (shown()["recruitment"], shown()["invitations"], len(shown()["code"])) == ("invitation", [], 9)
+    issued = operator.post("/api/admin/studies/lab/invitations", json={"count": 3})
+    assert issued.status_code == 201
+    tokens = issued.json()["tokens"]
+    assert [each["token"] for each in shown()["invitations"]] == tokens
+    used, opened = (Person(admin, "lab", invitation=token) for token in tokens[:2])
+    used.call("consent", {"version": "1", "agree": True})
+    last = tokens[2].split("-")[0]
+    revoked = operator.post("/api/admin/studies/lab/invitations/revoke", json={"ids": [last]})
+    assert revoked.json() == {"revoked": [last]}
+    listed = shown()["invitations"]
+    assert [(each["state"], each["label"], each["token"]) for each in listed] == [
+        ("used", used.where["participant"], None), ("opened", opened.where["participant"], tokens[1]), ("revoked", None, None)
+    ]  # fmt: skip
+    assert Person(admin, "lab", joins=False).refused("join", {"invitation": tokens[2]}).startswith("this invitation has been")
+    (first, _) = shown()["participants"]
+    assert (first["invitation"], first["repeated"], first["supervised_ms"]) == (
+        tokens[0].split("-")[0],
+        ["no outside id"],
+        None,
+    )
+    used.call("supervise", {"code": shown()["code"]})
+    assert shown()["participants"][0]["supervised_ms"] is not None
+
+    def fails(path, body):
+        answer = operator.post(f"/api/admin/studies/{path}", json=body)
+        return answer.status_code, answer.json()["detail"]
+
+    assert fails("lab/invitations", {"count": 0})[0] == 422
+    assert "5000" in fails("lab/invitations", {"count": 4998})[1]
+    assert "has no invitation 'nope'" in fails("lab/invitations/revoke", {"ids": ["nope"]})[1]
+    assert "recruitment 'open'" in fails("small/invitations", {"count": 1})[1]
+    operator.post("/api/admin/studies/lab/close", json={"name": "lab"})
+    assert shown()["code"] is None
+    assert {each["token"] for each in shown()["invitations"]} == {None}
+    assert "is closed" in fails("lab/invitations", {"count": 1})[1]
 
 
 def test_boards_are_watched_live_with_their_scores(admin):

@@ -2,10 +2,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { boardAfter, caption } from "../../../static/admin/live.js";
-import { ago, attention, endings, exportText, flags, place, size, summary } from "../../../static/admin/words.js";
+import { ago, attention, endings, exportText, flags, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, last_ms: 0, is_quiet: false, left_at: null, deviations: 0,
-  warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, ...rest });
+  warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, repeated: [], invitation: null, supervised_ms: null, ...rest });
 const study = (rest = {}) => ({ name: "dunes", title: "Dunes", status: "open", frozen_ms: Date.UTC(2026, 10, 2), closed_ms: null, level: "random", rows: 21, cols: 21, max_steps: 441,
   planned: 10, warm_up: 15, ranked: 30, stages: [], participants: [], figure: null, labels: [], exports: { report: null, release: null }, now_ms: 0, ...rest });
 const well = { disk: { free: 5e10, total: 1e11, is_low: false }, database: {}, check: { is_whole: true, result: "ok" } };
@@ -31,6 +31,18 @@ test("what needs attention: damage and silence first, labels after, nothing of s
     ["1 person with a deviation", true], ["1 person left the study", false], ["\u201cno key-up\u201d on 2 episodes", false]]);
   assert.equal(found[3].detail, "1 at warm-up");
   assert.equal(flags(participants[2], labels), "deviation, no key-up");
+});
+
+test("signs of taking part twice are told apart from ids that are missing", () => {
+  const participants = [person("A", { repeated: ["no outside id"] }), person("B", { repeated: ["their invitation was opened again elsewhere"], supervised_ms: 5 })];
+  const found = attention(study({ participants }), well);
+  assert.deepEqual(found.map(({ text, detail, isWarning }) => [text, detail, isWarning]), [["1 person with a sign of taking part twice", "B", true], ["1 person without an outside id", "A", false]]);
+  assert.equal(flags(participants[1], []), "supervised, their invitation was opened again elsewhere");
+});
+
+test("invitations are counted by their state", () => {
+  assert.equal(invitationCounts([]), "");
+  assert.equal(invitationCounts([{ state: "used" }, { state: "issued" }, { state: "issued" }, { state: "opened" }]), "2 not opened yet, 1 opened, not agreed to yet, 1 used");
 });
 
 test("endings, places and exports in words", () => {
