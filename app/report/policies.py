@@ -8,10 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
-from marsexplorer import policies
+from app.statistics.summaries import coverage_curve, summary_of, visit_counts
+from app.study.policy_episodes import PolicyEpisode, play_policies
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.episodes import Result, make_chunks, play_chunks
 from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.run import Progress
 
@@ -38,32 +37,25 @@ def run_policies(
 
     seeds     by terrain index; progress is called with (episodes played, episodes in all)
     """
-    chosen = list(dict.fromkeys(names))
-    for name in chosen:
-        policies.load(name, config.sensor_radius)  # what cannot be played is refused before anything is
-    index_of = {seed: index for index, seed in seeds.items()}
-    found: dict[str, dict[int, Result]] = {name: {} for name in chosen}
-    done = 0
-    for part in play_chunks(make_chunks(chosen, [config], list(seeds.values()), traces=True), None):
-        for result in part:
-            found[result.policy][index_of[result.seed]] = result
-        done += len(part)
-        if progress:
-            progress(done, len(chosen) * len(seeds))
-    return tuple(_run(name, config, found[name], terrains) for name in chosen)
+    return runs_of(play_policies(names, config, seeds, progress), config, terrains, names)
 
 
-def _run(name: str, config: EnvConfig, results: Mapping[int, Result], terrains: int) -> PolicyRun:
+def runs_of(
+    episodes: Sequence[PolicyEpisode], config: EnvConfig, terrains: int, names: Sequence[str] = ()
+) -> tuple[PolicyRun, ...]:
+    """Return one run per policy from its episodes, which are replayed; `names` without an episode are empty runs."""
+    found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
+    for each in episodes:
+        found.setdefault(each.policy, {})[each.terrain] = each
+    return tuple(_run(name, config, by_terrain, terrains) for name, by_terrain in found.items())
+
+
+def _run(name: str, config: EnvConfig, episodes: Mapping[int, PolicyEpisode], terrains: int) -> PolicyRun:
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    for index, result in results.items():
-        score[index], steps[index] = result.score, result.steps_to_99
-    outcomes = tuple(results[index].outcome if index in results else "" for index in range(terrains))
-    groups = [[_summary(result, config)] for _, result in sorted(results.items())]
+    summaries = {index: summary_of(each.replay(config)) for index, each in sorted(episodes.items())}
+    for index, summary in summaries.items():
+        score[index], steps[index] = summary.score, summary.steps
+    outcomes = tuple(summaries[index].outcome if index in summaries else "" for index in range(terrains))
+    groups = [[summary] for summary in summaries.values()]
     pictures = {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)} if groups else {}
     return PolicyRun(name, score, steps, outcomes, pictures)
-
-
-def _summary(result: Result, config: EnvConfig) -> EpisodeSummary:
-    assert result.trace is not None
-    path = [divmod(cell, config.cols) for cell in result.trace.path]
-    return EpisodeSummary(result.outcome, result.score, result.steps_to_99, result.trace.discovered, path)

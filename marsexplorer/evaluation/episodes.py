@@ -43,11 +43,14 @@ class EpisodeTrace:
     discovered  cells known after 0, 1, 2, ... moves
     path        the rover's cell after 0, 1, 2, ... moves (it stays where it was after a move off the grid)
     obstacles   obstacle cells known at the end
+    actions     the moves, codes 0..3; with the seed they are the episode's cause
     """
 
     discovered: tuple[int, ...]
     path: tuple[int, ...]
     obstacles: tuple[int, ...]
+    actions: tuple[int, ...]
+    trajectory_hash: str
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,10 @@ def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) ->
 
 def _trace(episode: Episode) -> EpisodeTrace:
     path = (row * episode.config.cols + col for row, col in episode.path)
-    return EpisodeTrace(tuple(episode.discoveries), tuple(path), tuple(np.flatnonzero(episode.codes == OBSTACLE).tolist()))
+    obstacles = np.flatnonzero(episode.codes == OBSTACLE).tolist()
+    return EpisodeTrace(
+        tuple(episode.discoveries), tuple(path), tuple(obstacles), tuple(episode.actions), episode.record().trajectory_hash
+    )
 
 
 def make_chunks(

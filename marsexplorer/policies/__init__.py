@@ -5,6 +5,6 @@ says in a sentence what a policy does. Networks need the extra `networks`; the r
 """
 
 from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError
-from marsexplorer.policies.loading import describe, find_file, load, names
+from marsexplorer.policies.loading import describe, find_file, load, names, policy_hash
 
-__all__ = ["Policy", "PolicyFileError", "PolicyNotFoundError", "describe", "find_file", "load", "names"]
+__all__ = ["Policy", "PolicyFileError", "PolicyNotFoundError", "describe", "find_file", "load", "names", "policy_hash"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -74,6 +75,14 @@ def find_file(name: str) -> Path:
     if path.suffix in FILE_SUFFIXES or path.name != name:
         raise PolicyNotFoundError(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
     raise PolicyNotFoundError(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')
+
+
+def policy_hash(name: str) -> str | None:
+    """Return SHA-256 (hex) of a policy's file; None for a rule, which is code. PolicyNotFoundError when there is none."""
+    if name in BUILT_IN:
+        return None
+    with find_file(name).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # Libraries of networks take seconds to import and may be absent, so the readers are imported only when a file needs them.

@@ -1,0 +1,82 @@
+"""A policy's episodes on a study's ranked terrains: played, or replayed from their recorded moves.
+
+An episode is its cause: the terrain's seed and the moves. The report's figures of policies are made from these, and a release
+holds them, so that they can be derived again where the policy's file is not at hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from app.study.protocol import Protocol
+from app.study.seeds import seed
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import make_chunks, play_chunks
+
+
+@dataclass(frozen=True)
+class PolicyEpisode:
+    """One episode of a policy.
+
+    policy           its name or path, as the protocol has it
+    policy_hash      SHA-256 (hex) of its file; None for a rule that is code
+    terrain          index of the ranked terrain, and its seed
+    actions          one byte a move, codes 0..3
+    trajectory_hash  of the episode as it was played
+    """
+
+    policy: str
+    policy_hash: str | None
+    terrain: int
+    seed: int
+    actions: bytes
+    trajectory_hash: str
+
+    def replay(self, config: EnvConfig) -> Episode:
+        """Return the episode that the seed and the moves give; ValueError when a move goes on after the end."""
+        episode = Episode.begin(config, seed=self.seed)
+        for action in self.actions:
+            if episode.ended:
+                raise ValueError(f"{self.policy}, terrain {self.terrain}: the recorded moves go on after the end")
+            episode.step(action)
+        return episode
+
+
+def ranked_seeds(protocol: Protocol, protocol_hash: str, secret: str) -> dict[int, int]:
+    """Return the seeds of the ranked terrains by index, from the secret (hex) of a closed study."""
+    return {i: seed(bytes.fromhex(secret), protocol_hash, "ranked", i) for i in range(protocol.ranked)}
+
+
+def compared_policies(protocol: Protocol) -> list[str]:
+    """Return the policies of the report: those of the protocol, and `random` as the zero."""
+    return list(dict.fromkeys((*protocol.policies, "random")))
+
+
+def play_policies(
+    names: Sequence[str], config: EnvConfig, seeds: Mapping[int, int], progress: Callable[[int, int], None] | None = None
+) -> tuple[PolicyEpisode, ...]:
+    """Play each policy (a name or path) on every terrain, and return the episodes by policy and terrain.
+
+    seeds     by terrain index; progress is called with (episodes played, episodes in all)
+
+    PolicyNotFoundError and PolicyFileError when a policy cannot be played; nothing is played then.
+    """
+    chosen = list(dict.fromkeys(names))
+    for name in chosen:
+        policies.load(name, config.sensor_radius)  # what cannot be played is refused before anything is
+    hashes = {name: policies.policy_hash(name) for name in chosen}
+    index_of = {number: index for index, number in seeds.items()}
+    found: dict[tuple[str, int], PolicyEpisode] = {}
+    for part in play_chunks(make_chunks(chosen, [config], list(seeds.values()), traces=True), None):
+        for each in part:
+            assert each.trace is not None
+            terrain, moves = index_of[each.seed], bytes(each.trace.actions)
+            found[each.policy, terrain] = PolicyEpisode(
+                each.policy, hashes[each.policy], terrain, each.seed, moves, each.trace.trajectory_hash
+            )
+        if progress:
+            progress(len(found), len(chosen) * len(seeds))
+    return tuple(found[name, index] for name in chosen for index in sorted(seeds))
