@@ -27,6 +27,7 @@ class Settings(BaseSettings):
     host, port   where to listen; port 0 takes a free one
     database     the SQLite file; made on first start
     studies      the folder of studies; need not exist
+    signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
@@ -41,6 +42,7 @@ class Settings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     database: Path = DEFAULT_DATABASE
     studies: Path = DEFAULT_STUDIES
+    signers: Path | None = None
     policies: tuple[Path, ...] = ()
     durable: bool = False
     admin: bool = False

@@ -89,6 +89,11 @@ def folder_of(studies: Path | None) -> Folder:
     return Folder(studies or settings_of().studies)
 
 
+def pins_file() -> Path:
+    """Return the file of pinned signing keys: MARS_SIGNERS, or known_signers.json in the user's configuration folder."""
+    return settings_of().signers or Path(click.get_app_dir("marsexplorer")) / "known_signers.json"
+
+
 def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
     """Return the configuration of a level and size; raise UsageError when there is none."""
     from marsexplorer.config import EnvConfig

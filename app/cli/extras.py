@@ -44,6 +44,7 @@ EXTRA_OF_COMMAND = {
     "report": "study",
     "verify": "study",
     "release": "export",
+    "reproduce": "export",
     "import": "export",
     "merge": "play",
     "forget": "study",

@@ -35,6 +35,7 @@ COMMANDS = {
     "report": "Write a study's figures with their intervals, as a page and as JSON.",
     "verify": "Simulate every recorded episode again and compare.",
     "release": "Write a study as a citable, signed bundle.",
+    "reproduce": "Derive a bundle's figures again and compare.",
     "import": "Write the episodes of a released bundle into a database.",
     "merge": "Join the databases of several servers.",
     "forget": "Erase a participant from a database.",

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from app.cli.console import PATH, progress, reason, settings_of
+from app.cli.study_report import released_report
 
 
 @click.command(short_help="Write a study as a citable, signed bundle.")
@@ -16,7 +17,14 @@ from app.cli.console import PATH, progress, reason, settings_of
 @click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies]")
 @click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
 @click.option("--url", help="Where the bundle will be found, a DOI's address say.")
-@click.option("--interim", is_flag=True, help="Build it although the study is open: for the operator alone.")
+@click.option("--interim", is_flag=True, help="Build it although the study is open: for the operator alone, without a report.")
+@click.option(
+    "--without-policy",
+    "without",
+    multiple=True,
+    metavar="NAME",
+    help="Leave a policy out of the report: its file is not at hand.",
+)
 def release(
     study: str,
     out: Path,
@@ -25,18 +33,21 @@ def release(
     authors: tuple[str, ...],
     url: str | None,
     interim: bool,
+    without: tuple[str, ...],
 ) -> None:
     """Write every finished episode of a closed study as SQLite, Parquet, JSON Lines, CSV and Minari, described and signed.
 
-    The study is verified first; one episode that fails, and nothing is written. People appear under pseudonyms drawn
-    anew for each release; identities, cookies and completion codes are never in it. The signing key lies beside the
-    database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a bundle and how a
-    stranger checks it. It needs `pip install "marsexplorer-playground[export]"`.
+    The study is verified first; one episode that fails, and nothing is written. The report is made from the bundle's own
+    data and lies in it, with the episodes of the policies that it compares: `reproduce` derives it again. People appear
+    under pseudonyms drawn anew for each release; identities, cookies and completion codes are never in it. The signing
+    key lies beside the database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a
+    bundle and how a stranger checks it. It needs `pip install "marsexplorer-playground[export]"`.
 
     \b
     Examples:
       marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
       marsexplorer verify --dataset dunes-1
+      marsexplorer reproduce dunes-1
     """
     from app.release.errors import ReleaseError, check_libraries
 
@@ -47,13 +58,18 @@ def release(
     from app.release.build import ReleaseRequest, build_release
     from app.storage.database import StoreError
     from app.study.folder import Folder
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     settings = settings_of()
     known = Folder(studies or settings.studies).known_secrets()
-    request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known)
+    request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known, without)
     try:
         with progress("verifying and writing") as advance:
-            built = build_release(request, advance)
+            built = build_release(request, advance, released_report(study, without))
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.ClickException(
+            f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
+        ) from error
     except (ReleaseError, StoreError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, interruptible, print_table, progress, reason, settings_of
+from app.cli.console import PATH, print_table, reason, settings_of
+from app.cli.study_report import build_report, has_played, play_compared, replay_pictures
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport, Report
-    from app.report.policies import PolicyRun
     from app.study.data import StudyData
+    from app.study.policy_episodes import PolicyEpisode
 
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
@@ -57,45 +58,37 @@ def report(
                     file.write(text(found).encode())
             except OSError as error:
                 raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another file") from error
-    _show(found)
+    show(found)
 
 
 def _build_report(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
     """Return the report of a study; with policies only if somebody has finished a ranked episode."""
-    from app.report.build import build
     from app.report.seeds import load_with_folder
-    from app.statistics.group_summaries import summarize_groups
     from app.storage.reader import Reader
 
     reader = Reader.open(database)
     try:
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
-            with progress("replaying episodes") as advance:
-                pictures = summarize_groups(reader, data, synthetic, advance)
+            pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
-    kind = "script" if synthetic else "human"
-    is_played = any(trial.kind == kind and trial.ended_ms is not None and trial.phase == "ranked" for trial in data.trials)
-    runs = _policies(data, seeds) if with_policies and is_played else ()
-    return build(data, runs, synthetic, pictures)
+    episodes = _policies(data, seeds) if with_policies and has_played(data, synthetic) else ()
+    return build_report(data, episodes, synthetic, pictures)
 
 
-def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyRun, ...]:
-    """Return the runs of the protocol's policies and of `random`; ClickException when one cannot be loaded."""
-    from app.report.policies import run_policies
+def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyEpisode, ...]:
+    """Return the episodes of the protocol's policies and of `random`; ClickException when one cannot be loaded."""
+    from app.study.policy_episodes import compared_policies
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
-    protocol = data.protocol
-    names = list(dict.fromkeys((*protocol.policies, "random")))
-    with progress("policies on the same terrains") as advance:
-        try:
-            return interruptible(lambda: run_policies(names, protocol.env_config, seeds, protocol.ranked, advance))
-        except (PolicyNotFoundError, PolicyFileError) as error:
-            raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
+    try:
+        return play_compared(data, seeds, compared_policies(data.protocol))
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
 
 
-def _show(found: Report) -> None:
+def show(found: Report) -> None:
     """Print the report on the terminal."""
     click.echo(f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})")
     click.echo(found.sentence)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, progress, reason, settings_of
+from app.cli.console import PATH, pins_file, progress, reason, settings_of
 
 if TYPE_CHECKING:
     from app.study.verification import Verification
@@ -23,9 +23,12 @@ MAX_PRINTED = 200
 @click.option("--database", type=PATH, help="The database to verify; a running server may go on writing.")
 @click.option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
 @click.option("--studies", type=PATH, help="The folder of studies, for the secrets of open ones.  [default: data/studies]")
-@click.option("--signer", help="The fingerprint that the dataset's signing key must have.")
+@click.option("--key", "--signer", "key", metavar="FINGERPRINT|FILE", help="The key that must have signed the dataset.")
+@click.option("--pin", "to_pin", is_flag=True, help="Remember the dataset's signing key as a known one, if all else is well.")
 @click.option("--head", help="A head of the database's chain from before, or a release's folder, which holds one.")
-def verify(database: Path | None, dataset: Path | None, studies: Path | None, signer: str | None, head: str | None) -> int:
+def verify(
+    database: Path | None, dataset: Path | None, studies: Path | None, key: str | None, to_pin: bool, head: str | None
+) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
     Every reward, outcome, total, score and trajectory hash is compared, every seed with its terrain, every study
@@ -34,7 +37,8 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
     one. A dataset's files and signature are checked as well.
     This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
     one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
-    dataset is proved by its signature, to whoever knows the key's fingerprint: --signer.
+    dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
+    is not pinned, the signer is said to be not checked.
 
     \b
     Examples:
@@ -42,19 +46,23 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
       marsexplorer verify --database lab.db
       marsexplorer verify --head 9c0d1ab2...
       marsexplorer verify --head dunes-1
-      marsexplorer verify --dataset dunes-1 --signer 15f592c2...
+      marsexplorer verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
         raise click.UsageError("give --database or --dataset, not both")
-    if signer is not None and dataset is None:
-        raise click.UsageError("--signer goes with --dataset: a database is not signed")
+    if dataset is None and (key is not None or to_pin):
+        raise click.UsageError(f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed")
     if head is not None and dataset is not None:
         raise click.UsageError("--head goes with --database: a dataset's signature stands for all of it")
     from app.release.errors import ReleaseError
     from app.storage.database import StoreError
 
     try:
-        result, about = _of_dataset(dataset, signer) if dataset is not None else _of_database(database, studies, head)
+        about, signer = "", None
+        if dataset is None:
+            result, about = _of_database(database, studies, head)
+        else:
+            result, about, signer = _of_dataset(dataset, key, to_pin)
     except (StoreError, ReleaseError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
@@ -66,6 +74,8 @@ def verify(database: Path | None, dataset: Path | None, studies: Path | None, si
     click.echo(_sentence(result, about))
     for line in _chain_lines(result):
         click.echo(line)
+    if signer:
+        click.echo(signer)
     return 1 if result.findings else 0
 
 
@@ -98,13 +108,20 @@ def _earlier_head(given: str) -> str:
     return str(found)
 
 
-def _of_dataset(dataset: Path, signer: str | None) -> tuple[Verification, str]:
+def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verification, str, str]:
+    """Return what was found, the dataset in words, and what is known of its signer."""
     from app.release.bundle import verify_bundle
+    from app.release.signers import check_signer, fingerprint_of, pin
 
+    expected = None if key is None else fingerprint_of(key)
     with progress("verifying (the rules are compiled first)") as advance:
-        found = verify_bundle(dataset, advance, signer)
-    key = f"signed by the key {found.manifest.get('signer')}"
-    return found.verified, f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key}"
+        found = verify_bundle(dataset, advance, expected)
+    if to_pin and not found.verified.findings:
+        pin(pins_file(), found.manifest)
+    signer = check_signer(found.manifest, expected, pins_file()).sentence()
+    key_words = f"signed by the key {found.manifest.get('signer')}"
+    about = f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key_words}"
+    return found.verified, about, signer
 
 
 def _sentence(result: Verification, about: str) -> str:

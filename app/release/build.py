@@ -15,18 +15,22 @@ from typing import Any
 
 from app.release import signing
 from app.release.croissant import write_croissant
+from app.release.derived import write_derived
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_pseudonymized
-from app.release.tables import TableWriters, released_episodes
+from app.release.queries import QUERIES
+from app.release.tables import JsonLines, released_episodes, write_tables
 from app.storage.chain_checks import chain_state
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
+from app.study.data import load
 from app.study.folder import Advance
+from app.study.policy_episodes import PolicyEpisode
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
 from marsexplorer.files import replace_whole
@@ -42,6 +46,7 @@ class ReleaseRequest:
     authors  named in the citation
     interim  True builds a study that is still open
     secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
+    without_policies  that the report leaves out although the protocol names them
     """
 
     database: Path
@@ -51,6 +56,19 @@ class ReleaseRequest:
     url: str | None = None
     interim: bool = False
     secrets: Mapping[str, tuple[int | None, bytes]] | None = None
+    without_policies: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ReleasedReport:
+    """What a release holds of the study's report: its files (name -> content), and the policies' episodes that it compares."""
+
+    files: Mapping[str, bytes]
+    policy_episodes: tuple[PolicyEpisode, ...] = ()
+
+
+Reporter = Callable[[Path], ReleasedReport]
+"""Makes the report of a release from the path of its database, so that it can be made again from that file alone."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +80,13 @@ class WrittenRelease:
     signer: str
 
 
-def build_release(request: ReleaseRequest, advance: Advance = lambda done, total: None) -> WrittenRelease:
+def build_release(
+    request: ReleaseRequest, advance: Advance = lambda done, total: None, reporter: Reporter | None = None
+) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
-    advance  called with (episodes verified or written, of how many)
+    advance   called with (episodes verified or written, of how many)
+    reporter  makes the report, which only a closed study's release holds; None: a release without one
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing.
     """
@@ -79,7 +100,9 @@ def build_release(request: ReleaseRequest, advance: Advance = lambda done, total
         with _whole_folder(request.out) as folder:
             left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-            written = _write_files(folder, replace(header, left_out=out), lambda done: advance(total // 2 + done, total))
+            report = reporter(folder / BUNDLE_DATABASE) if reporter and not header.interim else ReleasedReport({})
+            given = replace(header, left_out=out)
+            written = _write_files(folder, given, report, lambda done: advance(total // 2 + done, total))
             key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, key)
     if not header.interim:
@@ -119,6 +142,7 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         url=request.url,
         chain_head=state.head if state else None,
         chain_entries=state.entries if state else 0,
+        without_policies=request.without_policies,
     ), closed
 
 
@@ -150,26 +174,34 @@ def _verify_study(source: sqlite3.Connection, request: ReleaseRequest, advance: 
         )
 
 
-def _write_files(folder: Path, header: ReleaseHeader, advance: Callable[[int], None]) -> tuple[ReleaseHeader, dict[str, int]]:
+def _write_files(
+    folder: Path, header: ReleaseHeader, report: ReleasedReport, advance: Callable[[int], None]
+) -> tuple[ReleaseHeader, dict[str, int]]:
     """Write everything but the manifest; return the header with its counts, and the rows by file."""
+    for name, content in report.files.items():
+        (folder / name).write_bytes(content)
+    write_derived(folder / BUNDLE_DATABASE, load(folder / BUNDLE_DATABASE, header.study), report.policy_episodes)
+    (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
     outcomes: dict[str, int] = {}
-    with reading(folder / BUNDLE_DATABASE) as conn, TableWriters(folder) as write:
-        for done, each in enumerate(released_episodes(conn), 1):
-            write(each)
-            minari(each)
-            outcome = each.header["outcome"]
-            outcomes[outcome] = outcomes.get(outcome, 0) + 1
-            advance(done)
+    with reading(folder / BUNDLE_DATABASE) as conn:
+        with JsonLines(folder / "episodes.jsonl") as lines:
+            for done, each in enumerate(released_episodes(conn), 1):
+                lines.add({**each.header, "actions": each.actions})
+                minari(each)
+                outcome = each.header["outcome"]
+                outcomes[outcome] = outcomes.get(outcome, 0) + 1
+                advance(done)
         counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED_TABLES}
+        written = {**write_tables(folder, header.study, conn), "episodes.jsonl": counts["episodes"]}
     minari.close()
     header = replace(header, rows=counts, outcomes=outcomes)
     named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
     write_documents(folder, header, named, minari.without_moves)
     write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
-    return header, {**write.rows, **files, BUNDLE_DATABASE: sum(counts.values())}
+    return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
 
 
 @contextmanager

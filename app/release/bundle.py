@@ -47,15 +47,18 @@ def verify_bundle(folder: Path, advance: Advance = lambda done, total: None, sig
     return VerifiedBundle(manifest, manifest_hash, replace(verified, findings=(*findings, *verified.findings)))
 
 
-def import_release(folder: Path, database: Path, advance: Advance = lambda done, total: None) -> MergeCounts:
+def import_release(
+    folder: Path, database: Path, advance: Advance = lambda done, total: None, signer: str | None = None
+) -> MergeCounts:
     """Import a release into a database, which is made when absent, and return what was added.
 
     advance  called with (episodes verified, of how many)
+    signer   fingerprint of the key that must have signed it
 
     ReleaseError when the release does not verify; MergeError when the database holds its episodes under other names;
     StoreError while a server has the database. Nothing is changed then.
     """
-    checked = verify_bundle(folder, advance)
+    checked = verify_bundle(folder, advance, signer)
     if checked.verified.findings:
         more = len(checked.verified.findings) - 1
         also = f" and {more} more" if more else ""

@@ -35,10 +35,42 @@ terrain_index | integer  | which of the phase's terrains, the same for everybody
 episode       | text     | id of the episode; joins the tables
 """
 
+PARTICIPANT_TABLE = _columns(
+    """
+participant   | text     | pseudonym, drawn anew for each release
+kind          | text     | human, or script: a synthetic player, never part of a human figure
+script        | text?    | what played, for kind script
+recruitment   | text     | of the study: open (one link), invitation (single-use links) or panel (outside ids required)
+invited       | boolean  | an invitation brought them
+supervised    | boolean  | the operator's code was typed for them
+consent_version | text   | version of the consent text that they agreed to
+stage         | text     | the last one: instructions, tutorial, questions, warm_up, ranked, debrief, complete or withdrawn
+joined_ms     | integer  | server time, milliseconds since 1970 (UTC)
+completed_ms  | integer? | when the last ranked episode ended; absent before
+modality      | text?    | of the last move: keyboard, touch
+palette       | text?    | colours chosen on the page
+attempts      | integer  | how often the understanding questions were answered
+answers       | text     | each attempt's choices, JSON: a list of lists of indices
+deviations    | integer  | deviations from the protocol that the server noted
+ranked_episodes | integer | ranked episodes finished
+ranked_by_human | integer | of these, with driver human
+ranked_unattested | integer | of these, unattested
+ranked_declared | integer | of these, declared
+ranked_attested | integer | of these, attested
+ranked_supervised | integer | of these, supervised
+ranked_labelled | integer | of these, with a label of implausible input
+labels        | text?    | which labels, "; " between them; absent without one
+max_pause_share | real?  | largest pause_share of a ranked episode; absent without one
+mean_pause_share | real? | their mean
+"""
+)
+
 EPISODE_TABLE = _columns(
     _WHO
     + """
-driver        | text     | human when every move came from a trusted key or touch of the participant, else script
+driver        | text     | human when the page called every move a key or touch of the participant, else script
+attestation   | text?    | unattested, declared, attested or supervised (docs/study.md); absent for scripts
+attestation_reason | text? | why it is not attested
 script        | text?    | what played, for kind script
 level         | text     | random, or t-m-b of section 3.3 of the paper
 rows          | integer  | cells from north to south
@@ -61,6 +93,8 @@ coverage      | real     | share of all cells, 0..1
 return        | real     | sum of the rewards; abandoning costs r_invalid more
 score         | real     | (return + r_invalid) / (r_invalid + r_bonus + cells): 0 for an invalid first move, at most 1
 steps_to_99   | integer  | moves of an explored episode, max_steps of any other
+labels        | text?    | labels of implausible input, "; " between them; absent without one
+pause_share   | real     | share of the time between first and last move, 0..1, that was paused or out of sight
 trajectory_hash | text   | SHA-256 over configuration, terrain, start and each move's position, discovered cells and reward
 """
 )
@@ -101,28 +135,64 @@ server_ms     | integer  | when the server received it, milliseconds since 1970 
 """
 )
 
+POLICY_EPISODE_TABLE = _columns(
+    """
+policy        | text     | name or path in the protocol; random is the zero of the human-normalized score
+policy_hash   | text?    | SHA-256 of the policy's file; absent for a rule, which is code
+terrain_index | integer  | which of the ranked terrains, as in episodes
+seed          | integer  | draws the terrain under the protocol's core_version
+outcome       | text     | explored, collided, out_of_bounds or timed_out
+steps         | integer  | moves made
+steps_to_99   | integer  | moves of an explored episode, max_steps of any other
+score         | real     | normalized, as in episodes
+actions       | text     | the moves, a letter each: N, E, S or W
+trajectory_hash | text   | as in episodes
+"""
+)
+
 SCORE_TABLE = tuple(
     column
     for column in EPISODE_TABLE
     if column.name
     in {
-        *("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "seed", "started_ms", "ended_ms"),
-        *("outcome", "steps", "discovered", "coverage", "return", "score", "steps_to_99"),
+        *("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "attestation", "seed", "started_ms"),
+        *("ended_ms", "outcome", "steps", "discovered", "coverage", "return", "score", "steps_to_99"),
     }
 )
 
 BUNDLE_COLUMNS: dict[str, tuple[Column, ...]] = {
+    "participants": PARTICIPANT_TABLE,
     "episodes": EPISODE_TABLE,
     "steps": STEP_TABLE,
     "input_events": INPUT_EVENT_TABLE,
+    "policy_episodes": POLICY_EPISODE_TABLE,
     "scores": SCORE_TABLE,
 }
 SUMMARIES = {
+    "participants": "one row a participant: how they came, how far they got, what is to be said of their input",
     "episodes": "one row an episode: who, what was played, what it came to",
     "steps": "one row a move",
     "input_events": "one row a key, touch, focus, visibility or pause event of the page",
+    "policy_episodes": "one row an episode of a policy on a ranked terrain; the report's comparisons come from these",
     "scores": "one row an episode, for a spreadsheet: who, which terrain, what it came to",
 }
+PRIMARY_KEYS: dict[str, tuple[str, ...]] = {
+    "participants": ("participant",),
+    "episodes": ("episode",),
+    "steps": ("episode", "step"),
+    "input_events": ("episode", "number"),
+    "policy_episodes": ("policy", "terrain_index"),
+    "scores": ("episode",),
+}
+"""Table -> the columns that together name a row."""
+
+FOREIGN_KEYS: dict[str, dict[str, str]] = {
+    "episodes": {"participant": "participants"},
+    "steps": {"participant": "participants", "episode": "episodes"},
+    "input_events": {"participant": "participants", "episode": "episodes"},
+    "scores": {"participant": "participants", "episode": "episodes"},
+}
+"""Table -> column -> the table whose column of that name, its primary key, holds the same values."""
 
 _JSON = {"text": "string", "integer": "integer", "real": "number", "boolean": "boolean"}
 

@@ -13,15 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.release.columns import BUNDLE_COLUMNS, SUMMARIES, Column
+from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS, SUMMARIES, Column
 from app.release.errors import ReleaseError, library
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import sha256
+from app.release.tables import PARQUET
 
 ENCODING_FORMATS = {
-    "parquet/episodes.parquet": "application/x-parquet",
-    "parquet/steps.parquet": "application/x-parquet",
-    "parquet/input_events.parquet": "application/x-parquet",
+    **{f"parquet/{table}.parquet": "application/x-parquet" for table in PARQUET},
     "episodes.jsonl": "application/jsonlines",
     "scores.csv": "text/csv",
     BUNDLE_DATABASE: "application/vnd.sqlite3",
@@ -56,7 +55,7 @@ def croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: s
             keywords=list(KEYWORDS),
             distribution=[build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()],
             record_sets=[
-                *(build.record_set(name, f"parquet/{name}.parquet") for name in ("episodes", "steps", "input_events")),
+                *(build.record_set(name, f"parquet/{name}.parquet") for name in PARQUET),
                 build.record_set("scores", "scores.csv"),
             ],
         )
@@ -111,7 +110,8 @@ class _Builder:
     def record_set(self, table: str, file: str) -> Any:
         """Return the RecordSet of a table that is read from a file."""
         fields = [self._field(table, file, column) for column in BUNDLE_COLUMNS[table]]
-        return self._mlc.RecordSet(ctx=self.context, id=table, name=table, description=SUMMARIES[table], fields=fields)
+        key = [f"{table}/{name}" for name in PRIMARY_KEYS[table]]
+        return self._mlc.RecordSet(ctx=self.context, id=table, name=table, description=SUMMARIES[table], fields=fields, key=key)
 
     def _field(self, table: str, file: str, column: Column) -> Any:
         mlc = self._mlc
@@ -123,4 +123,10 @@ class _Builder:
             description=column.meaning,
             data_types=[self._types[column.type]],
             source=mlc.Source(ctx=self.context, file_object=file, extract=extract),
+            **self._references(table, column.name),
         )
+
+    def _references(self, table: str, column: str) -> dict[str, Any]:
+        """Return, as an argument, the field of another table that a column's values are found in; nothing without one."""
+        other = FOREIGN_KEYS.get(table, {}).get(column)
+        return {"references": self._mlc.Source(ctx=self.context, field=f"{other}/{column}")} if other else {}

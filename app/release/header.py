@@ -22,6 +22,7 @@ class ReleaseHeader:
     rows        rows by table
     left_out    what the release does not hold, counted
     chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None for one of an earlier schema
+    without_policies  of the protocol, which the report leaves out because their files were not at hand
     """
 
     study: str
@@ -40,6 +41,7 @@ class ReleaseHeader:
     outcomes: dict[str, int] = field(default_factory=dict)
     chain_head: str | None = None
     chain_entries: int = 0
+    without_policies: tuple[str, ...] = ()
 
     @property
     def interim(self) -> bool:
@@ -82,6 +84,7 @@ class ReleaseHeader:
             "left_out": self.left_out,
             "chain_head": self.chain_head,
             "chain_entries": self.chain_entries,
+            "without_policies": list(self.without_policies),
         }
 
 

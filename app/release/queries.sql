@@ -1,0 +1,169 @@
+-- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
+-- `policy_episodes` and `input_summaries` are tables of the bundle alone: the policies' moves, and what the software computes
+-- from an episode's input (labels and pauses). All else is as the server recorded it, under pseudonyms.
+
+-- table: participants
+SELECT
+  p.id AS participant,
+  p.kind,
+  p.script,
+  coalesce(json_extract(y.protocol, '$.recruitment'), 'open') AS recruitment,
+  p.invitation IS NOT NULL AS invited,
+  p.supervised_ms IS NOT NULL AS supervised,
+  p.consent_version,
+  p.stage,
+  p.joined_ms,
+  p.completed_ms,
+  json_extract(p.settings, '$.modality') AS modality,
+  json_extract(p.settings, '$.palette') AS palette,
+  (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'answers') AS attempts,
+  (SELECT json_group_array(json(a.answers)) FROM (
+    SELECT coalesce(json_extract(v.detail, '$.answers'), '[]') AS answers FROM stage_events v
+    WHERE v.participant_id = p.id AND v.kind = 'answers' ORDER BY v.number) a) AS answers,
+  (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'deviation') AS deviations,
+  count(r.id) AS ranked_episodes,
+  count(r.id) FILTER (WHERE r.driver = 'human') AS ranked_by_human,
+  count(r.id) FILTER (WHERE r.attestation = 'unattested') AS ranked_unattested,
+  count(r.id) FILTER (WHERE r.attestation = 'declared') AS ranked_declared,
+  count(r.id) FILTER (WHERE r.attestation = 'attested') AS ranked_attested,
+  count(r.id) FILTER (WHERE r.attestation = 'supervised') AS ranked_supervised,
+  count(r.id) FILTER (WHERE i.labels <> '[]') AS ranked_labelled,
+  (SELECT group_concat(label, '; ') FROM (
+    SELECT DISTINCT each.value AS label
+    FROM study_episodes q JOIN input_summaries j ON j.episode_id = q.episode_id, json_each(j.labels) each
+    WHERE q.participant_id = p.id AND q.phase = 'ranked' ORDER BY 1)) AS labels,
+  max(i.pause_share) AS max_pause_share,
+  avg(i.pause_share) AS mean_pause_share
+FROM participants p
+JOIN studies y ON y.name = p.study
+LEFT JOIN study_episodes s ON s.participant_id = p.id AND s.phase = 'ranked'
+LEFT JOIN episodes r ON r.id = s.episode_id
+LEFT JOIN input_summaries i ON i.episode_id = s.episode_id
+GROUP BY p.id
+ORDER BY p.joined_ms, p.id;
+
+-- table: episodes
+SELECT
+  p.id AS participant,
+  p.kind,
+  s.phase,
+  s.trial,
+  s.terrain AS terrain_index,
+  e.id AS episode,
+  e.driver,
+  e.attestation,
+  e.attestation_reason,
+  p.script,
+  json_extract(e.config, '$.level') AS level,
+  json_extract(e.config, '$.rows') AS rows,
+  json_extract(e.config, '$.cols') AS cols,
+  json_extract(e.config, '$.sensor_radius') AS sensor_radius,
+  json_extract(e.config, '$.beta') AS beta,
+  json_extract(e.config, '$.max_steps') AS max_steps,
+  e.config_hash,
+  e.seed,
+  e.start_row,
+  e.start_col,
+  lower(hex(e.terrain)) AS terrain,
+  e.core_version,
+  e.started_ms,
+  e.ended_ms,
+  e.outcome,
+  e.steps,
+  e.discovered,
+  1.0 * e.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
+  e.total AS "return",
+  e.score,
+  CASE e.outcome WHEN 'explored' THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99,
+  (SELECT group_concat(value, '; ') FROM json_each(i.labels)) AS labels,
+  i.pause_share,
+  e.trajectory_hash
+FROM episodes e
+JOIN study_episodes s ON s.episode_id = e.id
+JOIN participants p ON p.id = s.participant_id
+JOIN input_summaries i ON i.episode_id = e.id
+ORDER BY e.started_ms, e.id;
+
+-- table: steps
+SELECT
+  s.participant_id AS participant,
+  t.episode_id AS episode,
+  t.step,
+  CASE t.action WHEN 0 THEN 'north' WHEN 1 THEN 'east' WHEN 2 THEN 'south' ELSE 'west' END AS action,
+  -- an invalid move, which is always the last one, leaves the rover where it was
+  e.start_row + sum(CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
+    ELSE CASE t.action WHEN 0 THEN -1 WHEN 2 THEN 1 ELSE 0 END END) OVER moves AS row,
+  e.start_col + sum(CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
+    ELSE CASE t.action WHEN 1 THEN 1 WHEN 3 THEN -1 ELSE 0 END END) OVER moves AS col,
+  t.discovered,
+  1.0 * t.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
+  t.reward,
+  t.server_ms,
+  t.client_ms,
+  t.key_down_ms,
+  t.key_up_ms,
+  t.input,
+  t.driver
+FROM steps t
+JOIN episodes e ON e.id = t.episode_id
+JOIN study_episodes s ON s.episode_id = e.id
+WINDOW moves AS (PARTITION BY t.episode_id ORDER BY t.step)
+ORDER BY e.started_ms, e.id, t.step;
+
+-- table: input_events
+SELECT
+  s.participant_id AS participant,
+  v.episode_id AS episode,
+  v.number,
+  v.kind AS event,
+  v.code,
+  v.repeat,
+  v.trusted,
+  v.client_ms,
+  v.step,
+  v.round_trip_ms,
+  v.server_ms
+FROM input_events v
+JOIN episodes e ON e.id = v.episode_id
+JOIN study_episodes s ON s.episode_id = e.id
+ORDER BY e.started_ms, e.id, v.number;
+
+-- table: policy_episodes
+SELECT
+  policy,
+  policy_hash,
+  terrain_index,
+  seed,
+  outcome,
+  steps,
+  steps_to_99,
+  score,
+  actions,
+  trajectory_hash
+FROM policy_episodes
+ORDER BY place, terrain_index;
+
+-- table: scores
+SELECT
+  p.id AS participant,
+  p.kind,
+  s.phase,
+  s.trial,
+  s.terrain AS terrain_index,
+  e.id AS episode,
+  e.driver,
+  e.attestation,
+  e.seed,
+  e.started_ms,
+  e.ended_ms,
+  e.outcome,
+  e.steps,
+  e.discovered,
+  1.0 * e.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
+  e.total AS "return",
+  e.score,
+  CASE e.outcome WHEN 'explored' THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99
+FROM episodes e
+JOIN study_episodes s ON s.episode_id = e.id
+JOIN participants p ON p.id = s.participant_id
+ORDER BY e.started_ms, e.id;
