@@ -19,12 +19,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.cli.main import main
+from app.cli.study_report import released_report
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
 from app.release.columns import BUNDLE_COLUMNS, dictionary, json_schema, markdown
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
+from app.release.tables import PARQUET, data_file
 from app.storage import chain
 from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
@@ -46,8 +48,8 @@ def made(tmp_path_factory):
     recorder = StudyRecorder(folder / "play.db", study)
     recorder.join(7, stage="withdrawn", consent=False)
     recorder.close()
-    built = build_release(ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",)))
-    return folder, built
+    request = ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",))
+    return folder, build_release(request, reporter=released_report(study.name, ()))
 
 
 @pytest.fixture
@@ -72,7 +74,9 @@ def test_a_release_holds_what_it_says_and_verifies(made):
     names = {
         *("study.sqlite", "episodes.jsonl", "scores.csv", "croissant.json", "protocol.json", "DATASHEET.md", "CITATION.cff"),
         *("LICENSE", MANIFEST, SIGNATURE, PUBLIC_KEY, "schema/columns.json", "schema/episode.schema.json"),
-        *(f"parquet/{name}.parquet" for name in ("episodes", "steps", "input_events")),
+        *(f"parquet/{name}.parquet" for name in PARQUET), *(data_file("dunes", name) for name in PARQUET),
+        *("participants.csv", "participants.jsonl", "queries.sql"),
+        *(f"report{kind}.{form}" for kind in ("", "-synthetic") for form in ("json", "html")),
         *(f"minari/marsexplorer/dunes/{who}-v1/data/{name}" for who in ("human", "script")
           for name in ("main_data.hdf5", "metadata.json")),
     }  # fmt: skip
@@ -139,7 +143,7 @@ def test_rows_follow_their_schema_and_the_dictionary_names_every_column(made):
         jsonschema.validate(json.loads(line), schema)
     assert json.loads((out / "schema/columns.json").read_text()) == dictionary()
     for name, columns in BUNDLE_COLUMNS.items():
-        if name != "scores":
+        if name in PARQUET:
             assert pq.read_schema(out / f"parquet/{name}.parquet").names == [column.name for column in columns]
     with (out / "scores.csv").open() as file:
         assert next(csv.reader(file)) == [column.name for column in BUNDLE_COLUMNS["scores"]]
@@ -291,7 +295,7 @@ ORDERS = {
 def nameless(path):
     """The rows of a release without its pseudonyms: what must come back."""
     rows = {name: table(path, name, order) for name, order in ORDERS.items()}
-    return json.loads(re.sub(r'\b[PBS][0-9a-f]{12}\b', "?", json.dumps(rows, default=bytes.hex)))  # fmt: skip
+    return json.loads(re.sub(r'\b[PBSI][0-9a-f]{12}\b', "?", json.dumps(rows, default=bytes.hex)))  # fmt: skip
 
 
 def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
