@@ -65,14 +65,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.score",
     },
-    "app.report": {
-        "app.statistics",
-        "app.storage",
-        "app.study",
-        "marsexplorer.config",
-        "marsexplorer.evaluation",
-        "marsexplorer.policies",
-    },
+    "app.report": {"app.statistics", "app.storage", "app.study", "marsexplorer.config", "marsexplorer.evaluation"},
     "app.server": {
         "app.admin",
         "app.leaderboard",

@@ -19,7 +19,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.cli.main import main
-from app.cli.study_report import released_report
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
@@ -34,22 +33,9 @@ from app.study.protocol import canonical, canonical_json, parse_protocol
 from app.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
+from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze
 
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A closed study of three, its database, and its release."""
-    folder = tmp_path_factory.mktemp("made")
-    study = freeze(folder / "studies")
-    play_study(folder / "play.db", study)
-    recorder = StudyRecorder(folder / "play.db", study)
-    recorder.join(7, stage="withdrawn", consent=False)
-    recorder.close()
-    request = ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",))
-    return folder, build_release(request, reporter=released_report(study.name, ()))
 
 
 @pytest.fixture

@@ -1,0 +1,190 @@
+"""`marsexplorer reproduce`: every figure of a bundle comes out again from the bundle alone, and a changed cell is seen."""
+
+import hashlib
+import json
+import shutil
+import sqlite3
+
+import pytest
+
+from app.cli.main import main
+from app.cli.study_report import released_report
+from app.release import signing
+from app.release.build import ReleaseRequest, build_release
+from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
+from marsexplorer import policies
+from marsexplorer.policies import find_file
+from tests.support import earlier
+from tests.support.stored_studies import freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    """The release of a study that compares a policy from a file, which is gone; the database and the studies are gone too."""
+    folder = tmp_path_factory.mktemp("reproduce")
+    policy = folder / "mine.safetensors"
+    shutil.copy(find_file("ppo"), policy)
+    study = freeze(folder / "studies", policies=("random", "frontier-cost", str(policy)))
+    play_study(folder / "play.db", study)
+    built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out"), reporter=released_report("dunes", ()))
+    kept = folder / "kept.safetensors"
+    policy.rename(kept)
+    (folder / "play.db").unlink()
+    shutil.rmtree(folder / "studies")
+    return folder / "out", built.signer, policy, kept
+
+
+@pytest.fixture
+def reproduce(capsys, tmp_path, monkeypatch):
+    """`reproduce(...)` runs the command in an empty folder and returns exit code, stdout, stderr."""
+    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "signers.json"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+
+    def run(*args):
+        with pytest.raises(SystemExit) as left:
+            main(["reproduce", *map(str, args)])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return run
+
+
+def counts(out):
+    """{section: (compared, differ)} of the printed table."""
+    rows = [line.split("│")[1:-1] for line in out.splitlines() if line.startswith("│")]
+    return {name.strip(): (int(compared.replace(",", "")), int(differ)) for name, compared, differ in rows}
+
+
+def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
+    out, signer, policy, _ = bundle
+    code, said, _ = reproduce(out)
+    assert (code, said.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
+    found = counts(said)
+    assert all(differ == 0 for _, differ in found.values())
+    for section in ("figures", "metrics", "comparisons", "players", "pictures", "policies", "page", "scripts: figures"):
+        assert found[section][0] > 0, section
+    assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
+    assert found["policies' episodes, played again"] == (2 * 3, 0)
+    assert f"{policy} was not played again, its recorded moves were replayed" in said
+    assert f"signer not checked: nothing here says whose key {signer} is" in said
+    # the sections of the people's report hold as many numbers and texts as report.json does
+    extra = ("page", "policies' episodes, replayed", "policies' episodes, played again")
+    people = {name: each for name, each in found.items() if not name.startswith("scripts: ") and name not in extra}
+    left_out = len(("made_at", "software_version"))
+    assert sum(compared for compared, _ in people.values()) == leaves(json.loads((out / "report.json").read_text())) - left_out
+
+
+def leaves(value):
+    """How many numbers and texts a JSON document holds, the length of each list among them."""
+    if isinstance(value, (dict, list)):
+        inner = value.values() if isinstance(value, dict) else value
+        return sum(map(leaves, inner)) + isinstance(value, list)
+    return 1
+
+
+def test_a_policy_that_is_back_is_played_again_and_another_file_is_not(bundle, reproduce):
+    out, _, policy, kept = bundle
+    try:
+        shutil.copy(kept, policy)
+        assert counts(reproduce(out)[1])["policies' episodes, played again"] == (3 * 3, 0)
+        shutil.copy(find_file("ppo-paper"), policy)
+        code, said, _ = reproduce(out)
+        assert (code, counts(said)["policies' episodes, played again"]) == (0, (2 * 3, 0))
+        assert "its file here has another SHA-256" in said
+    finally:
+        policy.unlink()
+
+
+@pytest.fixture
+def forged(bundle, tmp_path):
+    """A copy of the bundle in which one stored cell is changed, signed anew by somebody else."""
+    out = tmp_path / "forged"
+    shutil.copytree(bundle[0], out)
+    conn = sqlite3.connect(out / "study.sqlite")
+    changed = conn.execute("""UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
+        JOIN study_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)""")
+    assert changed.rowcount == 1
+    conn.commit()
+    conn.close()
+    key = signing.signing_key(tmp_path / "forger.db")
+    (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
+    manifest = json.loads((out / MANIFEST).read_text())
+    manifest["signer"] = signing.fingerprint((out / PUBLIC_KEY).read_bytes())
+    for name in (PUBLIC_KEY, "study.sqlite"):
+        manifest["files"][name]["sha256"] = hashlib.sha256((out / name).read_bytes()).hexdigest()
+    (out / MANIFEST).write_text(json.dumps(manifest))
+    (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
+    return out, manifest["signer"]
+
+
+def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(bundle, forged, reproduce):
+    out, forger = forged
+    code, said, _ = reproduce(out, "--recorded")
+    found = counts(said)
+    assert code == 1
+    assert found["figures"][1] > 0
+    assert found["players"][1] > 0
+    assert found["policies"][1] == found["protocol"][1] == 0
+    assert "groups.0.figures.0.score.mean: " in said
+    assert "none not as signed" in said
+    assert f"signer not checked: nothing here says whose key {forger} is" in said
+    code, said, _ = reproduce(out, "--recorded", "--key", bundle[1])
+    assert (code, "the signing key is" in said, "signer not checked" in said) == (1, True, True)
+
+
+def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen(bundle, tmp_path, reproduce):
+    out = tmp_path / "changed"
+    shutil.copytree(bundle[0], out)
+    page = (out / "report.html").read_text()
+    (out / "report.html").write_text(page.replace("95", "96", 1))
+    report = json.loads((out / "report.json").read_text())
+    report["groups"][0]["figures"][1]["steps"]["mean"] += 1e-6
+    (out / "report.json").write_text(json.dumps(report))
+    conn = sqlite3.connect(out / "study.sqlite")
+    conn.execute("UPDATE policy_episodes SET actions = substr(actions, 1, length(actions) - 1) WHERE policy = 'random'")
+    conn.commit()
+    conn.close()
+    code, said, _ = reproduce(out)
+    found = counts(said)
+    assert code == 1
+    assert found["page"][1] == 1
+    assert found["figures"] == (found["figures"][0], 1)
+    assert found["policies' episodes, replayed"][1] == 3
+    assert "file report.html: sha256" in said
+
+
+def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derived(reproduce, tmp_path):
+    folder = earlier.studies(tmp_path)
+    shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
+    code, said, err = reproduce(folder / "dunes-1")
+    assert (code, err) == (0, "")
+    assert "holds no report, so there is nothing to compare with" in said
+    assert "people: means over players" in said
+
+
+def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(tmp_path, capsys, reproduce):
+    policy = tmp_path / "gone.safetensors"
+    shutil.copy(find_file("ppo"), policy)
+    study = freeze(tmp_path / "studies", policies=("random", str(policy)))
+    play_study(tmp_path / "play.db", study, kinds=("human",))
+    policy.unlink()
+    where = [
+        "--study",
+        "dunes",
+        "--database",
+        tmp_path / "play.db",
+        "--studies",
+        tmp_path / "studies",
+        "--out",
+        tmp_path / "out",
+    ]
+    for more, expected in ((), 1), (("--without-policy", policy), 0):
+        with pytest.raises(SystemExit) as left:
+            main(["release", *map(str, (*where, *more))])
+        assert (left.value.code or 0) == expected
+        said = capsys.readouterr()
+        assert ("--without-policy" in said.err) == bool(expected)
+    assert json.loads((tmp_path / "out" / MANIFEST).read_text())["without_policies"] == [str(policy)]
+    assert reproduce(tmp_path / "out")[0] == 0
+    assert policies.policy_hash("random") is None

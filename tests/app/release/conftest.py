@@ -1,0 +1,26 @@
+"""One released bundle for the tests of this folder, which only read it."""
+
+import pytest
+
+from app.cli.study_report import released_report
+from app.release.build import ReleaseRequest, build_release
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A closed study of three, its database, and its release with its report."""
+    folder = tmp_path_factory.mktemp("made")
+    study = freeze(folder / "studies")
+    play_study(folder / "play.db", study)
+    recorder = StudyRecorder(folder / "play.db", study)
+    recorder.join(7, stage="withdrawn", consent=False)
+    recorder.close()
+    request = ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",))
+    return folder, build_release(request, reporter=released_report(study.name, ()))
+
+
+@pytest.fixture(autouse=True)
+def no_known_signers(tmp_path, monkeypatch):
+    """Keep the pinned keys of whoever runs the tests out of them."""
+    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "signers.json"))
