@@ -21,7 +21,7 @@ from app.storage.connection import rows, stream
 from app.storage.database import open_database, transaction
 from app.storage.forgotten import ERASED
 
-PREFIXES = {"participants": "P", "players": "B", "sessions": "S", "invitations": "I"}
+PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
 FREE_TEXT = {"stage_events": ("detail",), "participants": ("settings", "script"), "input_events": ("code",)}
 """Columns whose text a browser had a hand in: looked through for identities before anything leaves."""
@@ -107,7 +107,6 @@ def _rows(
     yield from _players_and_sessions(source, study, people, pseudonyms)
     for person in people:
         pseudonyms.of("participants", person["id"])
-        pseudonyms.of("invitations", person["invitation"])
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
         invitation = pseudonyms.once("I", person["invitation"])
@@ -156,7 +155,6 @@ class RowPseudonymizer:
                 row[name] = self._pseudonyms.of(of, row[name])
         if table == "participants":
             row["id"] = self._pseudonyms.of("participants", row["id"])
-            row["invitation"] = self._pseudonyms.of("invitations", row["invitation"])
         for name in FREE_TEXT.get(table, ()):
             if row[name] is not None:
                 row[name] = self._text(row[name], f"{table}.{name}")
