@@ -25,6 +25,7 @@ from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
+from app.study.flow import participant_flow
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
 
@@ -98,6 +99,9 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         deviations=deviations(data, cohort),
         cautions=(),
         leak=leak_trend(cohort.ranked) if cohort.kind == "human" else None,
+        flow=participant_flow(data) if cohort.kind == "human" else None,
+        excluded=_excluded(cohort, ids),
+        repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
         pictures=pictures,
     )
     return replace(group, cautions=cautions(data, group))
@@ -107,6 +111,15 @@ def _left(data: StudyData, cohort: Cohort) -> int:
     """Return how many have withdrawn, or had not finished when the study was closed."""
     is_closed = data.closed_ms is not None
     return sum(person.stage == "withdrawn" or (is_closed and person.completed_ms is None) for person in cohort.people)
+
+
+def _excluded(cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
+    """Return those who ended all ranked episodes and are not among `ids`, by reason."""
+    out = [person for person in cohort.people if person.completed_ms is not None and person.id not in ids]
+    reasons = Counter(
+        "not all episodes their own" if len(cohort.ranked[each.id]) < cohort.terrains else "by its rules" for each in out
+    )
+    return dict(sorted(reasons.items()))
 
 
 def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from app.report.flow_chart import draw_flow, flow_height, flow_steps
 from app.report.model import GroupReport, PolicyRow, Report
 from app.statistics.comparisons import PolicyComparison
 
@@ -70,6 +71,12 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
         found[name] = draw_svg(f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt)
 
+    if group.flow is not None and group.joined:
+        steps = flow_steps(group.flow, group.figure.players, group.figure.episodes, list(group.excluded.items()))
+        alt = "; ".join(
+            " ".join((f"{step.label}: {step.count}", *(f"({why}: {count})" for why, count in step.lost))) for step in steps
+        )
+        add("flow", 0.56 * flow_height(steps), lambda canvas: draw_flow(canvas, steps), alt)
     if group.metrics:
         add("players", 3.4, lambda canvas: _players(canvas, group), "Each player's mean score and mean steps, with intervals")
         add("learning", 3.6, lambda canvas: _learning(canvas, group), "Mean score and steps by ranked trial, with intervals")

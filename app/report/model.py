@@ -14,6 +14,7 @@ from app.statistics.learning import Learning, TrialMean
 from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
 from app.statistics.terrain_leaks import LeakTrend
+from app.study.flow import ParticipantFlow
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
@@ -62,6 +63,9 @@ class GroupReport:
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
     leak        the trend over earlier finishers of a terrain; None for scripts
+    flow        of the people through the study; None for scripts
+    excluded    people who ended all ranked episodes and are not in the primary figure, by reason
+    repeated    people who show a sign of taking part more than once, by sign
     pictures    curves and visit maps, empty where no episodes were replayed
     """
 
@@ -82,6 +86,9 @@ class GroupReport:
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
     leak: LeakTrend | None = None
+    flow: ParticipantFlow | None = None
+    excluded: dict[str, int] = field(default_factory=dict)
+    repeated: dict[str, int] = field(default_factory=dict)
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property

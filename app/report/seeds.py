@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.storage.reader import Reader
-from app.storage.study_reader import find_study
+from app.storage.study_reader import find_study, participants
 from app.study.data import StudyData, load
+from app.study.flow import with_invitations
 from app.study.folder import Folder, Study
+from app.study.invitations import Invitations
 from app.study.protocol import StudyError
 
 
@@ -41,6 +43,9 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         raise StudyError(
             f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"
         )
+    opened = [person.invitation for person in participants(reader, name) if person.invitation is not None]
+    if study.protocol.recruitment == "invitation":
+        data = replace(data, arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened))
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}

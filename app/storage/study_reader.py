@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from app.storage.forgotten import ERASED
 from app.storage.reader import Reader
 from app.storage.study_rows import Participant, StageEventRow, StudyRow
 
@@ -53,6 +54,12 @@ def participants(reader: Reader, study: str) -> list[Participant]:
 def count_participants(reader: Reader, study: str) -> int:
     """Return how many people and scripts have joined a study."""
     return int(reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"])
+
+
+def count_erased(reader: Reader, study: str) -> int:
+    """Return how many people had their rows erased from a study (`app.storage.forgotten.note_erased`)."""
+    sql = "SELECT count(*) AS n FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
+    return int(reader.query(sql, [ERASED, study])[0]["n"])
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:

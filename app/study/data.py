@@ -14,6 +14,7 @@ from typing import Any
 
 from app.storage.reader import Reader, config_of
 from app.storage.study_reader import (
+    count_erased,
     find_study,
     input_events,
     move_inputs,
@@ -23,6 +24,7 @@ from app.storage.study_reader import (
     study_names,
 )
 from app.storage.study_rows import ParticipantKind, Phase
+from app.study.flow import Arrivals, arrivals_of
 from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.repeats import repeated_reasons
@@ -97,7 +99,10 @@ class StudyEpisode:
 
 @dataclass(frozen=True)
 class StudyData:
-    """Everything figures are made from. `secret` is hex, known here once the study is closed."""
+    """Everything figures are made from. `secret` is hex, known here once the study is closed.
+
+    arrivals  people before they agreed; a release's holds nobody who did not, and its header has the counts
+    """
 
     protocol: Protocol
     protocol_hash: str
@@ -107,6 +112,7 @@ class StudyData:
     secret: str | None = field(repr=False)
     people: tuple[Person, ...]
     trials: tuple[StudyEpisode, ...] = field(repr=False)
+    arrivals: Arrivals = field(default_factory=Arrivals)
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
@@ -155,6 +161,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         trials=tuple(
             _with_input(reader, each, kinds[each["participant_id"]], version) for each in study_episodes(reader, study)
         ),
+        arrivals=arrivals_of(people, count_erased(reader, study)),
     )
 
 
