@@ -6,6 +6,7 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
+from app.storage import chain
 from app.study import verification
 from app.study.verification import verify_database
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
@@ -48,27 +49,36 @@ def changed(value):
     return value + 1_000_003
 
 
+OF_TRIAL = "SELECT t.* FROM {} t JOIN study_episodes x ON t.{} = x.episode_id WHERE x.phase = 'ranked' AND x.trial = 1 LIMIT 1"
+ONE_ROW = {
+    "episodes": OF_TRIAL.format("episodes", "id"),
+    **{table: OF_TRIAL.format(table, "episode_id") for table in ("steps", "study_episodes", "input_events")},
+    **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("participants", "stage_events", "identities", "studies")},
+    **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("players", "sessions")},
+    **{table: f"SELECT * FROM {table} WHERE number = 7" for table in ("chain", "chain_salts")},
+}
+"""Table -> SQL for the row of it that is changed."""
+
+FREE = {("sessions", "pace_mode"), ("sessions", "moves_per_second")}
+"""What a player may change at any time, and no hash covers."""
+
+
 def columns():
     conn = sqlite3.connect(":memory:", isolation_level=None)
     from app.storage.migrations import MIGRATIONS
 
     for migration in MIGRATIONS:
         migration(conn)
-    tables = ("episodes", "steps", "study_episodes", "input_events", "participants", "stage_events")
-    found = [(table, row[1], row[2]) for table in tables for row in conn.execute(f"PRAGMA table_info({table})")]
+    found = [(table, row[1], row[2]) for table in ONE_ROW for row in conn.execute(f"PRAGMA table_info({table})")]
     conn.close()
-    return found
+    return [each for each in found if each[:2] not in FREE]
 
 
 @pytest.mark.parametrize(("table", "column", "kind"), columns(), ids=lambda value: str(value))
 def test_a_change_to_any_stored_field_is_found(copy, table, column, kind):
     conn, path = copy
-    where = "" if table in ("participants", "stage_events") else " AND x.phase = 'ranked' AND x.trial = 1"
-    person = "id = x.participant_id"
-    own = {"episodes": "id = x.episode_id", "participants": person, "stage_events": f"participant_{person}"}
-    key = f"t.{own.get(table, 'episode_id = x.episode_id')}"
     names = [row[1] for row in conn.execute(f"PRAGMA table_info({table})")]
-    row = conn.execute(f"SELECT t.* FROM {table} t JOIN study_episodes x ON {key} WHERE 1{where} LIMIT 1").fetchone()
+    row = conn.execute(ONE_ROW[table]).fetchone()
     old = dict(zip(names, row, strict=True))
     match = " AND ".join(f"{name} IS ?" for name in names)
     new = "x" if old[column] is None and kind == "TEXT" else changed(old[column])
@@ -77,6 +87,95 @@ def test_a_change_to_any_stored_field_is_found(copy, table, column, kind):
     result = verify_database(path)
     assert result.findings, f"{table}.{column} was {old[column]!r}, became {new!r}"
     assert result.failed >= 1
+
+
+@pytest.mark.parametrize(
+    ("table", "harm", "where"),
+    [
+        ("players", "UPDATE players SET created_ms = created_ms + 1 WHERE id = (SELECT min(player_id) FROM participants)",
+         "SELECT id FROM participants WHERE player_id = (SELECT min(player_id) FROM participants)"),
+        ("sessions", "UPDATE sessions SET control = 'cookie' WHERE id = (SELECT min(id) FROM sessions)",
+         "SELECT min(id) FROM sessions"),
+        ("sessions", "UPDATE sessions SET owner_id = 'x' WHERE id = (SELECT min(id) FROM sessions)",
+         "SELECT min(id) FROM sessions"),
+        ("identities", "UPDATE identities SET value = 'other' WHERE participant_id = (SELECT min(id) FROM participants)",
+         "SELECT min(id) FROM participants"),
+        ("identities", "DELETE FROM identities WHERE participant_id = (SELECT min(id) FROM participants)",
+         "SELECT min(id) FROM participants"),
+        ("studies", "UPDATE studies SET frozen_ms = frozen_ms + 1", "SELECT name FROM studies"),
+        ("studies", "UPDATE studies SET closed_ms = closed_ms + 1", "SELECT name FROM studies"),
+        ("input_events", "UPDATE input_events SET code = 'KeyQ' WHERE episode_id = (SELECT min(id) FROM episodes)",
+         "SELECT min(id) FROM episodes"),
+    ],
+)  # fmt: skip
+def test_a_change_that_follows_from_no_cause_is_named_by_table_and_id(copy, table, harm, where):
+    conn, path = copy
+    conn.execute("PRAGMA foreign_keys = OFF")
+    (ident,) = conn.execute(where).fetchone()
+    assert conn.execute(harm).rowcount > 0
+    said = [(finding.where.split()[1], finding.what) for finding in verify_database(path).findings]
+    assert (ident, f"digest of its stored fields in the table {table}") in said
+
+
+def remove_participant(conn, person):
+    """Delete a participant with all of their rows, and the salts of their entries, as `forget` does without its own entry."""
+    conn.execute("PRAGMA foreign_keys = OFF")
+    session, player = conn.execute("SELECT session_id, player_id FROM participants WHERE id = ?", [person]).fetchone()
+    for table in ("steps", "input_events", "study_episodes"):
+        conn.execute(f"DELETE FROM {table} WHERE episode_id IN (SELECT id FROM episodes WHERE session_id = ?)", [session])
+    gone = "id IN (SELECT id FROM episodes WHERE session_id = ?) OR id IN (?, ?)"
+    numbers = [row[0] for row in conn.execute(f"SELECT number FROM chain_salts WHERE {gone}", (session, session, person))]
+    conn.execute(f"DELETE FROM chain_salts WHERE {gone}", (session, session, person))
+    conn.execute("DELETE FROM episodes WHERE session_id = ?", [session])
+    conn.execute("DELETE FROM sessions WHERE id = ?", [session])
+    for table in ("identities", "stage_events"):
+        conn.execute(f"DELETE FROM {table} WHERE participant_id = ?", [person])
+    conn.execute("DELETE FROM participants WHERE id = ?", [person])
+    conn.execute("DELETE FROM players WHERE id = ?", [player])
+    return numbers
+
+
+def test_a_participant_removed_with_everything_but_the_chain_is_found(copy, played):
+    conn, path = copy
+    numbers = remove_participant(conn, played[2][1])
+    assert len(numbers) > 7
+    assert {finding.where for finding in verify_database(path).findings} == {f"chain entry {each}" for each in numbers}
+
+
+def test_a_participant_removed_with_their_entries_leaves_a_gap(copy, played):
+    conn, path = copy
+    numbers = remove_participant(conn, played[2][1])
+    conn.execute(f"DELETE FROM chain WHERE number IN ({','.join(map(str, numbers))})")
+    found = verify_database(path).findings
+    assert {"the entry before it", "its head"} <= {finding.what for finding in found}
+
+
+@pytest.mark.parametrize("makes_anew", [False, True], ids=["the end is cut off", "the whole is made anew"])
+def test_a_chain_without_its_end_or_made_anew_is_found_by_an_earlier_head_alone(copy, played, makes_anew):
+    conn, path = copy
+    before = verify_database(path).chain
+    numbers = remove_participant(conn, played[2][2])
+    if makes_anew:
+        write_chain_anew(conn)
+    else:
+        marks = ",".join(map(str, numbers))
+        (replaced,) = conn.execute(f"SELECT min(replaces) FROM chain WHERE number IN ({marks})").fetchone()
+        conn.execute("DELETE FROM chain WHERE number >= ?", [min([*numbers, replaced or before.entries])])
+    assert verify_database(path).findings == ()
+    (found,) = verify_database(path, head=before.head).findings
+    assert (found.where, found.what, found.stored) == ("chain", "the head given", before.head)
+
+
+def test_an_earlier_head_says_what_was_changed_since(copy, played):
+    conn, path = copy
+    before = verify_database(path).chain
+    person = played[2][0]
+    conn.execute("UPDATE participants SET completed_ms = 7 WHERE id = ?", [person])
+    chain.append(conn, "participant", person)
+    result = verify_database(path, head=before.head)
+    assert result.findings == ()
+    assert (result.chain.entries, result.since.entry) == (before.entries + 1, before.entries)
+    assert (result.since.added, result.since.replaced, result.since.forgotten) == ({"participant": 1}, {"participant": 1}, {})
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,280 @@
+"""The chain: what appends an entry, what an entry tells nobody, and what a step costs."""
+
+import hashlib
+import json
+import shutil
+import sqlite3
+from dataclasses import replace
+
+import pytest
+
+from app.cli.main import main
+from app.release.manifest import MANIFEST
+from app.storage import chain
+from app.storage.chain import Thing
+from app.storage.erasure import forget
+from app.storage.merging import merge
+from app.storage.store import Store
+from app.storage.studies import InputEventRow, StudyStore
+from app.study.verification import verify_database
+from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def origin(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("origin")
+    study = freeze(folder / "studies")
+    return folder / "play.db", play_study(folder / "play.db", study)
+
+
+@pytest.fixture
+def copy(origin, tmp_path):
+    """A copy of a closed study's database, and its participants."""
+    return shutil.copy(origin[0], tmp_path / "play.db"), origin[1]
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(tmp_path / "play.db")
+    yield store
+    store.close()
+
+
+def ask(path, sql, *values):
+    conn = sqlite3.connect(path)
+    found = conn.execute(sql, values).fetchall()
+    conn.close()
+    return found
+
+
+def kinds(store):
+    return [kind for (kind,) in store.connection.execute("SELECT kind FROM chain ORDER BY number")]
+
+
+def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store):
+    session = add_session(store)
+    row, episode = open_episode(store, session, seed=1)
+    assert kinds(store) == []
+    add_steps(store, row, episode, free_moves(episode)[:4])
+    assert kinds(store) == ["session"]
+    episode.abandon()
+    store.close_episode(row.id, episode.record(), 5)
+    again, second = open_episode(store, session, seed=2, number=1)
+    add_steps(store, again, second, free_moves(second)[:1])
+    assert kinds(store) == ["session", "episode"]
+    assert verify_database(store.path).findings == ()
+
+
+def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(store):
+    row, episode = open_episode(store, add_session(store), seed=1)
+    events = [InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)]
+    study_store = StudyStore(store)
+    study_store.add_input_events(row.id, events[:2], 5)
+    assert kinds(store) == []
+    add_steps(store, row, episode, free_moves(episode)[:1])
+    episode.abandon()
+    store.close_episode(row.id, episode.record(), 6)
+    before = store.connection.execute("SELECT * FROM chain").fetchall()
+    for batch in (events[2:5], events[2:5], events[5:]):
+        study_store.add_input_events(row.id, batch, 7)
+    assert kinds(store) == ["session", "episode", "events", "events"]
+    assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
+    assert store.connection.execute("SELECT first FROM chain_salts WHERE kind = 'events'").fetchall() == [(2,), (5,)]
+    assert verify_database(store.path).findings == ()
+    for number in range(6):
+        store.connection.execute("UPDATE input_events SET client_ms = client_ms + 0.5 WHERE number = ?", [number])
+        (found,) = verify_database(store.path).findings
+        assert (found.where, found.what) == (f"episode {row.id}", "digest of its stored fields in the table input_events")
+        store.connection.execute("UPDATE input_events SET client_ms = client_ms - 0.5 WHERE number = ?", [number])
+
+
+def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_before_it(tmp_path):
+    recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "studies"))
+    person = recorder.join(0)
+    study_store = StudyStore(recorder.store)
+    study_store.add_stage_event(person, 5, "break", {})
+    (entry,) = recorder.conn.execute("SELECT kind, replaces IS NOT NULL FROM chain ORDER BY number DESC LIMIT 1").fetchall()
+    assert entry == ("participant", 1)
+    assert verify_database(recorder.path).findings == ()
+    recorder.conn.execute("UPDATE stage_events SET at_ms = 1 WHERE participant_id = ? AND number = 0", [person])
+    study_store.add_stage_event(person, 6, "break", {})
+    study_store.set_stage(person, 7, "withdrawn")
+    recorder.close()
+    (found,) = verify_database(recorder.path).findings
+    assert (found.where, found.what) == (f"participant {person}", "digest of its stored fields")
+
+
+def test_a_step_or_a_change_that_fails_leaves_no_entry(store, monkeypatch):
+    row, episode = open_episode(store, add_session(store), seed=1)
+
+    def fail(*_):
+        raise OSError("full")
+
+    episode.abandon()
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "_close", fail)
+        with pytest.raises(OSError, match="full"):
+            store.add_step(replace(a_step(row), driver="script"), episode.record())
+    assert kinds(store) == []
+    store.add_step(a_step(row))
+    assert kinds(store) == ["session"]
+
+
+def a_step(row):
+    from app.storage.store import StepRow
+
+    return StepRow(row.id, 0, 1, 0.0, 1, 5, None, None, None, "key", "human")
+
+
+def test_the_same_rows_have_another_hash_each_time(copy):
+    path, people = copy
+    conn = sqlite3.connect(path, isolation_level=None)
+    for _ in range(2):
+        chain.append(conn, "participant", people[0])
+    hashes = conn.execute("SELECT hash FROM chain ORDER BY number DESC LIMIT 2").fetchall()
+    assert len(set(hashes)) == 2
+    assert conn.execute("SELECT count(*) FROM chain_salts WHERE id = ?", [people[0]]).fetchone() == (1,)
+    conn.close()
+
+
+def test_a_head_is_sha256_over_the_head_before_and_the_entry(copy):
+    """By the definition in docs/release.md, without this package."""
+    before = ""
+    for *entry, head in ask(copy[0], "SELECT * FROM chain ORDER BY number"):
+        line = json.dumps([before, *entry], separators=(",", ":")) + "\n"
+        assert head == hashlib.sha256(line.encode()).hexdigest()
+        before = head
+    assert before == verify_database(copy[0]).chain.head
+
+
+def test_nothing_in_the_chain_says_who_or_when_but_for_the_day(copy):
+    for table in ("players", "sessions", "participants", "episodes", "studies"):
+        ids = {ident for (ident,) in ask(copy[0], f"SELECT {'name' if table == 'studies' else 'id'} FROM {table}")}
+        assert not any(ident in repr(row) for row in ask(copy[0], "SELECT * FROM chain") for ident in ids)
+    assert all(day_ms % 86_400_000 == 0 for (day_ms,) in ask(copy[0], "SELECT day_ms FROM chain"))
+
+
+def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
+    """Somebody who knows every row of the person and every byte that is left finds none of their hashes in the chain."""
+    path, people = copy
+    known = path.with_name("known.db")
+    shutil.copy(path, known)
+    theirs = "id = ?1 OR id IN (SELECT session_id FROM participants WHERE id = ?1) OR id IN (SELECT e.id FROM episodes e " \
+        "JOIN participants p ON p.session_id = e.session_id WHERE p.id = ?1)"  # fmt: skip
+    lost = ask(known, f"SELECT number, kind, id, first, salt, parts FROM chain_salts WHERE {theirs}", people[0])
+    assert len(lost) > 7
+    forget(path, people[0])
+    left = path.read_bytes()
+    hashes = {hash_ for (hash_,) in ask(path, "SELECT hash FROM chain")}
+    salts = [salt for (salt,) in ask(path, "SELECT salt FROM chain_salts")]
+    conn = sqlite3.connect(known)
+    for _, kind, ident, first, salt, parts in lost:
+        thing = Thing(kind, ident, first)
+        assert chain.combine(chain.compute(conn, thing, salt)) in hashes, "with the salt it could be made"
+        assert not {chain.combine(chain.compute(conn, thing, each)) for each in (*salts, b"")} & hashes
+        assert salt not in left
+        assert not any(part.encode() in left for part in json.loads(parts).values())
+    conn.close()
+    ((note, kind),) = ask(path, "SELECT note, kind FROM chain ORDER BY number DESC LIMIT 1")
+    assert (kind, json.loads(note)) == ("forgotten", {"forgotten": sorted(number for number, *_ in lost)})
+    result = verify_database(path)
+    assert (result.findings, result.chain.forgotten) == ((), len(lost))
+
+
+def test_an_entry_that_calls_others_forgotten_cannot_take_two_or_later_ones(copy):
+    path, _ = copy
+    conn = sqlite3.connect(path, isolation_level=None)
+    chain.append_note(conn, "forgotten", {"forgotten": [3, 3, 10_000]})
+    found = [finding.stored for finding in verify_database(path).findings if finding.what == "it"]
+    assert found == ["entry 3 forgotten, which is not in force", "entry 10000 forgotten, which is not in force"]
+    conn.close()
+
+
+def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgotten(tmp_path):
+    study = freeze(tmp_path / "studies", keep_episodes_when_forgotten=True)
+    path = tmp_path / "play.db"
+    person, *_ = play_study(path, study)
+    conn = sqlite3.connect(path, isolation_level=None)
+    (ident,) = conn.execute("SELECT min(episode_id) FROM study_episodes WHERE participant_id = ?", [person]).fetchone()
+    conn.execute("UPDATE steps SET key_up_ms = 1 WHERE episode_id = ?", [ident])
+    conn.execute("UPDATE participants SET completed_ms = 1 WHERE id = ?", [person])
+    conn.close()
+    forget(path, person)
+    found = {finding.where for finding in verify_database(path).findings}
+    (now,) = ask(path, "SELECT participant_id FROM study_episodes WHERE episode_id = ?", ident)
+    assert found == {f"episode {ident}", f"participant {now[0]}"}
+
+
+@pytest.mark.parametrize(
+    ("harm", "kind"),
+    [
+        ("UPDATE input_events SET code = 'KeyQ' WHERE episode_id = (SELECT min(id) FROM episodes)", "episode"),
+        ("UPDATE identities SET value = 'other' WHERE participant_id = (SELECT min(id) FROM participants)", "participant"),
+        ("UPDATE sessions SET control = 'cookie' WHERE id = (SELECT min(id) FROM sessions)", "session"),
+        ("UPDATE studies SET frozen_ms = 5", "study"),
+        ("DELETE FROM chain_salts WHERE id = (SELECT min(id) FROM episodes)", "episode"),
+    ],
+)
+def test_a_merge_makes_nothing_sound_that_was_changed_before(copy, tmp_path, harm, kind):
+    path, _ = copy
+    conn = sqlite3.connect(path, isolation_level=None)
+    assert conn.execute(harm).rowcount > 0
+    other = Store(tmp_path / "other.db")
+    play(other, seed=4)
+    other.close()
+    conn.close()
+    merge([path, tmp_path / "other.db"], tmp_path / "both.db")
+    assert {finding.where.split()[0] for finding in verify_database(tmp_path / "both.db").findings} == {kind}
+
+
+def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_path):
+    path, _ = copy
+    other = Store(tmp_path / "other.db")
+    play(other, seed=4)
+    other.close()
+    merge([path, tmp_path / "other.db"], tmp_path / "both.db")
+    notes = [
+        json.loads(note)["merged"] for (note,) in ask(tmp_path / "both.db", "SELECT note FROM chain WHERE kind = 'merged'")
+    ]
+    heads = [verify_database(each).chain for each in (path, tmp_path / "other.db")]
+    assert notes == [{"head": head.head, "entries": head.entries} for head in heads]
+    assert verify_database(tmp_path / "both.db").findings == ()
+
+
+def run(capsys, *args):
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    said = capsys.readouterr()
+    return left.value.code, said.out + said.err
+
+
+def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, capsys):
+    path, people = copy
+    given = ("verify", "--database", path, "--studies", tmp_path)
+    code, said = run(capsys, *given)
+    head = verify_database(path).chain
+    assert code == 0
+    assert f"chain: {head.entries} entries; head {head.head}\n" in said
+    run(capsys, "release", "--database", path, "--studies", tmp_path, "--study", "dunes", "--out", tmp_path / "out")
+    manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    assert (manifest["chain_head"], manifest["chain_entries"]) == (head.head, head.entries)
+    forget(path, people[0])
+    for earlier in (head.head, head.head.upper(), tmp_path / "out"):
+        code, said = run(capsys, *given, "--head", earlier)
+        assert (code, "since then: 1 of kind forgotten" in said, "1 of kind participant" in said) == (0, True, True)
+    code, said = run(capsys, *given, "--head", "0" * 64)
+    assert (code, said.startswith("chain: the head given is 000")) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (("--database", "a.db", "--head", "12"), "--head is the 64 hexadecimal digits"),
+        (("--dataset", "a", "--head", "0" * 64), "--head goes with --database"),
+    ],
+)
+def test_a_head_that_is_none_is_refused_in_a_sentence(capsys, args, said):
+    code, printed = run(capsys, "verify", *args)
+    assert code == 2
+    assert said in printed
