@@ -16,7 +16,7 @@ from app.leaderboard.human_summaries import HumanSummaries
 from app.play.policy_catalogue import PolicyOffer
 from app.storage.reader import Reader
 
-NOBODY_PLAYED = "Nobody has played this for the human score yet."
+NOBODY_PLAYED = "Nobody has played this ranked yet."
 
 
 class UnknownEntryError(LookupError):
@@ -61,5 +61,5 @@ class Leaderboard:
             return entry.human
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             pictures = self._people.pictures(reader, entry.config, entry.human)
-        plain = ("players", "episodes", "score", "steps", "completed")
+        plain = ("players", "episodes", "abandoned", "score", "steps", "completed")
         return {**{name: entry.human[name] for name in plain}, **pictures}

@@ -27,9 +27,12 @@ export function readDetail(detail, status) {
 /**
  * @typedef {{name: string, summary: string}} Choice  a level or a policy
  * @typedef {{mean: number, low: number | null, high: number | null}} Interval  low and high are null for a single player
- * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, score: Interval, steps: Interval}} HumanFigure
+ * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval, steps: Interval}} HumanFigure
  * @typedef {{figures: HumanFigure[], sentence: string}} HumanLevel
  * @typedef {import("./messages.js").About} About
+ * @typedef {import("./messages.js").Frame} Frame
+ * @typedef {{episode: string, player: string, level: string, size: number | [number, number], frame: Frame,
+ *   history: import("./messages.js").History, frames: Frame[] | null}} Watched  frames: every one, once the episode has ended
  * @typedef {<T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>} Request
  */
 
@@ -90,6 +93,17 @@ export function createApi(fetcher, root = "") {
      * @returns {Promise<About>}
      */
     about: (id) => request(`${session(id)}/about`, undefined, 4000),
+    /**
+     * Return the board that this browser's player goes on with; null without one.
+     * @param {string} [episode] asks for the board on which it is the current one
+     * @returns {Promise<About | null>}
+     */
+    mySession: (episode) => request(`me/session${episode === undefined ? "" : `?episode=${encodeURIComponent(episode)}`}`),
+    /**
+     * @param {string} episode
+     * @returns {Promise<Watched>}
+     */
+    watched: (episode) => request(`watch/${encodeURIComponent(episode)}`),
     /**
      * @param {string} id
      * @param {Record<string, unknown>} wish

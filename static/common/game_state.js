@@ -5,7 +5,7 @@
 /** @typedef {import("./messages.js").About} About */
 /** @typedef {import("./messages.js").FromServer} FromServer */
 /** @typedef {"player" | "rival"} Role */
-/** @typedef {"practice" | "ranked" | "watch"} Mode */
+/** @typedef {"practice" | "ranked" | "watch" | "spectator"} Mode  spectator: of an episode that is somebody else's */
 /**
  * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
  * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came).
@@ -20,7 +20,7 @@
 /**
  * What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`.
  * @typedef {{kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer} | {kind: "link", link: State["link"]}
- *   | {kind: "replay", about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
+ *   | {kind: "watched", level: string, size: State["size"], board: Board} | {kind: "replay", about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
  */
 
 /** @returns {State} */
@@ -135,6 +135,10 @@ export function apply(state, event) {
       const rival = about.rival
         ? { ...boardOf(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
       return { ...state, mode: modeOf(about), level: about.level, size: about.size, counts: about.counts, player, rival };
+    }
+    case "watched": {
+      const { level, size, board } = event;
+      return { ...state, mode: "spectator", level, size, counts: false, player: board, rival: null };
     }
     case "replay": {
       const { about } = event;

@@ -83,7 +83,7 @@ function paint() {
   by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
   paintWorking(standing.working(detail.policies));
   paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, standing.scaleOf(figures, measure), measure);
-  by("ranks-note").textContent = detail.people ? "The dashed line is the human level." : "There is no line for the human level: nobody has played this terrain for the human score yet.";
+  by("ranks-note").textContent = detail.people ? `The dashed line is the mean of ${detail.board.study ? "the study's people" : "the volunteers"}.` : "There is no line for people: nobody has played this terrain ranked yet.";
   paintCoverage(rows);
   paintTrials({ canvas: by("trials", HTMLCanvasElement), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
   paintVisits(rows);
@@ -116,7 +116,7 @@ function paintCoverage(rows) {
 /** @param {standing.Row[]} rows */
 function paintVisits(rows) {
   const maps = rows.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
-  maps.sort((a, b) => Number(b.name === "People") - Number(a.name === "People"));
+  maps.sort((a, b) => Number(b.colour === standing.PEOPLE_INK) - Number(a.colour === standing.PEOPLE_INK));
   paintMaps(by("visits"), maps);
   const note = by("visits-note");
   note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";

@@ -1,5 +1,5 @@
 // @ts-check
-// The table of ranks: a row for each explorer, its interval on the common scale, the human level as a line through all rows.
+// The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
 import { tickText } from "../common/chart_scale.js";
 import { create } from "../common/page.js";
 import { intervalText, shown, source } from "./standing.js";

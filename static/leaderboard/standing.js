@@ -9,7 +9,7 @@ import { many } from "../common/words.js";
 /**
  * @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure
  */
-/** @typedef {Figure & {players: number, trials: Trial[], set?: string}} People */
+/** @typedef {Figure & {players: number, trials: Trial[], set?: string, abandoned?: number}} People */
 /**
  * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy
  */
@@ -41,19 +41,25 @@ export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1)
 export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
 
 /**
+ * Return what a board's people are called: those of a study are its participants, those of the playground volunteers.
+ * @param {BoardListing} board
+ */
+export const peopleName = ({ study }) => (study ? "People" : "Volunteers");
+
+/**
  * Return everyone on the board, the best first; those still without a figure last.
  * @param {Detail} detail
  * @param {Measure} measure
  * @returns {Row[]}
  */
-export function rows({ people, policies }, measure) {
+export function rows({ board, people, policies }, measure) {
   const others = policies.filter(({ name }) => !OWN[name]);
   /** @type {Row[]} */
   const found = policies.map((policy) => {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
     return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
   });
-  if (people) found.unshift({ who: "people", name: "People", colour: PEOPLE_INK, dash: "", figure: people, policy: null });
+  if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_INK, dash: "", figure: people, policy: null });
   const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
 }
@@ -110,12 +116,14 @@ export function headline({ board, people, policies }) {
   const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")}.` : "";
   const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
-    const what = board.study ? `No person finished the study ${board.study}` : `Nobody has played ${terrain} for the human score yet`;
-    return `${what}, so there is no human level here.${policy}`;
+    if (board.study) return `No person finished the study ${board.study}, so it has no human level.${policy}`;
+    return `Volunteers on this playground: nobody has played ${terrain} ranked yet.${policy}`;
   }
-  const where = board.study ? `in the study ${board.study}, ${terrain}` : `on ${terrain}`;
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
-  return `Human level ${where}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${many(people.players, "player")} and ${many(people.episodes, "episode")}.${policy}`;
+  const who = board.study ? `Human level in the study ${board.study}` : "Volunteers on this playground";
+  const abandoned = people.abandoned ? `, ${people.abandoned} of them abandoned` : "";
+  const from = `${many(people.players, "player")} and ${many(people.episodes, "episode")}${abandoned}`;
+  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${from}.${policy}`;
 }
 
 /**
@@ -125,7 +133,7 @@ export function headline({ board, people, policies }) {
  */
 export function reading({ board, people }) {
   if (!board.study) {
-    return ["People are those who played for the human score on the page: terrains neither chosen nor met before, no policy beside them. Each person weighs once, however much they played, so the interval is over players.",
+    return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. Each player weighs once, however much they played, so the interval is over players.",
       `Policies and frontier rules play ${board.terrains} fixed terrains of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
   }
   const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";

@@ -9,11 +9,13 @@ import { createRepaint, elementsOf } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { announcement } from "../common/words.js";
 import { startPace } from "./pace.js";
+import { createLeaving, isSameBoard } from "./leaving.js";
 import { createPainter } from "./painter.js";
 import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
-import { createSessions, sessionInHash } from "./sessions.js";
+import { createSessions } from "./sessions.js";
 import { createTerrainDialog } from "./terrain_dialog.js";
 import { createViews } from "./views.js";
+import { createWatching } from "./watching.js";
 
 /**
  * @typedef {import("../common/game_state.js").Event} Event
@@ -44,23 +46,32 @@ const repaint = createRepaint((isWhole) => {
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
-  onStart: (wish) => sessions.start(state.mode, wish),
+  onStart: (wish) => setTimeout(() => start(state.mode === "spectator" ? "practice" : state.mode, wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
   onPad: (isShown) => { localStorage.setItem("mars.pad", String(isShown)); document.body.dataset.pad = String(isShown); },
 });
 const sessions = createSessions({
-  api, dispatch, wish: terrainDialog.wish,
-  recall: () => sessionInHash(location.hash) ?? sessionStorage.getItem("mars.session"),
-  remember(session) {
-    sessionStorage.setItem("mars.session", session);
-    history.replaceState(null, "", `#s=${session}`);
-  },
+  api, dispatch, wish: terrainDialog.wish, hash: () => location.hash, storage: sessionStorage,
+  setHash: (hash) => history.replaceState(null, "", hash),
+  watch: (episode) => watching.begin(episode).then(() => { loadHumanLevel(); }),
   onBegun(about) {
+    watching.stop();
     terrainDialog.show(about);
     terrainDialog.forgetSeed();
     loadHumanLevel();
   },
 });
+const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, () => state);
+const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch, onPlay: () => sessions.resume() });
+/**
+ * Begin a board, after asking where that abandons a ranked episode.
+ * @param {Mode} mode
+ * @param {import("./terrain_dialog.js").Wish} [wish]
+ */
+function start(mode, wish = terrainDialog.wish()) {
+  if (isSameBoard(state, mode, wish)) sessions.start(mode, wish);
+  else leaving.ask(() => sessions.start(mode, wish));
+}
 const connections = createConnections({
   base: document.baseURI,
   onMessage(role, message) {
@@ -94,22 +105,27 @@ function dispatch(event) {
   state = apply(state, event);
   if (state === before) return;
   if (event.kind === "begun") moves.drop();
-  connections.sync(state);
+  connections.sync(state.mode === "spectator" ? { ...state, player: null } : state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
     const said = announcement(before.player?.frame ?? null, frame);
     if (said) by("announcer").textContent = said;
+    if (event.kind === "received" && state.mode !== "spectator" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
     if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) loadHumanLevel();
   }
   repaint();
 }
 
+function restart() {
+  connections.restart();
+  watching.restart();
+}
 const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
-  if (!state.player?.frame.outcome || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;
+  if (!state.player?.frame.outcome || state.mode === "spectator" || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;
   goNext();
   return true;
 }
@@ -118,20 +134,21 @@ startControls({
   page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter,
   onAct(action, timing, pressed_ms) {
     actedAt_ms = performance.now();
-    if (state.player && state.mode !== "watch") moves.press(state.player.frame, action, timing, pressed_ms);
+    if (state.player && (state.mode === "practice" || state.mode === "ranked")) moves.press(state.player.frame, action, timing, pressed_ms);
   },
 });
 startHeartbeat({
-  silence_ms: connections.silence_ms, idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
-  onSuccess: () => { if (state.link === "lost") connections.restart(); },
+  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
+  onSuccess: () => { if (state.link === "lost") restart(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
-window.addEventListener("online", () => connections.restart());
+window.addEventListener("online", restart);
+window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 window.addEventListener("pointerdown", () => { actedAt_ms = performance.now(); });
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
-  button.addEventListener("click", () => sessions.start(/** @type {Mode} */ (button.dataset.mode)));
+  button.addEventListener("click", () => start(/** @type {Mode} */ (button.dataset.mode)));
 }
 by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 panels.player.part.next.addEventListener("click", goNext);

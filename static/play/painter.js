@@ -58,7 +58,7 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       panel.paintPanel(panels[role], state[role], emptyBoardText(state, rivalName()));
       panel.paintPick(panels[role], state[role]);
       panel.paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
-      views.load(panels[role], state[role]?.session ?? null);
+      views.load(panels[role], state.mode === "spectator" ? null : state[role]?.session ?? null);
     }
   }
   /**
@@ -81,6 +81,7 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       const before = painted;
       painted = state;
       const dpr = window.devicePixelRatio || 1;
+      views.showMatrixOnly(state.mode === "spectator");
       paintBoards(state, before, dpr);
       paintPanels(state, before);
       if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state, dpr);

@@ -129,8 +129,8 @@ export function paintPace({ part }, board, mayFollow) {
 export function paintEnd({ part }, state) {
   const frame = state.player?.frame;
   const wasHidden = part.end.hidden;
-  part.end.hidden = !frame?.outcome;
-  if (!frame?.outcome) return false;
+  part.end.hidden = !frame?.outcome || state.mode === "spectator";
+  if (!frame || part.end.hidden) return false;
   if (wasHidden) fold(part, false);
   const goal = words.stepsToGoal(frame);
   put(part["end-title"], words.outcomeTitle(frame.outcome));
@@ -158,18 +158,20 @@ export function paintBar(state, page) {
   }
   const badge = by("badge");
   badge.dataset.counts = String(state.counts);
-  put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
-  badge.title = state.counts ? "This episode counts for the human score." : "This episode does not count for the human score.";
+  const isWatching = state.mode === "watch" || state.mode === "spectator";
+  put(badge, state.counts ? "counts" : isWatching ? "watching" : "practice");
+  badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
   put(by("terrain"), state.player ? `${state.level} \u00b7 ${words.sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
   paintLink(by("link"), state.link, "live");
   put(by("dock-steps"), String(state.player?.frame.step ?? 0));
   put(by("dock-coverage"), words.percent(state.player?.frame.coverage ?? 0));
   page.body.dataset.mode = state.mode;
+  by("watching").hidden = state.mode !== "spectator";
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
 }
 
 /**
- * Paint the human level: the figure of the terrain being played, and the server's sentence.
+ * Paint the volunteers' figure: that of the terrain being played, and the server's sentence.
  * @param {import("../common/api.js").HumanLevel} level
  * @param {State} state
  * @param {Document} page

@@ -6,6 +6,7 @@ import { ApiError } from "../common/api.js";
  * @typedef {import("../common/game_state.js").Mode} Mode
  * @typedef {import("./terrain_dialog.js").Wish} Wish
  * @typedef {import("../common/game_state.js").Event} Event
+ * @typedef {import("../common/messages.js").About} About
  */
 
 /**
@@ -20,7 +21,7 @@ export function sessionWish(mode, { level, size, seed, rival, player }) {
 }
 
 /**
- * Return the session named in the address, if any.
+ * Return the session that an address of an earlier version names, if any.
  * @param {string} hash
  */
 export function sessionInHash(hash) {
@@ -28,10 +29,23 @@ export function sessionInHash(hash) {
 }
 
 /**
- * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Wish, dispatch: (event: Event) => void,
- *   remember: (session: string) => void, recall: () => string | null, onBegun: (about: import("../common/messages.js").About) => void}} how
+ * Return the episode that an address shows to whoever has it, if any.
+ * @param {string} hash
  */
-export function createSessions({ api, wish, dispatch, remember, recall, onBegun }) {
+export function episodeInHash(hash) {
+  return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
+}
+
+/**
+ *   hash      of the address
+ *   storage   of this tab: its session, and the episode that it put into the address
+ *   setHash   puts the shareable link into the address
+ *   watch     shows somebody else's episode; ApiError 404 when there is none
+ * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Wish, dispatch: (event: Event) => void,
+ *   hash: () => string, storage: Storage, setHash: (hash: string) => void, watch: (episode: string) => Promise<void>,
+ *   onBegun: (about: About) => void}} how
+ */
+export function createSessions({ api, wish, dispatch, hash, storage, setHash, watch, onBegun }) {
   let isBusy = false;
   /** @type {string | null} */
   let replayedEpisode = null;
@@ -51,11 +65,45 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
     }
     isBusy = false;
   }
-  /** @param {import("../common/messages.js").About} about */
+  /** @param {About} about */
   function begin(about) {
-    remember(about.session);
+    storage.setItem("mars.session", about.session);
+    share(about.frame.episode);
     dispatch({ kind: "begun", about });
     onBegun(about);
+  }
+  /**
+   * Put the link to watch an episode of this tab's board into the address.
+   * @param {string} episode
+   */
+  function share(episode) {
+    storage.setItem("mars.episode", episode);
+    setHash(`#watch=${episode}`);
+  }
+  const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
+  /**
+   * Return the answer; null where it is that there is no such thing here.
+   * @template T
+   * @param {Promise<T>} asked
+   */
+  const orNull = (asked) => asked.catch((error) => {
+    if (error instanceof ApiError && error.status === 404) return null;
+    throw error;
+  });
+  /** Return the board that the address or this tab stands for; undefined when somebody else's episode is watched instead. */
+  async function findOwn() {
+    const episode = episodeInHash(hash());
+    const session = storage.getItem("mars.session");
+    if (episode && episode !== storage.getItem("mars.episode")) {
+      const own = await api.mySession(episode);
+      if (own) return own;
+      if (await orNull(watch(episode).then(() => true))) return undefined;
+      note("This link leads to no episode that can be watched; this is a board of your own.");
+    }
+    const named = sessionInHash(hash());
+    const found = named ? await orNull(api.about(named)) : null;
+    if (named && !found) note("This address belongs to somebody else's board, or to one that is gone; this is a board of your own.");
+    return found ?? (session ? await orNull(api.about(session)) : null);
   }
   /**
    * @param {Mode} mode
@@ -64,21 +112,28 @@ export function createSessions({ api, wish, dispatch, remember, recall, onBegun 
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
-    /** Go on where a reload left off, or begin. */
+    share,
+    /** Go on where a reload left off, with the player's board of another tab, or begin; or watch what the address names. */
     async restore() {
-      const session = recall();
-      if (!session) return start("practice");
       try {
-        begin(await api.about(session));
+        const own = await findOwn();
+        if (own === undefined) return;
+        await this.resume(own);
       } catch (error) {
-        if (error instanceof ApiError && error.status === 0) {
-          dispatch({ kind: "link", link: "lost" });
-          setTimeout(() => this.restore(), 1000);
-          return;
-        }
-        dispatch({ kind: "notice", text: "The last game is no longer on the server; this is a new one.", tone: "note" });
-        await start("practice");
+        if (!(error instanceof ApiError) || error.status !== 0) return start("practice");
+        dispatch({ kind: "link", link: "lost" });
+        setTimeout(() => this.restore(), 1000);
       }
+    },
+    /**
+     * Go on with a board of one's own, the newest unless another is given, or begin one.
+     * @param {About | null} [found]
+     */
+    async resume(found = null) {
+      const about = found ?? await api.mySession();
+      if (!about) return start("practice");
+      begin(about);
+      if (!found && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
     /**
      * Begin the next terrain of the same session.

@@ -42,9 +42,10 @@ export function createViews({ page, panels, storage, onChange }) {
     onChange();
   });
   const button = panels[0].part.view;
+  let isMatrixOnly = false;
   function show() {
-    page.body.dataset.view = view;
-    button.hidden = !can3d;
+    page.body.dataset.view = isMatrixOnly ? "matrix" : view;
+    button.hidden = !can3d || isMatrixOnly;
     button.textContent = view === "3d" ? "Matrix" : "3-D";
     button.setAttribute("aria-label", view === "3d" ? "Show the state matrix large" : "Show the 3-D view");
   }
@@ -57,6 +58,15 @@ export function createViews({ page, panels, storage, onChange }) {
   show();
   return {
     can3d,
+    /**
+     * Leave the 3-D view out, which is for a player's own boards, or offer it again.
+     * @param {boolean} isWanted
+     */
+    showMatrixOnly(isWanted) {
+      if (isMatrixOnly === isWanted) return;
+      isMatrixOnly = isWanted;
+      show();
+    },
     /** @param {HTMLElement} element */
     watch: (element) => observer.observe(element),
     /** @param {HTMLElement} element */

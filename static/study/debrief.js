@@ -2,8 +2,9 @@
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { paintBoard } from "../common/board.js";
 import { create, elementsOf, put } from "../common/page.js";
+import { boardAt } from "../common/replay.js";
 import { describeBoard, many, outcomeShort, percent, score } from "../common/words.js";
-import { boardAt, lastStep } from "./replay.js";
+import { lastStep } from "./replay.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 

@@ -3,7 +3,6 @@
 
 /**
  * @typedef {import("../common/messages.js").Frame} Frame
- * @typedef {import("../common/game_state.js").Board} Board
  */
 /** @typedef {{own: Frame[], policy: {name: string, frames: Frame[]}}} Runs  what GET debrief/{index} answers */
 /** @typedef {{index: number, runs: Runs, step: number, isPlaying: boolean}} Replay */
@@ -47,19 +46,4 @@ export const moved = (replay, step) => ({ ...replay, step: Math.max(0, Math.min(
 export function toggled(replay) {
   if (replay.isPlaying) return { ...replay, isPlaying: false };
   return { ...replay, isPlaying: true, step: replay.step >= lastStep(replay) ? 0 : replay.step };
-}
-
-/**
- * Return a run's board as it stood after `step` moves; one that ended before stays at its end. Long runs come with frames
- * left out.
- * @param {Frame[]} frames
- * @param {string} name
- * @param {number} step
- * @returns {Board | null}
- */
-export function boardAt(frames, name, step) {
-  if (frames.length === 0) return null;
-  const shown = frames.filter((frame) => frame.step <= step);
-  return { session: name, name, frame: shown[shown.length - 1], trail: shown.map(({ position }) => position),
-    discovered: shown.map(({ discovered }) => discovered), hasGap: false, pace: null, isReplay: true };
 }

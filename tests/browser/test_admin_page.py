@@ -151,7 +151,11 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_test_id("leaderboard-link").click()
     until(page, "window.mars && window.mars.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
-    assert page.get_by_test_id("sentence").inner_text().startswith("Nobody has played random 21 × 21 for the human score yet")
+    assert (
+        page.get_by_test_id("sentence")
+        .inner_text()
+        .startswith("Volunteers on this playground: nobody has played random 21 × 21 ranked yet")
+    )
     assert page.get_by_test_id("rank-people").count() == 0
     until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
     assert page.get_by_test_id("working").is_hidden()

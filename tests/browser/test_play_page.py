@@ -61,7 +61,8 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     me.page.keyboard.press("Enter")
     me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
     assert me.state()["step"] == 0
-    assert about["session"] == me.page.url.split("#s=")[1]
+    assert me.page.url.split("#watch=")[1] == me.state()["episode"] != frame["episode"]
+    assert about["session"] not in me.page.url
     assert me.errors == []
 
 

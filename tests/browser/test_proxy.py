@@ -62,7 +62,7 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))
     me.goto()
-    me.begin(size=[9, 12], seed=3)
+    about = me.begin(size=[9, 12], seed=3)
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 
     def asked():
@@ -77,6 +77,6 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
     cookies = me.page.context.cookies()
     assert cookies
     assert all(cookie["secure"] and cookie["httpOnly"] for cookie in cookies)
-    kept = me.page.request.get(f"{me.url}/api/sessions/{me.page.url.split('#s=')[1]}").json()
+    kept = me.page.request.get(f"{me.url}/api/sessions/{about['session']}").json()
     assert kept["step"] == 1
     assert me.errors == []

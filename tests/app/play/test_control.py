@@ -116,13 +116,13 @@ def test_the_page_finds_its_own_board_by_its_cookie_alone(server):
     practice = owner.post("/api/sessions", json={"rival": "frontier-cost"}).json()
     assert owner.get("/api/me/session").json()["session"] == practice["session"]
     ranked = owner.post("/api/sessions").json()
-    owner.post("/api/sessions", json={"player": "random", "seed": 3})  # a replay beside the board, say
+    owner.post("/api/sessions", json={"player": "random", "seed": 3})  # a replay, say
     assert owner.get("/api/me/session").json()["session"] == ranked["session"]
     for begun in (practice, ranked):
         found = owner.get(f"/api/me/session?episode={begun['frame']['episode']}").json()
         assert found["session"] == begun["session"]
-    beside = owner.get(f"/api/me/session?episode={practice['rival']['frame']['episode']}").json()
-    assert beside["session"] == practice["session"], "a rival's episode is on its player's screen"
+    rival_page = owner.get(f"/api/me/session?episode={practice['rival']['frame']['episode']}").json()
+    assert rival_page["session"] == practice["session"], "a rival's episode is on its player's screen"
     other.post("/api/sessions", json={"seed": 1})
     for client in (other, server.client()):
         assert client.get(f"/api/me/session?episode={ranked['frame']['episode']}").json() is None

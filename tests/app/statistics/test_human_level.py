@@ -55,7 +55,7 @@ def test_each_player_weighs_the_same_however_much_they_played(store):
     assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
 
 
-def test_an_abandoned_episode_counts_max_steps_and_is_told_of(store):
+def test_an_abandoned_episode_counts_max_steps_and_is_named(store):
     play(store, seed=1)
     found = human_level(store)
     (figure,) = found["figures"]

@@ -41,8 +41,8 @@ test("a screen reader hears tenths, endings and new terrains, not every step", (
 
 test("an empty board says whether the episode counts and what follows", () => {
   assert.equal(words.emptyBoardText({ player: null, counts: false }, ""), "Preparing a terrain.");
-  assert.match(words.emptyBoardText({ player: {}, counts: true }, "ppo"), /^This episode counts .* ppo explores/);
-  assert.match(words.emptyBoardText({ player: {}, counts: false }, ""), /does not count .* a policy explores/);
+  assert.match(words.emptyBoardText({ player: {}, counts: true }, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo explores/);
+  assert.match(words.emptyBoardText({ player: {}, counts: false }, ""), /does not count: .* a policy explores/);
 });
 
 test("the human level of a configuration is one short line", () => {

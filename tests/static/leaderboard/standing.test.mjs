@@ -15,8 +15,8 @@ const people = { ...figure(90, 0.9), players: 2, episodes: 9, trials: [] };
 
 test("the best stands first by either measure, whoever has no figure last", () => {
   const detail = { board, people, policies: [waiting("planner"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
-  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "People", "random", "planner"]);
-  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "People", "random", "planner"]);
+  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "Volunteers", "random", "planner"]);
+  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "Volunteers", "random", "planner"]);
   assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "planner"]);
 });
 
@@ -37,9 +37,9 @@ test("ticks are round and few", () => {
 
 test("honest words when nobody has played, one player, and several", () => {
   const policies = [ready("ppo", 78, 0.95)];
-  assert.match(headline({ board, people: null, policies }), /^Nobody has played random 21 \u00d7 21 .* no human level/);
+  assert.match(headline({ board, people: null, policies }), /^Volunteers on this playground: nobody has played random 21 \u00d7 21 ranked yet\./);
   assert.match(headline({ board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
-  assert.match(headline({ board, people, policies }), /90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
+  assert.match(headline({ board, people, policies }), /^Volunteers on this playground, random 21 \u00d7 21: 90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
   assert.doesNotMatch(headline({ board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
 });
 
@@ -47,7 +47,10 @@ test("a study's board says so, and who enters it", () => {
   const study = { ...board, study: "dunes", terrains: 30 };
   const policies = [ready("ppo", 78, 0.95)];
   assert.match(headline({ board: study, people, policies }), /^Human level in the study dunes, random 21 \u00d7 21: 90\.0/);
-  assert.match(headline({ board: study, people: null, policies }), /^No person finished the study dunes, so there is no human level/);
+  assert.deepEqual(rows({ board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
+  assert.match(headline({ board, people: { ...people, abandoned: 2 }, policies }), /9 episodes, 2 of them abandoned\./);
+  assert.doesNotMatch(headline({ board, people, policies }), /human level/i, "that is a closed study's figure alone");
+  assert.match(headline({ board: study, people: null, policies }), /^No person finished the study dunes, so it has no human level/);
   assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
   assert.match(reading({ board: study, people, policies })[1], /exactly the 30 ranked terrains/);
   assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);

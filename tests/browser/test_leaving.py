@@ -1,0 +1,164 @@
+"""The address can be given away, and a ranked episode cannot be dropped: two browsers, real keys, the database's own word."""
+
+from axe_playwright_python.sync_playwright import Axe
+
+from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+
+SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
+PERSON = [*NO_3D, *AS_A_PERSON]
+
+
+def look(page, name, found):
+    """Keep what axe finds at both sizes, and a picture of each; nothing is wider than the screen."""
+    SCREENSHOTS.mkdir(exist_ok=True)
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(150)
+        page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png")
+        answer = Axe().run(page).response
+        found += [f"{name}, {size}: {rule['id']} {rule['nodes'][0]['target']}" for rule in answer["violations"]]
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= width, name
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def ways(me):
+    """Two moves to and fro between the first two cells."""
+    return ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")
+
+
+def ranked(me, **wish):
+    """Begin a ranked board; return the answer."""
+    me.goto()
+    return me.begin(size=[9, 12], **wish)
+
+
+def kept(me, episode):
+    return me.page.request.get(f"{me.url}/api/episodes/{episode}").json()
+
+
+def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
+    server = serve()
+    me, friend = (player(server, PERSON, reduced_motion="reduce") for _ in range(2))
+    begun = ranked(me)
+    away, back = ways(me)
+    me.press(away)
+    address, episode = me.page.url, begun["frame"]["episode"]
+    assert address.endswith(f"/#watch={episode}")
+
+    friend.page.goto(address)
+    friend.shows("watching-text", "You are watching. This is somebody else's episode.")
+    friend.wait("window.mars.state.player.frame.step === 1")
+    sent = []
+    friend.page.on("request", lambda request: sent.append(request.url))
+    for key in ("ArrowRight", "ArrowDown", "Enter", "KeyW"):
+        friend.page.keyboard.press(key)
+    me.press(back)
+    friend.wait("window.mars.state.player.frame.step === 2")
+    assert not [url for url in sent if "/api/sessions" in url]
+    assert begun["session"] not in friend.page.content() + str(friend.page.evaluate("() => JSON.stringify(window.mars.state)"))
+    problems = []
+    look(friend.page, "watching", problems)
+
+    me.press("north" if away == "south" else "west")
+    assert me.state()["outcome"] == "out_of_bounds"
+    found = kept(me, episode)
+    assert (found["driver"], found["counts"], found["steps"]) == ("human", True, 3), "the friend's keys changed nothing"
+
+    friend.shows("watching-text", "You are watching a replay. This was somebody else's episode.")
+    slider = friend.page.get_by_test_id("watching-at")
+    slider.focus()
+    friend.page.keyboard.press("Home")
+    friend.shows("watching-step", "0 / 3")
+    assert friend.state()["step"] == 0
+    friend.page.get_by_test_id("watching-play").click()
+    friend.shows("watching-step", "3 / 3")
+    assert friend.state() == me.state()
+    look(friend.page, "replay", problems)
+    friend.page.get_by_test_id("play-yourself").click()
+    friend.wait("window.mars.state.mode === 'practice' && window.mars.state.link === 'open'")
+    assert friend.state()["episode"] != episode
+    assert friend.page.get_by_test_id("watching").is_hidden()
+    friend.press(ways(friend)[0])
+
+    friend.page.goto("about:blank")
+    friend.page.goto(f"{me.url}/#watch=0123456789abcdef")
+    friend.page.get_by_text("leads to no episode that can be watched").wait_for()
+    friend.wait("window.mars.state.player.frame.step === 1")  # their own board again
+    friend.page.goto("about:blank")
+    friend.page.goto(f"{me.url}/#s={begun['session']}")
+    friend.page.get_by_text("belongs to somebody else's board").wait_for()
+    friend.wait("window.mars.state.player.frame.step === 1")
+    assert problems == []
+    assert (me.errors, friend.errors) == ([], [])
+
+
+def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_costs(serve, player):
+    server = serve()
+    me = player(server, PERSON, reduced_motion="reduce")
+    ranked(me)
+    problems = []
+    look(me.page, "ranked", problems)
+    away, back = ways(me)
+    me.press(away)
+    episode = me.state()["episode"]
+    dialog = me.page.get_by_test_id("leave-dialog")
+
+    me.page.get_by_test_id("mode-practice").focus()
+    me.page.keyboard.press("Enter")
+    dialog.wait_for(state="visible")
+    look(me.page, "leaving", problems)
+    assert me.page.evaluate("() => document.activeElement.dataset.testid") == "keep-playing"
+    me.page.keyboard.press("ArrowRight")  # moves nothing while the dialog is open
+    me.page.keyboard.press("Enter")
+    dialog.wait_for(state="hidden")
+    me.press(back)
+    assert (me.state()["episode"], me.state()["step"]) == (episode, 2)
+
+    me.page.get_by_test_id("open-settings").click()
+    me.page.get_by_test_id("level").select_option("2-1-1")
+    me.page.get_by_test_id("start").click()
+    dialog.wait_for(state="visible")
+    me.page.keyboard.press("Escape")
+    dialog.wait_for(state="hidden")
+    assert (me.state()["episode"], me.state()["outcome"]) == (episode, None)
+
+    me.page.get_by_test_id("mode-watch").click()
+    dialog.wait_for(state="visible")
+    me.page.keyboard.press("Tab")
+    me.page.keyboard.press("Enter")
+    me.wait("window.mars.state.mode === 'watch'")
+    found = kept(me, episode)
+    assert (found["outcome"], found["steps"], found["counts"], found["steps_to_target"]) == ("abandoned", 2, True, 108)
+    me.page.get_by_test_id("mode-practice").click()
+    me.wait("window.mars.state.mode === 'practice'")
+    me.page.get_by_test_id("human-level").get_by_text("1 of them abandoned").wait_for()
+    assert problems == []
+    assert me.errors == []
+
+
+def test_coming_back_resumes_in_a_reopened_tab_and_a_second_one(serve, player):
+    server = serve()
+    me = player(server, PERSON)
+    ranked(me)
+    away, back = ways(me)
+    me.press(away)
+    episode = me.state()["episode"]
+    context = me.page.context
+    with me.page.expect_event("dialog") as asked:
+        me.page.close(run_before_unload=True)
+    assert asked.value.type == "beforeunload", "the browser asks before the tab is closed"
+    with me.page.expect_event("close"):
+        asked.value.accept()
+
+    again = type(me)(context.new_page(), me.url).goto()
+    assert (again.state()["episode"], again.state()["step"]) == (episode, 1)
+    again.page.get_by_text("back in your ranked episode").wait_for()
+    second = type(me)(context.new_page(), me.url).goto()
+    again.press(back)
+    second.wait("window.mars.state.player.frame.step === 2")
+    second.page.get_by_test_id("mode-ranked").click()
+    second.page.wait_for_timeout(300)
+    assert second.state()["episode"] == episode, "Ranked goes on with the open one"
+    second.press("north" if away == "south" else "west")
+    assert kept(second, episode)["counts"] is True
+    assert (again.errors, second.errors) == ([], [])
