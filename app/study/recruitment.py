@@ -124,15 +124,15 @@ class Recruitment:
         return None
 
     def repeats_outside_id(self, study: Study, outside_ids: Mapping[str, str]) -> str | None:
-        """Return `missing`, `repeated` or `new` for the first outside id of somebody who comes; None where none is asked for.
+        """Return `missing`, `repeated` or `new` for the first outside id of somebody who comes; None where none is expected.
 
-        An id is repeated when somebody in the study has the same but for its case and spaces; that is noted with them as well.
+        It is expected where the link is open and the protocol names one. An id is repeated when somebody in the study has the same but for its case and spaces; that is noted with them as well.
         """
         if not study.protocol.outside_ids:
             return None
         name = study.protocol.outside_ids[0]
         if not plain(outside_ids.get(name, "")):
-            return "missing"
+            return "missing" if study.protocol.recruitment == "open" else None
         others = self._store.identities(study.name, name)
         return "repeated" if plain(outside_ids[name]) in {plain(value) for _, value in others} else "new"
 

@@ -50,7 +50,7 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
     if (error.status === 0) dispatch({ kind: "link", link: "lost" });
     const participant = error.status === 409 ? await study.me().catch(() => null) : null;
     if (participant) arrive(participant);
-    if (!participant || participant.stage === stage) dispatch({ kind: "notice", text: error.message });
+    if (!participant || (participant.stage === stage && !participant.note)) dispatch({ kind: "notice", text: error.message });
   }
   return {
     refresh,

@@ -1,0 +1,120 @@
+"""How people come into a study, in a real browser: invitations, refused links, the operator's code, the operator's list."""
+
+import pytest
+
+from app.study.folder import Folder
+from app.study.invitations import Invitations, link_of
+from app.study.supervision import code_of
+from tests.browser.test_study_page import SIZES, Participant, violations
+from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.support.servers import eventually
+from tests.support.study import freeze
+
+PASSWORD = "red-planet-4"
+
+
+@pytest.fixture
+def visitor(open_browser):
+    """`visitor(url)` opens an address in a fresh browser profile; the page stands when it is returned."""
+
+    def start(url, server):
+        profile = open_browser((*NO_3D, *AS_A_PERSON)).new_context(
+            viewport={"width": 1440, "height": 900}, reduced_motion="reduce"
+        )
+        found = Participant(profile.new_page(), server.url)
+        found.page.goto(url)
+        found.wait("window.marsStudy && window.marsStudy.screen !== 'loading'")
+        return found
+
+    return start
+
+
+def look(person, name):
+    """Judge a screen at both sizes with axe, and keep pictures of it."""
+    SCREENSHOTS.mkdir(exist_ok=True)
+    for size, (width, height) in SIZES.items():
+        person.page.set_viewport_size({"width": width, "height": height})
+        assert violations(person.page) == [], f"{name}, {size}"
+        assert person.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+        person.page.screenshot(path=SCREENSHOTS / f"study-{name}-{size}.png")
+    person.page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def test_a_link_lets_one_browser_in_and_the_operator_can_supervise_it(serve, visitor, tmp_path):
+    study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=3)
+    first, second = Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
+    server = serve(admin_password=PASSWORD)
+    link = link_of(study, first.id, server.url)
+    me = visitor(link, server)
+    me.stands("consent")
+    assert me.page.url == f"{server.url}/study/tiny", "whoever copies the address hands on no invitation"
+    assert me.page.evaluate("() => history.length") <= 2
+    assert me.page.get_by_test_id("consent-invited").is_visible()
+    look(me, "consent-invited")
+
+    other = visitor(link, server)
+    other.stands("consent")
+    me.page.reload()
+    me.stands("consent")
+    me.choose("agree")
+    me.stands("instructions")
+    other.choose("agree")
+    other.stands("problem")
+    assert (
+        "This invitation has been used: if it was you, go on in the browser"
+        in other.page.get_by_test_id("problem").inner_text()
+    )
+    look(other, "invitation-used")
+    copied = visitor(me.page.url, server)
+    copied.stands("problem")
+    assert "by invitation: open the link that you were sent" in copied.page.get_by_test_id("problem").inner_text()
+    look(copied, "invitation-missing")
+
+    me.choose("open-supervise")
+    me.page.keyboard.type("WRONG-CODE")
+    me.page.keyboard.press("Enter")
+    eventually(lambda: "not the operator's code" in me.page.get_by_test_id("supervise-status").inner_text())
+    look(me, "supervise")
+    me.page.keyboard.type(code_of(study, server.services.lobby.sources.clock_ms()).lower())
+    me.page.keyboard.press("Enter")
+    me.page.get_by_test_id("supervise").wait_for(state="hidden")
+    eventually(lambda: me.page.get_by_test_id("supervised").inner_text().startswith("Supervised until"))
+    look(me, "supervised")
+    me.choose("to-tutorial")
+    me.driving()
+    me.page.get_by_test_id("pause").wait_for(state="visible")
+    look(me, "supervise-in-pause")
+    me.choose("supervise-in-pause")
+    me.page.keyboard.press("ArrowRight")
+    assert me.frame["step"] == 0, "what is typed in the dialog drives nothing"
+    me.page.keyboard.press("Escape")
+    assert me.errors == other.errors == copied.errors == []
+
+    operator = visitor_at_admin(me, server)
+    row = operator.get_by_test_id(f"invitation-{first.id}")
+    row.wait_for(state="visible")
+    assert row.locator("td").first.inner_text() == "used"
+    operator.get_by_test_id("invite-count").fill("3")
+    operator.keyboard.press("Enter")
+    operator.get_by_test_id("links").wait_for(state="visible")
+    links = operator.get_by_test_id("links").input_value().split()
+    assert [each.split("=")[0] for each in links] == [f"{server.url}/study/tiny?invitation"] * 3
+    operator.get_by_role("button", name=f"Revoke {second.id}").press("Enter")
+    operator.locator(f"[data-testid=invitation-{second.id}][data-state=revoked]").wait_for()
+    for size, (width, height) in SIZES.items():
+        operator.set_viewport_size({"width": width, "height": height})
+        assert violations(operator) == [], size
+        assert operator.evaluate("() => document.documentElement.scrollWidth") <= width
+        operator.screenshot(path=SCREENSHOTS / f"admin-invitations-{size}.png", full_page=True)
+    revoked = visitor(link_of(study, second.id, server.url), server)
+    assert "has been taken back" in revoked.page.get_by_test_id("problem").inner_text()
+
+
+def visitor_at_admin(me, server):
+    """Return the operator's page, logged in, in a profile of its own."""
+    page = me.page.context.browser.new_context(viewport={"width": 1440, "height": 900}).new_page()
+    page.goto(f"{server.url}/admin")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    page.wait_for_function("() => document.body.dataset.in === 'yes'")
+    return page
