@@ -233,7 +233,7 @@ def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
     (first, _) = shown()["participants"]
     assert (first["invitation"], first["repeated"], first["supervised_ms"]) == (
         tokens[0].split("-")[0],
-        ["no outside id"],
+        [],
         None,
     )
     used.call("supervise", {"code": shown()["code"]})
