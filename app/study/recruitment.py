@@ -126,7 +126,8 @@ class Recruitment:
     def repeats_outside_id(self, study: Study, outside_ids: Mapping[str, str]) -> str | None:
         """Return `missing`, `repeated` or `new` for the first outside id of somebody who comes; None where none is expected.
 
-        It is expected where the link is open and the protocol names one. An id is repeated when somebody in the study has the same but for its case and spaces; that is noted with them as well.
+        It is expected where the link is open and the protocol names one. An id is repeated when somebody in the study has the
+        same but for its case and spaces; that is noted with them as well.
         """
         if not study.protocol.outside_ids:
             return None
