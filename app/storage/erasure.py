@@ -109,7 +109,7 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     if person["invitation"] is not None and person["consent_ms"] is not None:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes])
-    if not keeps:
+    if not keeps and person["kind"] == "human":
         note_erased(conn, person, now)
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
