@@ -1,7 +1,10 @@
 """How people come into a study, in a real browser: invitations, refused links, the operator's code, the operator's list."""
 
+import json
+
 import pytest
 
+from app.cli.main import main
 from app.study.folder import Folder
 from app.study.invitations import Invitations, link_of
 from app.study.supervision import code_of
@@ -118,3 +121,61 @@ def visitor_at_admin(me, server):
     page.keyboard.press("Enter")
     page.wait_for_function("() => document.body.dataset.in === 'yes'")
     return page
+
+
+def command(capsys, *args):
+    """Run `marsexplorer ...`, expect success and return what it printed."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main([str(each) for each in args])
+    said = capsys.readouterr()
+    assert ended.value.code == 0, (args, said.out, said.err)
+    return said.out
+
+
+def edit_draft(path, **changed):
+    """Change fields of a draft, as a researcher does with an editor."""
+    protocol = json.loads(path.read_text())
+    path.write_text(json.dumps({**protocol, **changed}))
+
+
+@pytest.mark.long
+def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_again(serve, visitor, tmp_path, capsys):
+    studies, database = ("--studies", tmp_path / "studies"), ("--database", tmp_path / "playground.db")
+    plan = ("--size", "7x9", "--warm-up", 1, "--ranked", 2, "--players", 2, "--break-every", 1, "--policy", "frontier-cost")
+    command(capsys, "study", "new", "tiny", *plan, *studies)
+    edit_draft(tmp_path / "studies" / "tiny" / "protocol.json", debrief_policy="frontier-cost", pause_after_s=900)
+    assert "by invitation" in command(capsys, "study", "freeze", "tiny", *studies)
+    server = serve()
+    links = command(capsys, "study", "invite", "tiny", 2, "--url", server.url, *studies).split()
+
+    people = [visitor(link, server) for link in links]
+    for me in people:
+        me.to_ranked()
+        watcher = visitor(me.page.url, server)
+        watcher.stands("problem")
+        assert "open the link that you were sent" in watcher.page.get_by_test_id("problem").inner_text()
+        assert watcher.page.request.get(f"{server.url}/api/sessions/{me.state('participant.session')}").status == 404
+        me.explore()
+        me.page.keyboard.press("Enter")
+        me.stands("break")
+        me.page.keyboard.press("Enter")
+        me.driving()
+        me.explore()
+        me.page.keyboard.press("Enter")
+        me.stands("debrief")
+        me.choose("finish")
+        me.stands("complete")
+        assert me.errors == []
+    listed = command(capsys, "study", "invite", "tiny", "--list", *studies, *database)
+    assert listed.count("used") == 2
+
+    command(capsys, "study", "close", "tiny", "--yes", *studies, *database)
+    late = visitor(links[0], server)
+    assert "is closed" in late.page.get_by_test_id("problem").inner_text()
+    server.stop()
+    command(capsys, "study", "show", "tiny", *studies)
+    command(capsys, "verify", *database, *studies)
+    bundle = tmp_path / "tiny-1"
+    command(capsys, "release", "--study", "tiny", "--out", bundle, *database, *studies)
+    command(capsys, "reproduce", bundle)
