@@ -16,7 +16,8 @@ from typing import Any
 from app.release import signing
 from app.release.croissant import write_croissant
 from app.release.derived import write_derived
-from app.release.documents import citation, licence_url, write_documents
+from app.release.descriptions import write_descriptions
+from app.release.documents import citation, licence_title, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import write_manifest
@@ -199,7 +200,9 @@ def _write_files(
     header = replace(header, rows=counts, outcomes=outcomes)
     named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
     write_documents(folder, header, named, minari.without_moves)
-    write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
+    licence = header.protocol.data_licence
+    write_croissant(folder, header, citation(header), licence_url(licence))
+    write_descriptions(folder, header, citation(header), (licence_title(licence), licence_url(licence)))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
 

@@ -194,7 +194,8 @@ FOREIGN_KEYS: dict[str, dict[str, str]] = {
 }
 """Table -> column -> the table whose column of that name, its primary key, holds the same values."""
 
-_JSON = {"text": "string", "integer": "integer", "real": "number", "boolean": "boolean"}
+JSON_TYPES = {"text": "string", "integer": "integer", "real": "number", "boolean": "boolean"}
+"""Type of a column -> that of JSON Schema, and of Table Schema."""
 
 
 def dictionary() -> dict[str, Any]:
@@ -215,7 +216,7 @@ def json_schema() -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
     properties: dict[str, Any] = {}
     for column in EPISODE_TABLE:
-        types: Any = [_JSON[column.type], "null"] if column.optional else _JSON[column.type]
+        types: Any = [JSON_TYPES[column.type], "null"] if column.optional else JSON_TYPES[column.type]
         properties[column.name] = {"type": types, "description": column.meaning}
     actions = {"type": "array", "items": {"enum": ["north", "east", "south", "west"]}, "description": "the moves, in order"}
     return {

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS, SUMMARIES, Column
+from app.release.descriptions import KEYWORDS
 from app.release.errors import ReleaseError, library
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import sha256
@@ -27,7 +28,6 @@ ENCODING_FORMATS = {
 }
 """File -> its media type."""
 
-KEYWORDS = ("reinforcement learning", "human baseline", "exploration", "MarsExplorer")
 TERMS_OF_1_1 = {
     "arrayShape": "cr:arrayShape",
     "containedIn": "cr:containedIn",

@@ -39,6 +39,11 @@ def licence_url(licence: str) -> str:
     return LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
 
 
+def licence_title(licence: str) -> str:
+    """Return a licence's title; its identifier for one that is not in the list."""
+    return LICENCES[licence][0] if licence in LICENCES else licence
+
+
 def citation(header: ReleaseHeader) -> str:
     """Return a line to cite the release by."""
     year = header.released[:4]
@@ -68,7 +73,7 @@ def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: i
         "minari": minari,
         "without_moves": without_moves,
         "citation": citation(header),
-        "licence_title": LICENCES[licence][0] if licence in LICENCES else licence,
+        "licence_title": licence_title(licence),
         "licence_url": licence_url(licence),
         "database": BUNDLE_DATABASE,
         "summaries": SUMMARIES,

@@ -50,7 +50,7 @@ class MinariWriter:
         self._minari = library("minari")
         library("h5py")
         self._root, self._study, self._version = root, study, version
-        self._about = f"{title} Data licence: {licence}."
+        self._about = f"{title} Data licence: {licence}. Its environment comes with: pip install marsexplorer-playground"
         self._waiting: dict[str, list[ReleasedEpisode]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}

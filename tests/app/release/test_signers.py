@@ -1,0 +1,90 @@
+"""Whose signature a bundle carries: not checked until a key was given or pinned, and wrong when another one was given."""
+
+import json
+import shutil
+
+import pytest
+
+from app.cli.main import main
+from app.release import signing
+from app.release.errors import ReleaseError
+from app.release.manifest import MANIFEST, PUBLIC_KEY
+from app.release.signers import check_signer, fingerprint_of, pin, read_pins
+
+
+@pytest.fixture
+def run(capsys):
+    """`run(...)` runs the command and returns exit code and stdout."""
+
+    def call(*args):
+        with pytest.raises(SystemExit) as left:
+            main([str(arg) for arg in args])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out + said.err
+
+    return call
+
+
+COMMANDS = {
+    "verify": lambda out, folder: ("verify", "--dataset", out),
+    "import": lambda out, folder: ("import", out, "--database", folder / "new.db"),
+    "reproduce": lambda out, folder: ("reproduce", out, "--recorded"),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(made, tmp_path, run, command):
+    out, signer = made[0] / "out", made[1].signer
+    args = COMMANDS[command](out, tmp_path)
+    code, said = run(*args)
+    assert (code, said.count(f"signer not checked: nothing here says whose key {signer} is")) == (0, 1)
+    code, said = run(*args, "--key", signer)
+    assert (code, said.count("signer checked"), "not checked" in said) == (0, 1, False)
+    code, said = run(*args, "--key", out / PUBLIC_KEY)
+    assert (code, said.count("signer checked")) == (0, 1)
+    code, said = run(*args, "--key", "0" * 64)
+    assert (code, "the signing key is" in said, "signer checked" in said) == (1, True, False)
+
+
+def test_a_pinned_key_is_known_from_then_on_in_every_command(made, tmp_path, run, monkeypatch):
+    out, signer = made[0] / "out", made[1].signer
+    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "config" / "signers.json"))
+    code, said = run("verify", "--dataset", out, "--pin")
+    assert (code, f"signer checked: {signer} is a pinned key" in said) == (0, True)
+    assert json.loads((tmp_path / "config" / "signers.json").read_text())["signers"][signer]["study"] == "dunes"
+    for command in COMMANDS:
+        code, said = run(*COMMANDS[command](out, tmp_path))
+        assert (code, "is a pinned key" in said) == (0, True)
+
+
+def test_a_harmed_bundles_key_is_not_pinned(made, tmp_path, run):
+    out = tmp_path / "out"
+    shutil.copytree(made[0] / "out", out)
+    (out / "scores.csv").write_text("nothing")
+    assert run("verify", "--dataset", out, "--pin")[0] == 1
+    assert not (tmp_path / "signers.json").exists()
+
+
+def test_another_key_than_the_one_pinned_for_a_study_is_said(made, tmp_path):
+    pins = tmp_path / "signers.json"
+    manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
+    pin(pins, manifest)
+    other = {**manifest, "signer": "ab" * 32}
+    said = check_signer(other, None, pins).sentence()
+    assert "signer not checked" in said
+    assert f"it is not {manifest['signer']}, the key that is pinned for this study" in said
+    pin(pins, other)
+    assert set(read_pins(pins)) == {manifest["signer"], "ab" * 32}
+
+
+def test_what_is_no_key_and_no_file_of_keys_is_a_sentence(made, tmp_path, run):
+    with pytest.raises(ReleaseError, match="--key takes a fingerprint"):
+        fingerprint_of("my key")
+    assert fingerprint_of("AB12") == "ab12"
+    key = signing.signing_key(tmp_path / "play.db")
+    (tmp_path / "key.pem").write_bytes(signing.public_pem(key))
+    assert fingerprint_of(str(tmp_path / "key.pem")) == signing.fingerprint(signing.public_pem(key))
+    (tmp_path / "signers.json").write_text('{"format": "other"}')
+    code, said = run("verify", "--dataset", made[0] / "out")
+    assert (code, "is no file of pinned keys" in said) == (1, True)
+    assert run("verify", "--pin")[0] == 2
