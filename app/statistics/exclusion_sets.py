@@ -14,6 +14,7 @@ import numpy as np
 
 from app.statistics.formatting import percent
 from app.study.data import Person, StudyData, StudyEpisode
+from app.study.looks import present
 from marsexplorer.evaluation.intervals import Floats
 
 MetricName = Literal["score", "steps"]
@@ -61,8 +62,9 @@ def metric_value(trial: StudyEpisode, metric: MetricName) -> float:
 
 
 def people_of(data: StudyData) -> Cohort:
-    """Return the people of a study."""
-    return _cohort(data, "people", "human", [person for person in data.people if person.kind == "human"])
+    """Return the people of a study, with the episodes that may be seen of it now (`app.study.looks`)."""
+    shown = present(data)
+    return _cohort(shown, "people", "human", [person for person in shown.people if person.kind == "human"])
 
 
 def scripts_of(data: StudyData) -> list[Cohort]:

@@ -47,6 +47,7 @@ class Estimate:
     guaranteed  holds for any distribution between the metric's bounds, hence wide
     skewness    of the player means, bias-corrected; None below three players or without spread
     widened     "low", "high" or None: the end that the rule moved
+    confidence  of `interval`: 0.95, or what the boundary of a look leaves
     """
 
     mean: float
@@ -58,10 +59,14 @@ class Estimate:
     guaranteed: Interval | None
     skewness: float | None
     widened: str | None
+    confidence: float = CONFIDENCE
 
 
-def estimate(values: Floats, bounds: Interval) -> Estimate:
-    """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`."""
+def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE) -> Estimate:
+    """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`.
+
+    confidence  of the printed interval, above 0.95 at a look of a sequential study; the others stay at 95 %
+    """
     n = len(values)
     mean = float(values.mean())
     guaranteed = _pair(guaranteed_interval(values, bounds))
@@ -77,7 +82,11 @@ def estimate(values: Floats, bounds: Interval) -> Estimate:
             skewness=None,
             widened=None,
         )
-    t, reached = _pair(t_interval(values)), _pair(printed_interval(values))
+    t = _pair(t_interval(values))
+    if confidence < 1:
+        plain, reached = _pair(t_interval(values, confidence)), _pair(printed_interval(values, confidence))
+    else:  # so early a look that nothing may be concluded from it
+        plain = reached = -np.inf, np.inf
     printed = max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
     sd = float(values.std(ddof=1))
     return Estimate(
@@ -89,7 +98,8 @@ def estimate(values: Floats, bounds: Interval) -> Estimate:
         bootstrap=_pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None,
         guaranteed=guaranteed,
         skewness=float(skewness(values)) if n > 2 and sd > 0 else None,
-        widened="low" if reached[0] < t[0] else "high" if reached[1] > t[1] else None,
+        widened="low" if reached[0] < plain[0] else "high" if reached[1] > plain[1] else None,
+        confidence=confidence,
     )
 
 

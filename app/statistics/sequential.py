@@ -22,6 +22,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq
 
+from app.study.data import StudyData
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
 
 Spending = Literal["obrien-fleming", "pocock"]
@@ -49,6 +50,13 @@ class Boundary:
     spent: float
     z: float
     confidence: float
+
+
+def look_boundary(data: StudyData) -> Boundary | None:
+    """Return the boundary of the look that is shown of a study (`app.study.looks.present`); None where none is."""
+    if data.view is None or data.view.kind != "look" or data.protocol.spending == "none":
+        return None
+    return boundaries(data.protocol.spending, data.view.fractions)[-1]
 
 
 def spent_alpha(spending: Spending, fraction: float, alpha: float = ALPHA) -> float:

@@ -10,9 +10,13 @@ import numpy as np
 
 from app.statistics.comparisons import player_means
 from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words
+from app.statistics.formatting import level
 from app.statistics.intervals import Estimate, Interval, estimate
+from app.statistics.sequential import look_boundary
 from app.study.data import StudyData
+from app.study.looks import present, view_sentence
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.intervals import CONFIDENCE
 
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
@@ -50,11 +54,12 @@ def primary_set(data: StudyData) -> str:
 
 
 def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's score so far: {"set", "players", "episodes", "score", "steps", "sentence"}; cheap.
+    """Return the people's score as far as it may be seen: {"set", "players", "episodes", "score", "steps", "sentence", "view"}.
 
-    score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
+    view is that of `app.study.looks`: "whole", "hidden", "look" or "emergency". score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
     set is the primary one as soon as anybody is in it, "all" before.
     """
+    data = present(data)
     figures = study_figures(data, people_of(data))
     primary = next(figure for figure in figures if figure.name == primary_set(data))
     chosen = primary if primary.players else figures[0]
@@ -64,8 +69,16 @@ def live_figure(data: StudyData) -> dict[str, Any]:
         "episodes": chosen.episodes,
         "score": _mean_and_interval(chosen.score),
         "steps": _mean_and_interval(chosen.steps),
-        "sentence": figure_sentence(chosen) if chosen.players else NO_HUMAN_FIGURE,
+        "sentence": " ".join(filter(None, (view_sentence(data), _said(data, chosen)))),
+        "view": None if data.view is None else data.view.kind,
     }
+
+
+def _said(data: StudyData, figure: StudyFigure) -> str:
+    """Return the figure as a sentence; "" where it is hidden, which is no sign that nobody has played."""
+    if figure.players:
+        return figure_sentence(figure)
+    return "" if data.view is not None and data.view.kind == "hidden" else NO_HUMAN_FIGURE
 
 
 def figure_sentence(figure: StudyFigure) -> str:
@@ -76,7 +89,7 @@ def figure_sentence(figure: StudyFigure) -> str:
     score, steps = f"mean score {figure.score.mean:.3f}", f"{figure.steps.mean:.1f} steps to 99 %"
     if figure.score.interval is None or figure.steps.interval is None:
         return f"{who}: {score}, {steps}. One player gives no interval."
-    score += f" (95 % interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
+    score += f" ({level(figure.score.confidence)} interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
     steps += f" ({figure.steps.interval[0]:.1f} to {figure.steps.interval[1]:.1f})"
     return f"{who}: {score}, {steps}."
 
@@ -97,7 +110,11 @@ def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any]
     if not ids:
         return StudyFigure(name=name, rule=rule_in_words(rules), players=0, episodes=0, score=None, steps=None, completed=None)
     config = data.protocol.env_config
-    score, steps = (estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric)) for metric in METRICS)
+    boundary = look_boundary(data) if cohort.kind == "human" else None
+    confidence = CONFIDENCE if boundary is None else boundary.confidence
+    score, steps = (
+        estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric), confidence) for metric in METRICS
+    )
     explored = [np.mean([trial.outcome == "explored" for trial in cohort.ranked[person]]) for person in ids]
     return StudyFigure(
         name=name,

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from app.storage.reader import Reader, config_of
 from app.storage.study_reader import (
@@ -98,10 +98,48 @@ class StudyEpisode:
 
 
 @dataclass(frozen=True)
+class View:
+    """What may be seen of a study's figures (`app.study.looks`).
+
+    kind       "whole": everything; "hidden": nothing; "look": the figure of a planned look, or of the end of a study that had
+               looks; "emergency": everything, outside the plan
+    finished   people who have ended every ranked episode
+    players    how many of them, the first ones, are shown at a look
+    fractions  of the players planned, at this look and those before; empty but at a look
+    next_look  finished players at which the next figure is shown; None for no further look
+    """
+
+    kind: Literal["whole", "hidden", "look", "emergency"]
+    finished: int
+    players: int | None = None
+    fractions: tuple[float, ...] = ()
+    next_look: int | None = None
+
+
+@dataclass(frozen=True)
+class LookTaken:
+    """A look that was taken at an open study.
+
+    at        time in UTC, ISO 8601
+    finished  people who had ended every ranked episode
+    players   how many of them were shown at a planned look; None at an emergency look, which shows everything
+    reason    of an emergency look; "" for a planned one
+    """
+
+    kind: Literal["planned", "emergency"]
+    at: str
+    finished: int
+    players: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class StudyData:
     """Everything figures are made from. `secret` is hex, known here once the study is closed.
 
     arrivals  people before they agreed; a release's holds nobody who did not, and its header has the counts
+    view   what may be seen of it; None: not decided yet, and `trials` hold everything
+    looks  that were taken while it was open, as far as the study's folder is known
     """
 
     protocol: Protocol
@@ -113,6 +151,8 @@ class StudyData:
     people: tuple[Person, ...]
     trials: tuple[StudyEpisode, ...] = field(repr=False)
     arrivals: Arrivals = field(default_factory=Arrivals)
+    view: View | None = None
+    looks: tuple[LookTaken, ...] = ()
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
