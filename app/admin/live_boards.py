@@ -1,4 +1,4 @@
-"""The boards that are being played, for the operator: every frame with its scores, whatever the player is shown."""
+"""The boards that are being played, for the operator: every frame, with its scores unless the study hides its figures."""
 
 from __future__ import annotations
 
@@ -41,16 +41,18 @@ def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
 async def board_messages(session: Session) -> AsyncGenerator[str, None]:
     """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
 
+    Scores are left out while the study's protocol hides its figures.
     The operator is no subscriber: a board that its player has left is not kept alive by being watched.
     """
     frame, episode, steps = "", "", 0
+    hides = session.participation is not None and session.participation.hides_interim()
     woken = asyncio.Event()
     woken.set()
     leave = session.channel.add_listener(woken.set)
     try:
         while await woken.wait():
             woken.clear()
-            newest = encode_frame(session.current.id, session.episode)
+            newest = encode_frame(session.current.id, session.episode, hides)
             if newest == frame:
                 continue
             frame = newest

@@ -6,6 +6,7 @@ These queries are cheap and always fresh; the figure and the labels, which read 
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import time
 from collections import Counter, defaultdict
@@ -18,7 +19,9 @@ from app.statistics.study_figures import live_figure
 from app.storage import study_reader
 from app.storage.reader import Reader, config_of
 from app.storage.study_rows import Stage, participant_label
-from app.study.data import load
+from app.study.data import StudyData, load
+from app.study.folder import Folder
+from app.study.looks import take_look
 from app.study.protocol import StudyError
 from app.study.repeats import REPEATED_JOIN, repeated_reasons
 from marsexplorer.score import steps_to_target
@@ -27,12 +30,16 @@ STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
+_log = logging.getLogger(__name__)
 PARTICIPANT_FIELDS = ("id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms")
 """What the operator sees of a participant's row."""
 
 
-def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str, Any]]:
-    """Return the participants of a study in the order of joining, each with its progress so far."""
+def list_participants(reader: Reader, study: str, now_ms: int, hides: bool) -> list[dict[str, Any]]:
+    """Return the participants of a study in the order of joining, each with its progress so far.
+
+    hides  whether the study's figures are hidden: of people then only counts are listed, neither means nor outcomes
+    """
     trials = defaultdict(list)
     for row in study_reader.trial_activity(reader, study):
         trials[row["participant_id"]].append(row)
@@ -55,20 +62,22 @@ def list_participants(reader: Reader, study: str, now_ms: int) -> list[dict[str,
                 "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
                 "repeated": repeated_reasons(signs[person.id]),
-                **_totals(own),
+                **_totals(own, hides and person.kind == "human"),
             }
         )
     return found
 
 
-def _totals(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the numbers of finished episodes, and the means over ranked ones (None before the first)."""
+def _totals(trials: Sequence[dict[str, Any]], hides: bool) -> dict[str, Any]:
+    """Return the numbers of finished episodes, and the means over ranked ones (None before the first, and where hidden)."""
     ended = [trial for trial in trials if trial["outcome"] is not None]
     ranked = [trial for trial in ended if trial["phase"] == "ranked"]
+    counts = {"warm_up": sum(trial["phase"] == "warm_up" for trial in ended), "ranked": len(ranked)}
+    if hides:
+        return {**counts, "mean_score": None, "mean_steps": None, "outcomes": {}}
     steps = [steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked]
     return {
-        "warm_up": sum(trial["phase"] == "warm_up" for trial in ended),
-        "ranked": len(ranked),
+        **counts,
         "mean_score": sum(trial["score"] for trial in ranked) / len(ranked) if ranked else None,
         "mean_steps": sum(steps) / len(steps) if steps else None,
         "outcomes": dict(Counter(trial["outcome"] for trial in ranked)),
@@ -84,8 +93,8 @@ def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 class LiveFigures:
     """The newest figure and labels of each study; one thread at a time computes them, and the others wait for it."""
 
-    def __init__(self, database: Path) -> None:
-        self._database = database
+    def __init__(self, database: Path, folder: Folder) -> None:
+        self._database, self._folder = database, folder
         self._lock = threading.Lock()
         self._made: dict[str, tuple[float, dict[str, Any]]] = {}
 
@@ -100,13 +109,19 @@ class LiveFigures:
                 self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), made)
             return made
 
+    def emergency_look(self, study: str, reason: str) -> dict[str, Any]:
+        """Log a look outside the plan and return the figure that it shows; StudyError where nothing is hidden or no reason."""
+        return live_figure(take_look(self._folder, self._load(study), reason))
+
+    def _load(self, study: str) -> StudyData:
+        with closing(Reader.open(self._database)) as reader, reader.snapshot():
+            return load(reader, study)
+
     def _make(self, study: str) -> dict[str, Any]:
-        with closing(Reader.open(self._database)) as reader:
-            try:
-                with reader.snapshot():
-                    data = load(reader, study)
-            except StudyError:  # nobody has joined
-                return {"figure": None, "labels": []}
+        try:
+            data = self._load(study)
+        except StudyError:  # nobody has joined
+            return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
         found = [(name, trial.participant) for trial in data.trials if trial.participant in people for name in trial.labels]
         counts = Counter(name for name, _ in found)
@@ -118,4 +133,9 @@ class LiveFigures:
             }
             for name, number in counts.most_common()
         ]
-        return {"figure": live_figure(data), "labels": by_label}
+        try:
+            figure: dict[str, Any] | None = live_figure(take_look(self._folder, data))
+        except StudyError as error:  # a planned look that cannot be logged shows nothing
+            _log.warning("%s", error)
+            figure = None
+        return {"figure": figure, "labels": by_label}

@@ -23,7 +23,7 @@ class AdminServices:
     def __init__(self, login: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
         database = progress.lobby.store.path
         self.login, self.progress = login, progress
-        self.health, self.figures = Health(database), participants.LiveFigures(database)
+        self.health, self.figures = Health(database), participants.LiveFigures(database, progress.folder)
         self.exports = Exports(database, studies)
         self.began = time.monotonic()
 

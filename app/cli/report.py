@@ -23,19 +23,27 @@ if TYPE_CHECKING:
 @click.option("--json", "json_path", type=PATH, help="Write every number to this file.")
 @click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]")
 @click.option("--synthetic", is_flag=True, help="Report over the scripts instead of the people, marked SYNTHETIC throughout.")
+@click.option(
+    "--emergency-look", "emergency", metavar="REASON",
+    help="Show the figures of an open study outside its plan; time and reason are logged and printed in every report.",
+)  # fmt: skip
 @click.option("--no-policies", is_flag=True, help="Do not play the policies: no comparisons, done in a second.")
 def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
-    no_policies: bool,
+    emergency: str | None, no_policies: bool,
 ) -> None:  # fmt: skip
     """Print a study's figures: the human level with its interval, and policies on the same terrains.
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
     skewed players; docs/report.md says how that was measured. Scripts never enter a human figure.
+    A study whose protocol hides its figures (every new one does) shows none before it is closed, except at the looks that
+    the protocol plans: then of exactly the first players who finished. Where people's safety or the server's working
+    must be judged earlier, --emergency-look does it and says so for ever.
 
     \b
     Examples:
       marsexplorer report --study pilot
+      marsexplorer report --study pilot --emergency-look "participants report that the page freezes"
       marsexplorer report --study pilot --html pilot.html --json pilot.json
       marsexplorer report --study rehearsal --synthetic --html rehearsal.html
     """
@@ -46,7 +54,8 @@ def report(
 
     settings = settings_of()
     try:
-        found = _build_report(name, database or settings.database, studies or settings.studies, synthetic, not no_policies)
+        where = database or settings.database, studies or settings.studies
+        found = _build_report(name, *where, synthetic, not no_policies, emergency)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -61,15 +70,20 @@ def report(
     show(found)
 
 
-def _build_report(name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool) -> Report:
+def _build_report(
+    name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool, emergency: str | None
+) -> Report:
     """Return the report of a study; with policies only if somebody has finished a ranked episode."""
     from app.report.seeds import load_with_folder
     from app.storage.reader import Reader
+    from app.study.folder import Folder
+    from app.study.looks import take_look
 
     reader = Reader.open(database)
     try:
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
+            data = data if synthetic else take_look(Folder(studies), data, emergency)
             pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
@@ -92,10 +106,28 @@ def show(found: Report) -> None:
     """Print the report on the terminal."""
     click.echo(f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})")
     click.echo(found.sentence)
+    _print_look(found)
     for group in found.groups:
         _show_group(found, group)
     for line in found.deviations:
         click.echo(f"- {line}")
+
+
+def _print_look(found: Report) -> None:
+    """Print a planned look's boundary and where the policies stand; nothing where no look is shown."""
+    from app.statistics.formatting import interval, level, number
+
+    if (look := found.look) is None:
+        return
+    boundary = "no boundary can be crossed so early" if look.z is None else f"boundary |z| = {look.z:.3f}"
+    click.echo(f"{look.spending} spending, {look.spent:.5f} of 0.05 so far; {boundary}; intervals of {level(look.confidence)}")
+    rows = [
+        (each.policy, each.metric, number(each.difference, 4), interval(each.interval, 4), "yes" if each.crossed else "no")
+        for each in look.crossings
+    ]
+    if rows:
+        heads = ("policy", "metric", "minus people", f"{level(look.confidence)} interval", "boundary crossed")
+        print_table("At this look, for other players on these terrains", heads, rows)
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
@@ -109,16 +141,18 @@ def _show_group(found: Report, group: GroupReport) -> None:
 
 def _print_figures(mark: str, group: GroupReport) -> None:
     """Print the figure under each exclusion set; nothing where no set has players."""
-    from app.statistics.formatting import interval, number
+    from app.statistics.formatting import interval, level, number
 
-    rows = []
+    rows, levels = [], {"95 %"}
     for figure in group.figures:
         score, steps = figure.score, figure.steps
         if score and steps:
             values = number(score.mean, 4), interval(score.interval, 4), number(steps.mean, 1), interval(steps.interval, 1)
+            levels = {level(score.confidence)}
             rows.append((figure.name, str(figure.players), str(figure.episodes), *values))
     if rows:
-        columns = ("set", "players", "episodes", "score", "95 % interval", "steps to 99 %", "95 % interval")
+        head = f"{levels.pop()} interval"
+        columns = ("set", "players", "episodes", "score", head, "steps to 99 %", head)
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
 

@@ -55,6 +55,9 @@ class Participation(Protocol):
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of the episode leave out reward, return and score."""
 
+    def hides_interim(self) -> bool:
+        """Return whether the operator, too, sees no scores of this board while the study is open."""
+
     def check_open(self) -> None:
         """Raise RefusedError when the study is closed and no move may be made."""
 

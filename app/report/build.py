@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
+from app.report.looks import look_section
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.comparisons import PolicyComparison, compare_policy, holm, new_terrains_interval, player_means
@@ -26,6 +27,7 @@ from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, prima
 from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
 from app.study.flow import participant_flow
+from app.study.looks import present, view_sentence
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
 
@@ -42,6 +44,7 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
     runs      policies on the ranked terrains (`app.report.policies.run_policies`); none: no comparisons
     pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
     """
+    data = present(data)
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = tuple(_group(data, cohort, runs, (pictures or {}).get(cohort.name, {})) for cohort in cohorts)
     return Report(
@@ -61,10 +64,11 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
         rule=RULE,
         rule_version=RULE_VERSION,
         labels_version=data.protocol.labels_version,
-        sentence=_sentence(groups, synthetic),
+        sentence=_sentence(data, groups, synthetic),
         groups=groups,
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
+        look=None if synthetic else look_section(data, runs),
         scripts=_script_counts(data),
         checklist=() if synthetic else checklist(_facts(data, groups[0], runs)),
     )
@@ -194,11 +198,13 @@ def _policy_row(run: PolicyRun) -> PolicyRow:
     )
 
 
-def _sentence(groups: Sequence[GroupReport], synthetic: bool) -> str:
+def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -> str:
     """Return the headline of the report."""
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
-    group = groups[0]
+    group, shown = groups[0], view_sentence(data)
+    if shown:
+        return f"{shown} {figure_sentence(group.figure)}" if group.figure.players else shown
     if group.figure.players:
         return figure_sentence(group.figure)
     if group.figures[0].players:

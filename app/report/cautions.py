@@ -9,7 +9,7 @@ from app.statistics import coverage_table
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate
-from app.study.data import StudyData, StudyEpisode
+from app.study.data import LookTaken, StudyData, StudyEpisode
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
 from marsexplorer.config import CORE_VERSION
@@ -107,6 +107,13 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _taken(look: LookTaken) -> str:
+    return (
+        f"A look outside the plan was taken at {look.at}, when {look.finished} people had finished: {look.reason}. Where what "
+        "it showed led to the study's end, its intervals and tests do not hold."
+    )
+
+
 def study_deviations(data: StudyData) -> tuple[str, ...]:
     """Return how the study as a whole deviated from what was frozen."""
     found = []
@@ -121,7 +128,8 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:
         found.append(f"{len(early)} participants joined before the protocol was frozen.")
-    if data.closed_ms is None:
+    found += [_taken(look) for look in data.looks if look.kind == "emergency"]
+    if data.closed_ms is None and data.view is not None and data.view.kind in ("whole", "emergency"):
         found.append("The study is still open: these figures are preliminary, and looking at them is no reason to stop.")
     finished = sum(person.kind == "human" and person.completed_ms is not None for person in data.people)
     if data.closed_ms is not None and finished != data.protocol.players:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.report.checklist import Item
+from app.report.looks import LookSection
 from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
@@ -120,6 +121,7 @@ class Report:
 
     estimand    what the primary figure estimates, in words; rule: which interval is printed
     deviations  of the study as a whole
+    look        the planned look or the final analysis of a study that had looks; None elsewhere
     scripts     scripted participants, by kind: counted and left out
     """
 
@@ -145,6 +147,7 @@ class Report:
     deviations: tuple[str, ...]
     scripts: dict[str, int]
     checklist: tuple[Item, ...]
+    look: LookSection | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

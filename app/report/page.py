@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -17,6 +17,7 @@ from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
 from app.report.tables import GroupTables, checklist_table, coverage_table, group_tables
+from app.statistics.formatting import level, number
 
 FOLDER = Path(__file__).parent
 
@@ -68,6 +69,8 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["counts"] = _counts
+    environment.filters["level"] = level
+    environment.filters["number"] = partial(number, digits=4)
     return environment
 
 

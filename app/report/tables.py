@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from app.report.model import GroupReport, Metric, Report
 from app.statistics.coverage_table import SCORE_POPULATIONS, Cell, nearest
 from app.statistics.exclusion_sets import METRICS
-from app.statistics.formatting import NONE, interval, number, p_value, percent
+from app.statistics.formatting import NONE, interval, level, number, p_value, percent
 from app.statistics.study_figures import StudyFigure
 
 METRIC_NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
-INTERVALS = ("95 % interval (printed)", "t interval", "studentised bootstrap", "new terrains too", "guaranteed")
+INTERVALS = ("t interval", "studentised bootstrap", "new terrains too", "guaranteed")
 SPREAD = (
     "ICC",
     "95 % interval of the ICC",
@@ -147,14 +147,16 @@ def _result(group: GroupReport) -> PageTable | None:
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     who = f"{found.players} players, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
-    return _by_metric(f"Means over players. {who}", group, ("mean", *INTERVALS), columns)
+    names = ("mean", f"{level(found.score.confidence)} interval (printed)", *INTERVALS)
+    return _by_metric(f"Means over players. {who}", group, names, columns)
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:
     rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
+    kind = f"{level(group.figures[0].score.confidence) if group.figures[0].score else '95 %'} interval"
     return PageTable(
         caption=f"The figure under each exclusion set; who enters: {rules}",
-        heads=("set", "players", "episodes", "score (95 % interval)", "steps to 99 % (95 % interval)", "reached 99 %"),
+        heads=("set", "players", "episodes", f"score ({kind})", f"steps to 99 % ({kind})", "reached 99 %"),
         rows=[_exclusion_set_row(group, figure) for figure in group.figures],
     )
 

@@ -56,7 +56,8 @@ def primary_set(data: StudyData) -> str:
 def live_figure(data: StudyData) -> dict[str, Any]:
     """Return the people's score as far as it may be seen: {"set", "players", "episodes", "score", "steps", "sentence", "view"}.
 
-    view is that of `app.study.looks`: "whole", "hidden", "look" or "emergency". score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
+    view is that of `app.study.looks`: "whole", "hidden", "look" or "emergency".
+    score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
     set is the primary one as soon as anybody is in it, "all" before.
     """
     data = present(data)

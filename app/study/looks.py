@@ -102,6 +102,19 @@ def emergency_view(data: StudyData) -> StudyData:
     return replace(data, view=View("emergency", len(finishers(data))))
 
 
+def take_look(folder: Folder, data: StudyData, reason: str | None = None) -> StudyData:
+    """Return what may be seen of a study's people and log a look that shows something; nothing is shown that is not logged.
+
+    reason  of a look outside the plan, which shows everything; StudyError where there is nothing hidden or no reason
+    """
+    if reason is not None:
+        shown = emergency_view(data)
+        return replace(shown, looks=(*shown.looks, note_emergency_look(folder, data, reason)))
+    shown = present(data)
+    note_planned_look(folder, shown)
+    return shown
+
+
 def view_sentence(data: StudyData) -> str:
     """Return what is shown, and when more will be; "" where nothing is hidden."""
     view, protocol = data.view, data.protocol

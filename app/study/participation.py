@@ -31,6 +31,11 @@ class StudyParticipation:
         found = self._study_store.phase_and_stage(episode_id)
         return found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
 
+    def hides_interim(self) -> bool:
+        """Return whether the participant is a person in an open study whose protocol hides its figures."""
+        study = self._study()
+        return self.driver == "human" and study.is_open and study.protocol.hides_interim
+
     def check_open(self) -> None:
         """Check that the study is open; RefusedError when it is not."""
         if not self._study().is_open:

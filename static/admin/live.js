@@ -62,7 +62,7 @@ export function createLive(place, base) {
   /** @param {Watched} one */
   function paint({ figure, canvas, board: { frame, trail }, info }) {
     const [who, what] = caption(info);
-    const numbers = frame ? `${frame.step} moves \u00b7 ${percent(frame.coverage)} % \u00b7 ${frame.score === null ? "" : score(frame.score)}${frame.outcome ? ` \u00b7 ${outcomeShort(frame.outcome)}` : ""}` : "";
+    const numbers = frame ? [`${frame.step} moves`, `${percent(frame.coverage)} %`, frame.score === null ? "" : score(frame.score), frame.outcome ? outcomeShort(frame.outcome) : ""].filter(Boolean).join(" \u00b7 ") : "";
     figure.querySelector("figcaption")?.replaceChildren(create("b", who), create("span", what), create("span", numbers, { class: "numbers" }));
     if (!frame) return;
     figure.dataset.outcome = frame.outcome ?? "";

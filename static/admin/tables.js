@@ -32,9 +32,11 @@ export function paintStages(table, stages) {
  * @param {Study} study
  */
 export function paintFigure(where, words, { figure, max_steps: limit }) {
-  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d; it moves until everybody is through.` : "";
+  const moves = figure?.view === "whole" ? "; it moves until everybody is through" : "";
+  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d${moves}.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
-    where.replaceChildren(create("p", "No person has finished a ranked episode yet, so there is no figure.", { class: "empty" }));
+    const why = figure?.view === "hidden" ? figure.sentence : "No person has finished a ranked episode yet, so there is no figure.";
+    where.replaceChildren(create("p", why, { class: "empty" }));
     return;
   }
   where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));

@@ -1,5 +1,6 @@
 """The operator's login and requests: nobody else gets in, and what is shown is what is."""
 
+import json
 import re
 import subprocess
 import sys
@@ -32,6 +33,7 @@ CHANGING = {
     "studies/small/exports/report": {},
     "studies/small/invitations": {"count": 1},
     "studies/small/invitations/revoke": {"ids": ["7K3M"]},
+    "studies/small/emergency-look": {"reason": "a test of the calls"},
     "logout": {},
 }
 
@@ -39,7 +41,7 @@ CHANGING = {
 @pytest.fixture
 def admin(serve, tmp_path):
     """A server with an operator and one open study; `admin.operator()` is a client that has logged in."""
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "studies", hides_interim=False)
     server = serve(admin_password=PASSWORD)
 
     def operator():
@@ -251,6 +253,34 @@ def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
     assert shown()["code"] is None
     assert {each["token"] for each in shown()["invitations"]} == {None}
     assert "is closed" in fails("lab/invitations", {"count": 1})[1]
+
+
+def test_an_open_study_that_hides_its_figures_shows_counts_and_no_scores_anywhere(admin, tmp_path):
+    freeze(tmp_path / "studies", "hidden", warm_up=0, ranked=1, looks=[2], spending="pocock")
+    operator, person = admin.operator(), Person(admin, "hidden")
+    person.to_warm_up()
+    person.call("next")
+    with person.socket() as playing, admin.socket(person.where["session"], operator, path="/ws/admin/sessions/") as watching:
+        playing.receive("frame")
+        assert watching.receive("frame")["score"] is None
+    person.play()
+    answer = eventually(lambda: (now := operator.get("/api/admin/studies/hidden").json())["figure"] and now)
+    assert answer["figure"]["sentence"] == (
+        "No figure is shown until 2 players have finished, the first planned look: 1 of 2 have finished."
+    )
+    assert (answer["figure"]["view"], answer["figure"]["score"], answer["hides_interim"]) == ("hidden", None, True)
+    (row,) = answer["participants"]
+    assert (row["ranked"], row["mean_score"], row["mean_steps"], row["outcomes"]) == (1, None, None, {})
+    url = "/api/admin/studies/hidden/emergency-look"
+    refused = operator.post(url, json={"reason": "why"})
+    assert (refused.status_code, "at least 10 characters" in refused.json()["detail"]) == (409, True)
+    seen = operator.post(url, json={"reason": "two people report a frozen page"}).json()["figure"]
+    assert (seen["players"], seen["view"]) == (1, "emergency")
+    (kept,) = json.loads((tmp_path / "studies" / "hidden" / "looks.json").read_text())
+    assert (kept["kind"], kept["finished"], kept["reason"]) == ("emergency", 1, "two people report a frozen page")
+    assert operator.get("/api/admin/studies/hidden").json()["figure"]["view"] == "hidden"
+    refused = operator.post("/api/admin/studies/small/emergency-look", json={"reason": "out of curiosity"})
+    assert (refused.status_code, "nobody has joined" in refused.json()["detail"]) == (409, True)
 
 
 def test_boards_are_watched_live_with_their_scores(admin):

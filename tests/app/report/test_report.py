@@ -146,7 +146,7 @@ def test_deviations_of_the_study():
 
     assert said(*played(SCORES), players=3) == ""
     assert "3 people finished, 4 were planned" in said(*played(SCORES))
-    assert "still open" in said(*played(SCORES), closed=False)
+    assert "still open" in said(*played(SCORES), closed=False, hides_interim=False)
     made = study(*played(SCORES), players=3)
     from dataclasses import replace
 
@@ -222,7 +222,7 @@ def test_the_live_figure_is_the_reports(data):
 
 
 def test_before_anybody_has_finished_the_live_figure_is_of_all():
-    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]), closed=False)
+    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]), closed=False, hides_interim=False)
     live = live_figure(data)
     assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
     assert build(data).sentence.startswith("Nobody has finished the study yet. So far: 2 players, 3 ranked episodes")
