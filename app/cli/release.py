@@ -58,19 +58,23 @@ def release(
     from app.release.build import ReleaseRequest, build_release
     from app.storage.database import StoreError
     from app.study.folder import Folder
+    from app.study.looks import LOOKS_FILE, read_looks
+    from app.study.protocol import StudyError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     settings = settings_of()
-    known = Folder(studies or settings.studies).known_secrets()
-    request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known, without)
+    folder = Folder(studies or settings.studies)
+    known = folder.known_secrets()
     try:
+        looks = read_looks(folder.root / study / LOOKS_FILE)
+        request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known, without, looks)
         with progress("verifying and writing") as advance:
             built = build_release(request, advance, released_report(study, without))
     except (PolicyNotFoundError, PolicyFileError) as error:
         raise click.ClickException(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
         ) from error
-    except (ReleaseError, StoreError) as error:
+    except (ReleaseError, StoreError, StudyError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error

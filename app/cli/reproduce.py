@@ -90,11 +90,13 @@ def _read_bundle(folder: Path) -> Derivation:
     from app.release.manifest import read_manifest
     from app.storage.connection import reading
     from app.study.data import load
+    from app.study.looks import LOOKS_FILE, read_looks
 
     manifest, _ = read_manifest(folder)
     with reading(folder / BUNDLE_DATABASE) as conn:
         episodes = read_policy_episodes(conn)
-    return Derivation(folder, load(folder / BUNDLE_DATABASE, str(manifest["study"])), episodes)
+    data = load(folder / BUNDLE_DATABASE, str(manifest["study"]))
+    return Derivation(folder, replace(data, looks=read_looks(folder / LOOKS_FILE)), episodes)
 
 
 def _compare(made: Derivation) -> bool:

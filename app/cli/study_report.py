@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,11 +64,12 @@ def released_report(study: str, without: Sequence[str]) -> Callable[[Path], Rele
         from app.report.page import render
         from app.storage.reader import Reader
         from app.study.data import load
+        from app.study.looks import LOOKS_FILE, read_looks
         from app.study.policy_episodes import compared_policies, ranked_seeds
 
         reader = Reader.open(database)
         try:
-            data = load(reader, study)
+            data = replace(load(reader, study), looks=read_looks(database.parent / LOOKS_FILE))
             kinds = [synthetic for synthetic in (False, True) if has_played(data, synthetic)]
             names = [name for name in compared_policies(data.protocol) if name not in without]
             seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}

@@ -29,8 +29,9 @@ from app.storage.chain_checks import chain_state
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
-from app.study.data import load
+from app.study.data import LookTaken, load
 from app.study.folder import Advance
+from app.study.looks import LOOKS_FILE, write_looks
 from app.study.policy_episodes import PolicyEpisode
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
@@ -58,6 +59,7 @@ class ReleaseRequest:
     interim: bool = False
     secrets: Mapping[str, tuple[int | None, bytes]] | None = None
     without_policies: tuple[str, ...] = ()
+    looks: tuple[LookTaken, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ def build_release(
         with _whole_folder(request.out) as folder:
             left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
+            if header.looks:
+                write_looks(folder / LOOKS_FILE, header.looks)
             report = reporter(folder / BUNDLE_DATABASE) if reporter and not header.interim else ReleasedReport({})
             given = replace(header, left_out=out)
             written = _write_files(folder, given, report, lambda done: advance(total // 2 + done, total))
@@ -144,6 +148,7 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         chain_head=state.head if state else None,
         chain_entries=state.entries if state else 0,
         without_policies=request.without_policies,
+        looks=request.looks,
     ), closed
 
 

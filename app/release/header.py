@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from app.study.data import LookTaken
 from app.study.protocol import Protocol
 
 RELEASE_FORMAT = "marsexplorer-release-1"
@@ -22,6 +23,7 @@ class ReleaseHeader:
     rows        rows by table
     left_out    what the release does not hold, counted
     chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None for one of an earlier schema
+    looks       taken at the study's figures while it was open; `looks.json` holds them
     without_policies  of the protocol, which the report leaves out because their files were not at hand
     """
 
@@ -42,6 +44,7 @@ class ReleaseHeader:
     chain_head: str | None = None
     chain_entries: int = 0
     without_policies: tuple[str, ...] = ()
+    looks: tuple[LookTaken, ...] = ()
 
     @property
     def interim(self) -> bool:
@@ -85,6 +88,7 @@ class ReleaseHeader:
             "chain_head": self.chain_head,
             "chain_entries": self.chain_entries,
             "without_policies": list(self.without_policies),
+            "looks": [asdict(look) for look in self.looks],
         }
 
 

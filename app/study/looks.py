@@ -182,12 +182,13 @@ def _appending(path: Path) -> Iterator[list[LookTaken]]:
         looks = list(known)
         yield looks
         if len(looks) > len(known):
-            _write(path / LOOKS_FILE, looks)
+            write_looks(path / LOOKS_FILE, looks)
     finally:
         os.close(lock)
 
 
-def _write(path: Path, looks: Sequence[LookTaken]) -> None:
+def write_looks(path: Path, looks: Sequence[LookTaken]) -> None:
+    """Write looks to a file, whole and on disk; StudyError when it cannot be written."""
     text = json.dumps([asdict(look) for look in looks], indent=2, ensure_ascii=False) + "\n"
     try:
         with write_whole(path) as file:
