@@ -27,6 +27,8 @@ def serve(more: tuple[Path, ...], policies: tuple[Path, ...], **given: Any) -> N
     ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE, MARS_STUDIES and MARS_DURABLE stand in for
     absent flags. A frozen study is offered at /study/NAME as soon as it is frozen.
 
+    A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
+
     The operator's page /admin is open with --admin, or when MARS_ADMIN_PASSWORD holds its password; else there is none.
 
     \b

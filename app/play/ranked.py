@@ -77,16 +77,20 @@ class PageBoards:
             return await self._lobby.get(found)
         return None
 
-    async def with_episode(self, player_id: str, episode_id: str) -> Session | None:
-        """Return a player's board on which an episode is the current one; None when there is none of theirs."""
-        found = watchable_session(self._lobby.store, episode_id)
-        if found is None:
-            return None
+    async def with_id(self, player_id: str, session_id: str) -> Session | None:
+        """Return the board of an id, whoever began it, where it is a player's own; None where it is not, and for a study's."""
         with suppress(UnknownSessionError):
-            session = await self._lobby.get(found[0])
-            group = session if session.row.rival_of is None else await self._lobby.get(session.row.rival_of)
-            is_own = group.row.player_id == player_id and group.row.control == "cookie"
-            return group if is_own and session.current.id == episode_id else None
+            session = await self._lobby.get(session_id)
+            return session if session.row.player_id == player_id and session.participation is None else None
+        return None
+
+    async def with_episode(self, player_id: str, episode_id: str) -> Session | None:
+        """Return a player's board on which an episode, theirs or their rival's, is the current one; None when there is none."""
+        found = watchable_session(self._lobby.store, episode_id)
+        with suppress(UnknownSessionError):
+            session = None if found is None else await self._lobby.get(found[0])
+            if session is not None and session.current.id == episode_id:
+                return await self.with_id(player_id, session.row.rival_of or session.id)
         return None
 
     async def sweep(self) -> None:

@@ -125,7 +125,7 @@ class Session:
 
     @property
     def counts(self) -> bool:
-        """Return whether the episode, as far as can be said while it runs, counts for the human score."""
+        """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
         is_persons = self.is_human and self.participation is None and self.takes_persons_moves
         return is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen

@@ -55,7 +55,7 @@ def export_table(
     """Yield the table in pieces, the header first, one piece an episode.
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
-    who      "all", or "human" for the episodes that count for the human score
+    who      "all", or "human" for the episodes that count
     public   True leaves out the episodes of studies that are not closed
     """
     columns = _checked(table, fmt, who)

@@ -24,7 +24,7 @@ Who = Literal["all", "human"]
 HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
     AND e.steps > 0 AND s.owner_id IS NOT NULL
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
-"""The condition (SQL) for an episode to count for the human score. One without a move does not count, since nothing shows that
+"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that
 a person drove it; a study's episodes do not count either, since they make a figure of their own."""
 
 _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id

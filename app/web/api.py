@@ -25,6 +25,7 @@ from app.web.sockets import as_move
 from marsexplorer.config import CORE_VERSION, LEVELS
 
 router = APIRouter(prefix="/api")
+Id = Annotated[str | None, Query(max_length=128)]
 _FRAME: dict[int | str, dict[str, Any]] = {200: {"model": Frame}}
 
 
@@ -130,19 +131,21 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
-async def get_my_session(
-    request: Request, episode: Annotated[str | None, Query(max_length=64)] = None
-) -> dict[str, Any] | None:
+async def get_my_session(request: Request, episode: Id = None, session: Id = None) -> dict[str, Any] | None:
     """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
 
-    `episode` asks for the board on which that episode is the current one. Null when there is no such board of yours.
+    `episode` asks for the board on which that episode is the current one, `session` for the board of that id. Null when there
+    is no such board of yours.
     """
     player_id = player_of(request)
     if player_id is None:
         return None
     page_boards = services_of(request).page_boards
-    session = await (page_boards.newest(player_id) if episode is None else page_boards.with_episode(player_id, episode))
-    return None if session is None else session_summary(_lobby(request), session)
+    if episode is not None:
+        found = await page_boards.with_episode(player_id, episode)
+    else:
+        found = await (page_boards.newest(player_id) if session is None else page_boards.with_id(player_id, session))
+    return None if found is None else session_summary(_lobby(request), found)
 
 
 @router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
@@ -199,8 +202,8 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
     with _bad_input():
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
-        elif has_own_origin(request) and is_owner(request, session):
-            session, _ = await page_boards.begin(_as_new_session(lobby, session, wanted), session.row.player_id or "")
+        elif has_own_origin(request) and is_owner(request, session) and session.row.player_id is not None:
+            session, _ = await page_boards.begin(_as_new_session(lobby, session, wanted), session.row.player_id)
         else:
             await lobby.restart(session, wanted)
     return session_summary(lobby, session)

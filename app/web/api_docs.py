@@ -22,7 +22,7 @@ with httpx.Client(base_url="http://127.0.0.1:8000") as mars:       # one client 
         frame = mars.post(f"/api/sessions/{session['session']}/act", json=move).json()
     print(frame["outcome"], frame["score"])"""
 
-SOCKET = """ws(s)://.../ws/sessions/{session}
+SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page needs the cookie of its player; a script's, its id
 -> {"kind":"act","episode":"...","step":0,"action":"east"}     the same act as over HTTP; its answer is the next frame
 -> {"kind":"history"}                                          asks for the path so far
 -> {"kind":"events","episode":"...","events":[...]}            a study's input events, 200 at most; a repeat is kept once
@@ -31,7 +31,9 @@ SOCKET = """ws(s)://.../ws/sessions/{session}
 <- {"kind":"pace", ...}        for a session that a policy drives, on joining and on change
 <- {"kind":"kept","episode":"...","count":2,"reason":null}      the answer to events; count 0 with a reason: they are not kept
 <- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
-<- {"kind":"error","detail":"..."}                             a bad message: the socket stays open"""
+<- {"kind":"error","detail":"..."}                             a bad message: the socket stays open
+
+ws(s)://.../ws/watch/{episode}          for spectators: frames and histories alone, until the episode has ended"""
 
 SHOWN_MODELS = ("Frame", "History", "Pace")
 """The answers whose fields are listed."""

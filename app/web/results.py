@@ -25,9 +25,13 @@ def _reader(request: Request) -> Iterator[Reader]:
         yield reader
 
 
-@router.get("/human-level", tags=["results"], summary="How well people play")
+@router.get("/human-level", tags=["results"], summary="How well this playground's volunteers play")
 def get_human_level(request: Request) -> dict[str, Any]:
-    """Return one figure per configuration, from unassisted episodes on terrains that were neither chosen nor met before."""
+    """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
+
+    Volunteers select themselves: this is no human level, which is a closed study's figure. Each player weighs the same, the
+    interval is the report's, and `abandoned` says how many of the `episodes` were left.
+    """
     with _reader(request) as reader:
         return human_level(reader)
 
@@ -39,7 +43,7 @@ def get_episodes(
     offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
     who: Who = "all",
 ) -> list[dict[str, Any]]:
-    """List finished episodes; `who=human` lists those that count for the human score."""
+    """List finished episodes; `who=human` lists those that count."""
     with _reader(request) as reader:
         return reader.episodes(limit, offset, who)
 
@@ -58,7 +62,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
 async def export(
     request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"], who: Who = "all"
 ) -> StreamingResponse:
-    """Export every finished episode under pseudonyms; `who=human` exports those that count for the human score."""
+    """Export every finished episode under pseudonyms; `who=human` exports those that count."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
     headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
     pieces = export_table(services_of(request).store, table, fmt, who, public=True)

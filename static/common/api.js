@@ -94,11 +94,12 @@ export function createApi(fetcher, root = "") {
      */
     about: (id) => request(`${session(id)}/about`, undefined, 4000),
     /**
-     * Return the board that this browser's player goes on with; null without one.
-     * @param {string} [episode] asks for the board on which it is the current one
+     * Return the board that this browser's player goes on with; null without one. A question names another of their boards:
+     * by its id, or by its current episode.
+     * @param {{session?: string, episode?: string}} [question]
      * @returns {Promise<About | null>}
      */
-    mySession: (episode) => request(`me/session${episode === undefined ? "" : `?episode=${encodeURIComponent(episode)}`}`),
+    mySession: (question = {}) => request(`me/session?${new URLSearchParams(question)}`),
     /**
      * @param {string} episode
      * @returns {Promise<Watched>}

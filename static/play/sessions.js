@@ -95,13 +95,13 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     const episode = episodeInHash(hash());
     const session = storage.getItem("mars.session");
     if (episode && episode !== storage.getItem("mars.episode")) {
-      const own = await api.mySession(episode);
+      const own = await api.mySession({ episode });
       if (own) return own;
       if (await orNull(watch(episode).then(() => true))) return undefined;
       note("This link leads to no episode that can be watched; this is a board of your own.");
     }
     const named = sessionInHash(hash());
-    const found = named ? await orNull(api.about(named)) : null;
+    const found = named ? await api.mySession({ session: named }) : null;
     if (named && !found) note("This address belongs to somebody else's board, or to one that is gone; this is a board of your own.");
     return found ?? (session ? await orNull(api.about(session)) : null);
   }

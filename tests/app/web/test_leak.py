@@ -125,7 +125,7 @@ class Recorder:
             for more in ("", "/about", "/history"):
                 self.answer("GET", f"/api/sessions/{id_}{more}")
         lists = ("episodes?limit=9", "human-level", "health", *(f"export/{table}.jsonl" for table in ("episodes", "steps")))
-        for url in (*lists, f"episodes/{self.frame['episode']}", *self.more):
+        for url in (*lists, f"episodes/{self.frame['episode']}", f"watch/{self.frame['episode']}", *self.more):
             self.answer("GET", f"/api/{url}")
 
     def move(self, action):
