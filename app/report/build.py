@@ -20,7 +20,7 @@ from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRo
 from app.report.policies import PolicyRun
 from app.statistics.comparisons import PolicyComparison, compare_policy, holm, new_terrains_interval, player_means
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
-from app.statistics.intervals import RULE, RULE_VERSION
+from app.statistics.headline import RULES
 from app.statistics.learning import assess_learning, trial_means
 from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
@@ -61,8 +61,8 @@ def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = Fal
         closed_at=None if data.closed_ms is None else _iso(data.closed_ms),
         protocol=data.protocol.model_dump(mode="json"),
         estimand=ESTIMAND,
-        rule=RULE,
-        rule_version=RULE_VERSION,
+        rule=RULES[data.protocol.interval_rule],
+        rule_version=data.protocol.interval_rule,
         labels_version=data.protocol.labels_version,
         sentence=_sentence(data, groups, synthetic),
         groups=groups,

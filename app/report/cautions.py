@@ -32,6 +32,11 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if figure.players < LEAST_PLAYERS:
         found.append(f"{figure.players} players are few: their spread, and with it every interval, is poorly known.")
     found += _about_skewness(figure.score, figure.steps)
+    if figure.score.headline == "guaranteed":
+        found.append(
+            "Failures are a few players' here, so the guaranteed interval is the headline (rule 2). The printed interval, and "
+            "with it every comparison with policies, rests on how many of these players the sample happens to hold."
+        )
     found.append(_about_failures(group))
     variances = [metric.variance for metric in group.metrics if metric.variance and metric.variance.design_effect > 1.5]
     if variances:

@@ -100,7 +100,8 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         axes.plot(values, heights, "o", color=PEOPLE_COLOUR, markersize=5, alpha=0.75, markeredgewidth=0)
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
-        lines = [("printed", estimate.interval), ("t", estimate.t), ("bootstrap", estimate.bootstrap)]
+        lines = [("headline", estimate.interval), ("printed", estimate.printed), ("t", estimate.t)]
+        lines.append(("bootstrap", estimate.bootstrap))
         lines.append(("new terrains", metric.new_terrains))
         for row, (label, ends) in enumerate(lines):
             y = -1.2 - row

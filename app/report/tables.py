@@ -143,11 +143,13 @@ def _result(group: GroupReport) -> PageTable | None:
         return None
     columns = []
     for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
-        ends = (estimate.interval, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
+        ends = (estimate.interval, estimate.printed, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     who = f"{found.players} players, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
-    names = ("mean", f"{level(found.score.confidence)} interval (printed)", *INTERVALS)
+    kind = level(found.score.confidence)
+    headline = "guaranteed 95 % interval (headline)" if found.score.headline == "guaranteed" else f"{kind} interval (headline)"
+    names = ("mean", headline, f"{kind} interval (printed)", *INTERVALS)
     return _by_metric(f"Means over players. {who}", group, names, columns)
 
 

@@ -13,6 +13,7 @@ from dataclasses import asdict
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from scipy import stats
@@ -20,8 +21,18 @@ from scipy import stats
 from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
 from app.statistics.crossed import crossed_interval
 from app.statistics.further_coverage import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_ratio
+from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
-from app.statistics.simulated_studies import SCORE_BOUNDS, generator, mean_score, simulate_studies
+from app.statistics.simulated_studies import (
+    SCORE_BOUNDS,
+    STEPS_BOUNDS,
+    TERRAINS,
+    failures,
+    generator,
+    mean_score,
+    simulate_studies,
+    steps_of,
+)
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.run import Progress
 
@@ -40,6 +51,10 @@ def measure_cell(population: ScorePopulation, icc: float, players: int, studies:
     stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
     bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
     guaranteed = np.concatenate([guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks])
+    is_guaranteed = is_a_few_players(
+        failures(population, scores).sum(2).astype(np.float64), np.full(means.shape, float(TERRAINS))
+    )
+    steps_covered, headline_steps_covered = _steps_covered(population, scores, terrain, is_guaranteed)
     return Cell(
         population=population.name,
         icc=icc,
@@ -54,7 +69,23 @@ def measure_cell(population: ScorePopulation, icc: float, players: int, studies:
         guaranteed=100 * float(guaranteed.mean()),
         new_terrains=_percent_covered(crossed_interval(scores), everywhere),
         pooled=_percent_covered(_pooled(scores), truth),
+        guaranteed_headline=100 * float(is_guaranteed.mean()),
+        headline=100 * float(np.where(is_guaranteed, guaranteed, _is_covered(printed, truth)).mean()),
+        headline_steps=headline_steps_covered,
+        printed_steps=steps_covered,
     )
+
+
+def _steps_covered(
+    population: ScorePopulation, scores: Floats, terrain: Floats, is_guaranteed: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return how often (percent) the printed interval and the headline of steps to 99 % cover the truth."""
+    steps, truth = steps_of(population, scores, terrain)
+    means = steps.mean(2)
+    printed, headline = _is_covered(printed_interval(means), truth), np.ones(len(means), bool)
+    if is_guaranteed.any():
+        headline[is_guaranteed] = guaranteed_covers(means[is_guaranteed], STEPS_BOUNDS, truth[is_guaranteed])
+    return 100 * float(printed.mean()), 100 * float(np.where(is_guaranteed, headline, printed).mean())
 
 
 def _pooled(scores: Floats) -> Ends:
@@ -66,7 +97,12 @@ def _joined(parts: Sequence[Ends]) -> Ends:
 
 
 def _percent_covered(ends: Ends, truth: Floats) -> float:
-    return 100 * float(((ends[0] <= truth) & (truth <= ends[1])).mean())
+    return 100 * float(_is_covered(ends, truth).mean())
+
+
+def _is_covered(ends: Ends, truth: Floats) -> NDArray[np.bool_]:
+    covered: NDArray[np.bool_] = (ends[0] <= truth) & (truth <= ends[1])
+    return covered
 
 
 def measure_cells(
@@ -89,6 +125,22 @@ def markdown_table(cells: Sequence[Cell]) -> str:
         shares = (cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
         first = (cell.population, f"{cell.icc:g}", str(cell.players), f"**{cell.printed:.1f}**", missed, f"{cell.width:.2f}")
         lines.append((*first, *(f"{share:.1f}" for share in shares)))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def headline_table(cells: Sequence[Cell]) -> str:
+    """Return the table of rule 2, of the populations in which players fail, as docs/report.md shows it."""
+    heads = ("population", "ICC", "players", "guaranteed is headline", "**headline, score**", "printed, score")
+    lines: list[tuple[str, ...]] = [(*heads, "**headline, steps**", "printed, steps"), ("---",) * 3 + ("---:",) * 5]
+    failing = {population.name for population in SCORE_POPULATIONS if population.collisions}
+    for cell in (each for each in cells if each.population in failing):
+        shares = (
+            f"**{cell.headline:.1f}**",
+            f"{cell.printed:.1f}",
+            f"**{cell.headline_steps:.1f}**",
+            f"{cell.printed_steps:.1f}",
+        )
+        lines.append((cell.population, f"{cell.icc:g}", str(cell.players), f"{cell.guaranteed_headline:.1f}", *shares))
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
@@ -139,7 +191,7 @@ def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, sa
         return
     with _progress_bar() as advance:
         cells = list(measure_cells(studies, seed, players or PLAYERS, advance))
-    click.echo(markdown_table(cells))
+    click.echo(f"{markdown_table(cells)}\n\n{headline_table(cells)}")
     if save:
         document = {"studies": studies, "seed": seed, "cells": [asdict(cell) for cell in cells]}
         COVERAGE_FILE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from app.statistics.intervals import Ends, printed_interval, printed_p
@@ -85,11 +86,20 @@ def crossed_mean(table: Floats) -> CrossedMean:
     of_terrains = np.maximum(found.terrain * (weights.sum(-2) ** 2).sum(-1) + each, 0)
     of_both = np.minimum(each, np.minimum(of_players, of_terrains))
     variance = of_players + of_terrains - of_both
-    players, terrains = table.shape[-2] - 1, table.shape[-1] - 1
+    return CrossedMean(means.mean(-1), np.sqrt(variance), satterthwaite(of_players, of_terrains, of_both, known))
+
+
+def satterthwaite(of_players: Floats, of_terrains: Floats, of_both: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Return the degrees of freedom of the variance of_players + of_terrains - of_both (see `crossed_mean`).
+
+    known  bool[..., players, terrains]: where there are values
+    """
+    variance = np.asarray(of_players + of_terrains - of_both)
+    players, terrains = known.shape[-2] - 1, known.shape[-1] - 1
     both = np.maximum(known.sum((-2, -1)) - players - terrains - 1, 1)
-    doubt = of_players**2 / players + of_terrains**2 / terrains + of_both**2 / both
-    freedom = np.divide(variance**2, doubt, out=np.full_like(variance, float(players)), where=doubt > 0)
-    return CrossedMean(means.mean(-1), np.sqrt(variance), freedom)
+    doubt = np.asarray(of_players**2 / players + of_terrains**2 / terrains + of_both**2 / both)
+    freedom: Floats = np.divide(variance**2, doubt, out=np.full_like(variance, float(players)), where=doubt > 0)
+    return freedom
 
 
 def crossed_p(table: Floats) -> Floats:

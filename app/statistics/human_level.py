@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from app.statistics.exclusion_sets import MetricName
-from app.statistics.intervals import RULE_VERSION, estimate
+from app.statistics.headline import NEWEST_RULE, is_a_few_players
+from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds
 from app.storage.reader import Reader
 from marsexplorer.config import EnvConfig
@@ -53,6 +54,8 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
         scores.setdefault(row["owner_id"], []).append(row["score"])
         steps.setdefault(row["owner_id"], []).append(steps_to_target(config, row["outcome"], row["steps"]))
     explored = {player: [row["outcome"] == "explored" for row in played if row["owner_id"] == player] for player in scores}
+    failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
+    is_guaranteed = len(scores) > 1 and bool(is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64)))
     return {
         "level": config.level,
         "rows": config.rows,
@@ -60,20 +63,23 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
         "config_hash": config.hash,
         "config": config.to_dict(),
         "population": "volunteers",
-        "interval_rule": RULE_VERSION,
+        "interval_rule": NEWEST_RULE,
+        "headline": "guaranteed" if is_guaranteed else "printed",
         "players": len(scores),
         "episodes": len(played),
         "abandoned": sum(row["outcome"] == "abandoned" for row in played),
-        "score": _interval_of(scores, config, "score"),
-        "steps": _interval_of(steps, config, "steps"),
+        "score": _interval_of(scores, config, "score", is_guaranteed),
+        "steps": _interval_of(steps, config, "steps", is_guaranteed),
         "completed": _mean([_mean(own) for own in explored.values()]),
     }
 
 
-def _interval_of(values: dict[str, list[float]], config: EnvConfig, metric: MetricName) -> dict[str, float | None]:
+def _interval_of(
+    values: dict[str, list[float]], config: EnvConfig, metric: MetricName, is_guaranteed: bool
+) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
     means = np.array([_mean(own) for own in values.values()], np.float64)
-    found = estimate(means, metric_bounds(config, metric))
+    found = estimate(means, metric_bounds(config, metric), is_guaranteed=is_guaranteed)
     low, high = found.interval or (None, None)
     return {"mean": found.mean, "low": low, "high": high}
 
@@ -87,17 +93,24 @@ def _sentence(figure: dict[str, Any]) -> str:
     who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
     where = f"level {figure['level']}, {figure['rows']} x {figure['cols']}"
-    score = f"mean score {figure['score']['mean']:.3f}{_interval(figure['score'], '.3f')}"
-    steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure['steps'], '.1f')}"
+    score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
+    steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure, 'steps', '.1f')}"
     text = f"Volunteers on this playground: {where} ({who}{abandoned}): {score}, {steps}, {figure['completed']:.0%} completed."
     return text if figure["players"] > 1 else f"{text} One player gives no interval."
 
 
-def _interval(value: dict[str, float | None], form: str) -> str:
-    if value["low"] is None or value["high"] is None:
+def _interval(figure: dict[str, Any], metric: MetricName, form: str) -> str:
+    low, high = figure[metric]["low"], figure[metric]["high"]
+    if low is None or high is None:
         return ""
-    return f" (95 % interval {value['low']:{form}} to {value['high']:{form}})"
+    kind = "guaranteed 95 % interval" if figure["headline"] == "guaranteed" else "95 % interval"
+    return f" ({kind} {low:{form}} to {high:{form}})"
 
 
 def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _failed(explored: list[bool]) -> int:
+    """Return how many of a player's episodes ended short of 99 %."""
+    return explored.count(False)

@@ -6,7 +6,7 @@ measures the very code that the report prints with.
 The rule, fixed before any data (RULE): the t interval, and on the side of the longer tail, as the sample's skewness says, the
 further of t and Hall's transformed t. Under symmetry that costs little; under skewness t alone misses the truth on the side of
 the long tail two to four times as often as it should. No interval made from the sample's spread can know of a catastrophe that
-happened to nobody in it; `guaranteed` is given for that, and for that alone.
+happened to nobody in it; `guaranteed` is given for that, and `app.statistics.headline` says when it becomes the headline.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ Ends = tuple[Floats, Floats]
 """Low and high of many intervals."""
 
 TAIL = (1 - CONFIDENCE) / 2
-RULE_VERSION = "1"
 RULE = "t interval on player means, widened on the side of the longer tail to Hall's transformed t where that reaches further"
 BOOTSTRAP_T_RESAMPLES = 4999
 FEWEST_TO_RESAMPLE = 5
@@ -41,7 +40,9 @@ _FLAT = 1e-9
 class Estimate:
     """A mean over players with its intervals; an interval is (low, high), or None where the players are too few for it.
 
-    interval    what the rule prints (RULE), cut off at the metric's bounds
+    interval    the headline: `printed`, or `guaranteed` where the protocol's rule says so (`app.statistics.headline`)
+    printed     t, widened on the side of the longer tail (RULE), cut off at the metric's bounds
+    headline    "printed" or "guaranteed": which of them `interval` is
     t           the plain t interval
     bootstrap   the studentised cluster bootstrap: whole players are drawn
     guaranteed  holds for any distribution between the metric's bounds, hence wide
@@ -59,13 +60,17 @@ class Estimate:
     guaranteed: Interval | None
     skewness: float | None
     widened: str | None
+    printed: Interval | None
+    headline: str
     confidence: float = CONFIDENCE
 
 
-def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE) -> Estimate:
+def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`.
 
-    confidence  of the printed interval, above 0.95 at a look of a sequential study; the others stay at 95 %
+    confidence     of the printed interval, above 0.95 at a look of a sequential study; the others stay at 95 %
+    is_guaranteed  whether the guaranteed interval is the headline (`app.statistics.headline.is_a_few_players`); it holds at
+                   every look alike, since what bettors win is a martingale
     """
     n = len(values)
     mean = float(values.mean())
@@ -81,6 +86,8 @@ def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE) -
             guaranteed=guaranteed,
             skewness=None,
             widened=None,
+            printed=None,
+            headline="printed",
         )
     t = _pair(t_interval(values))
     if confidence < 1:
@@ -93,12 +100,14 @@ def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE) -
         mean=mean,
         players=n,
         sd=sd,
-        interval=printed,
+        interval=guaranteed if is_guaranteed else printed,
         t=t,
         bootstrap=_pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None,
         guaranteed=guaranteed,
         skewness=float(skewness(values)) if n > 2 and sd > 0 else None,
         widened="low" if reached[0] < plain[0] else "high" if reached[1] > plain[1] else None,
+        printed=printed,
+        headline="guaranteed" if is_guaranteed else "printed",
         confidence=confidence,
     )
 

@@ -7,6 +7,7 @@ A simulated study is scores[players, terrains] = mean + player + terrain + episo
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.statistics.coverage_table import SCORE_POPULATIONS, ScorePopulation
 from marsexplorer.evaluation.intervals import Floats
@@ -17,6 +18,12 @@ TERRAIN_SHARE = 0.2
 SCORE_BOUNDS = (-0.18, 1.0)
 COLLISION_COST = 0.55
 """Of a collision, in score."""
+PLAYED_SCORE, PLAYED_SD = 0.94, 0.0098
+"""Of an episode without a collision, in the populations that have them."""
+MEAN_STEPS, STEPS_SD = 95.0, 15.0
+"""Of an episode that reaches 99 %."""
+STEPS_BOUNDS = (1.0, 441.0)
+"""Of a 21x21 grid; a collision counts the upper one."""
 POLICY_SD = 0.01
 """Of what a policy scores on a terrain, apart from what the terrain adds to everybody's score."""
 
@@ -28,7 +35,7 @@ def generator(population: ScorePopulation, icc: float, players: int, seed: int) 
 
 def mean_score(population: ScorePopulation) -> float:
     """Return the mean score over players and terrains."""
-    return 0.94 - COLLISION_COST * population.collisions if population.collisions else 0.9
+    return PLAYED_SCORE - COLLISION_COST * population.collisions if population.collisions else 0.9
 
 
 def simulate_studies(
@@ -53,8 +60,32 @@ def simulate_studies(
         spread = 1 / icc - 1
         rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
     terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
-    played = 0.94 + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
+    played = PLAYED_SCORE + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
     return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
+
+
+def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:
+    """Return which episodes of `simulate_studies` ended in a collision; the costs of one are far beyond every other spread."""
+    failed: NDArray[np.bool_] = (
+        scores < PLAYED_SCORE - COLLISION_COST / 2 if population.collisions else np.zeros_like(scores, bool)
+    )
+    return failed
+
+
+def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tuple[Floats, Floats]:
+    """Return the steps to 99 % of the episodes of `simulate_studies`, and their true mean on each study's terrains.
+
+    Steps mirror the score, with a spread of STEPS_SD; a collision counts the limit.
+    """
+    failed = failures(population, scores)
+    middle, spread = (PLAYED_SCORE, PLAYED_SD) if population.collisions else (mean_score(population), 0.03)
+    each = STEPS_SD / spread
+    played = MEAN_STEPS - each * (scores + COLLISION_COST * failed - middle)
+    steps: Floats = np.where(failed, STEPS_BOUNDS[1], played)
+    truth: Floats = (1 - population.collisions) * (MEAN_STEPS - each * terrain.mean(1)) + population.collisions * STEPS_BOUNDS[
+        1
+    ]
+    return steps, truth
 
 
 def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Floats:

@@ -11,6 +11,7 @@ import numpy as np
 from app.statistics.comparisons import player_means
 from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words
 from app.statistics.formatting import level
+from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
 from app.statistics.sequential import look_boundary
 from app.study.data import StudyData
@@ -90,7 +91,8 @@ def figure_sentence(figure: StudyFigure) -> str:
     score, steps = f"mean score {figure.score.mean:.3f}", f"{figure.steps.mean:.1f} steps to 99 %"
     if figure.score.interval is None or figure.steps.interval is None:
         return f"{who}: {score}, {steps}. One player gives no interval."
-    score += f" ({level(figure.score.confidence)} interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
+    kind = "guaranteed 95 %" if figure.score.headline == "guaranteed" else level(figure.score.confidence)
+    score += f" ({kind} interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
     steps += f" ({figure.steps.interval[0]:.1f} to {figure.steps.interval[1]:.1f})"
     return f"{who}: {score}, {steps}."
 
@@ -113,18 +115,21 @@ def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any]
     config = data.protocol.env_config
     boundary = look_boundary(data) if cohort.kind == "human" else None
     confidence = CONFIDENCE if boundary is None else boundary.confidence
+    episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
+    failed = np.array([sum(trial.outcome != "explored" for trial in cohort.ranked[person]) for person in ids], np.float64)
+    is_guaranteed = data.protocol.interval_rule == "2" and len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     score, steps = (
-        estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric), confidence) for metric in METRICS
+        estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric), confidence, is_guaranteed)
+        for metric in METRICS
     )
-    explored = [np.mean([trial.outcome == "explored" for trial in cohort.ranked[person]]) for person in ids]
     return StudyFigure(
         name=name,
         rule=rule_in_words(rules),
         players=len(ids),
-        episodes=sum(len(cohort.ranked[person]) for person in ids),
+        episodes=int(episodes.sum()),
         score=score,
         steps=steps,
-        completed=float(np.mean(explored)),
+        completed=float(np.mean(1 - failed / episodes)),
     )
 
 

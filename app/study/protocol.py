@@ -21,7 +21,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
-NEW_STUDIES: dict[str, Any] = {"orders": "latin-square", "hides_interim": True}
+NEW_STUDIES: dict[str, Any] = {"orders": "latin-square", "hides_interim": True, "interval_rule": "2"}
 """What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]

@@ -233,7 +233,7 @@ def test_everything_is_json_without_a_number_that_is_none(data):
     assert document["format"] == "marsexplorer-report-1"
     assert document["groups"][0]["figures"][1]["score"]["mean"] == pytest.approx(SCORES.mean())
     assert document["estimand"]
-    assert document["rule_version"] == "1"
+    assert document["rule_version"] == "2"
 
 
 def test_the_worst_and_the_best_episode_lie_within_the_bounds():

@@ -1,0 +1,71 @@
+"""Which interval is the headline: rule 2 on failures that are everybody's, a few players' and nobody's."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from app.report import build
+from app.report.page import render
+from app.statistics.headline import RULES, is_a_few_players
+from tests.support.made_studies import CONFIG, played, study, trial
+
+
+def few(*failed, episodes=30):
+    return bool(is_a_few_players(np.array(failed, float), np.full(len(failed), float(episodes))))
+
+
+@pytest.mark.parametrize(
+    ("failed", "expected"),
+    [
+        ((0,) * 10, False),  # nobody's
+        ((1, *[0] * 9), True),  # one player has all of them
+        ((1, 1, *[0] * 8), False),  # no more than chance
+        ((4, 1, *[0] * 8), True),
+        ((9, 8, 7, *[0] * 7), True),
+        ((9, 8, 7, 9, 8, 7, 0, 0, 0, 0), False),  # more than chance, and six players
+        ((1, 2, 1, 3, 0, 2, 1, 1, 2, 1), False),
+        ((30,) * 10, False),  # all alike
+    ],
+)
+def test_who_holds_the_failures(failed, expected):
+    assert few(*failed) == expected
+
+
+def test_the_test_of_equal_rates_is_the_textbooks():
+    failed, episodes = np.array([6.0, 1, 0, 2]), np.array([30.0, 20, 30, 25])
+    p = stats.chi2_contingency([failed, episodes - failed], correction=False).pvalue
+    assert few(*failed) == (p < 0.05)
+    assert bool(is_a_few_players(failed, episodes)) == (p < 0.05)
+
+
+def with_failures(failed, rule):
+    """Return the study of five players on six terrains, so many of whose episodes ended in a collision."""
+    people, trials = played(np.random.default_rng(4).normal(0.9, 0.01, (5, 6)))
+    by = {person.id: index for index, person in enumerate(people)}
+    changed = [
+        trial(people[by[each.participant]], each.trial, 0.3, steps=9, steps_to_99=CONFIG.limit, outcome="collided")
+        if each.trial < failed[by[each.participant]]
+        else each
+        for each in trials
+    ]
+    return study(people, changed, interval_rule=rule)
+
+
+def test_the_guaranteed_interval_is_the_headline_where_failures_are_one_players():
+    report = build(with_failures((3, 0, 0, 0, 0), "2"))
+    found = report.groups[0].figure
+    assert found.score.headline == found.steps.headline == "guaranteed"
+    assert found.score.interval == found.score.guaranteed != found.score.printed
+    assert f"guaranteed 95 % interval {found.score.guaranteed[0]:.3f}" in report.sentence
+    assert any("the guaranteed interval is the headline" in line for line in report.groups[0].cautions)
+    assert (report.rule_version, report.rule) == ("2", RULES["2"])
+    assert "95 % interval (headline)" in render(report)
+
+
+@pytest.mark.parametrize(("failed", "rule"), [((1, 1, 1, 1, 1), "2"), ((0, 0, 0, 0, 0), "2"), ((3, 0, 0, 0, 0), "1")])
+def test_the_printed_interval_is_the_headline_otherwise_and_in_studies_of_rule_1(failed, rule):
+    report = build(with_failures(failed, rule))
+    found = report.groups[0].figure.score
+    assert (found.headline, found.interval) == ("printed", found.printed)
+    assert "guaranteed 95 %" not in report.sentence
+    assert report.rule_version == rule
