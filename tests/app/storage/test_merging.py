@@ -87,6 +87,18 @@ def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
     assert not list(tmp_path.glob("*c.db*"))
 
 
+@pytest.mark.parametrize("harm", ["DELETE FROM stage_events WHERE number = 2", "DELETE FROM input_events WHERE number = 1000"])
+@pytest.mark.parametrize("first", ["a.db", "b.db"])
+def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(servers, tmp_path, harm, first):
+    for name in ("a.db", "b.db"):
+        shutil.copy(servers[0] / "a.db", tmp_path / name)
+    conn = sqlite3.connect(tmp_path / "b.db", isolation_level=None)
+    assert conn.execute(harm).rowcount > 0
+    conn.close()
+    with pytest.raises(MergeError, match="has other rows in"):
+        merge([tmp_path / first, tmp_path / ({"a.db", "b.db"} - {first}).pop()], tmp_path / "c.db")
+
+
 def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
     play_study(tmp_path / "a.db", study, ("human",))

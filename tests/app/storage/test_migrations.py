@@ -94,6 +94,7 @@ def test_what_schema_4_could_find_is_found_after_the_upgrade_and_after_later_cha
     with closing(open_database(path).conn) as conn:
         found = [finding for finding in verify_database(path).findings if "digest" in finding.what]
         assert len({finding.where for finding in found}) == count
+        assert not any("of version 0" in str(finding) for finding in found)
         for kind, ident, _ in chain.things(conn):
             chain.append(conn, kind, ident)
         after = [finding for finding in verify_database(path).findings if "digest" in finding.what]

@@ -1,5 +1,6 @@
 """`verify`: what is as it was passes; whatever was changed is found and named."""
 
+import json
 import shutil
 import sqlite3
 
@@ -115,6 +116,21 @@ def test_a_change_that_follows_from_no_cause_is_named_by_table_and_id(copy, tabl
     assert conn.execute(harm).rowcount > 0
     said = [(finding.where.split()[1], finding.what) for finding in verify_database(path).findings]
     assert (ident, f"digest of its stored fields in the table {table}") in said
+
+
+def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_well(copy):
+    conn, path = copy
+    (ident,) = conn.execute("SELECT min(id) FROM participants").fetchone()
+    conn.execute("UPDATE identities SET value = 'other' WHERE participant_id = ?", [ident])
+    ((salt, stored),) = conn.execute(
+        "SELECT s.salt, c.hash FROM chain_salts s JOIN chain c USING (number) WHERE s.id = ?", [ident]
+    ).fetchall()
+    parts = chain.compute(conn, chain.Thing("participant", ident), salt)
+    conn.execute("UPDATE chain_salts SET parts = ? WHERE id = ?", (json.dumps(parts), ident))
+    (found,) = verify_database(path).findings
+    assert (found.where, found.what, found.stored) == (f"participant {ident}", "digest of its stored fields", stored)
+    conn.execute("UPDATE chain SET hash = ? WHERE hash = ?", (chain.combine(parts), stored))
+    assert [finding.what for finding in verify_database(path).findings] == ["its head"]
 
 
 def remove_participant(conn, person):
