@@ -18,6 +18,7 @@ ALLOWED: dict[str, set[str]] = {
     "app": set(),
     "app.admin": {"app.play", "app.settings", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
     "app.cli": {
+        "app.moves",
         "app.release",
         "app.report",
         "app.server",
@@ -48,6 +49,16 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies",
         "marsexplorer.policies.files",
     },
+    "app.moves": {
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.episode",
+        "marsexplorer.evaluation",
+        "marsexplorer.observation",
+        "marsexplorer.policies",
+    },
     "app.play": {
         "app.storage",
         "marsexplorer.config",
@@ -65,7 +76,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.score",
     },
-    "app.report": {"app.statistics", "app.storage", "app.study", "marsexplorer.config", "marsexplorer.evaluation"},
+    "app.report": {"app.moves", "app.statistics", "app.storage", "app.study", "marsexplorer.config", "marsexplorer.evaluation"},
     "app.server": {
         "app.admin",
         "app.leaderboard",
@@ -82,9 +93,9 @@ ALLOWED: dict[str, set[str]] = {
     "app.services": {"app.admin", "app.leaderboard", "app.play", "app.storage", "app.study", "app.viewer3d"},
     "app.settings": set(),
     "app.simulate": {
-        "app.study",
         "marsexplorer.compiled",
         "marsexplorer.config",
+        "marsexplorer.evaluation",
         "marsexplorer.files",
         "marsexplorer.observation",
         "marsexplorer.policies.frontier",
@@ -100,8 +111,6 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.config",
         "marsexplorer.episode",
         "marsexplorer.evaluation",
-        "marsexplorer.observation",
-        "marsexplorer.policies",
         "marsexplorer.score",
     },
     "app.storage": {
@@ -253,6 +262,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.admin": {"itsdangerous"},
     "app.cli": {"click", "pydantic", "rich", "torch"},
     "app.leaderboard": {"numpy"},
+    "app.moves": {"click", "numpy", "scipy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},
     "app.report": {"jinja2", "matplotlib", "numpy"},

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, print_table, reason, settings_of
+from app.cli.console import PATH, print_table, progress, reason, settings_of
 from app.cli.study_report import build_report, has_played, play_compared, replay_pictures
 
 if TYPE_CHECKING:
+    from app.moves.analysis import MoveAnalysis
     from app.report.model import GroupReport, Report
     from app.study.data import StudyData
     from app.study.policy_episodes import PolicyEpisode
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
     help="Show the figures of an open study outside its plan; time and reason are logged and printed in every report.",
 )  # fmt: skip
 @click.option("--no-policies", is_flag=True, help="Do not play the policies: no comparisons, done in a second.")
+@click.option("--no-moves", is_flag=True, help="Leave out the regret of each move and the likeness to policies: done sooner.")
 def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
-    emergency: str | None, no_policies: bool,
+    emergency: str | None, no_policies: bool, no_moves: bool,
 ) -> None:  # fmt: skip
     """Print a study's figures: the human level with its interval, and policies on the same terrains.
 
@@ -55,7 +57,7 @@ def report(
     settings = settings_of()
     try:
         where = database or settings.database, studies or settings.studies
-        found = _build_report(name, *where, synthetic, not no_policies, emergency)
+        found = _build_report(name, *where, synthetic, (not no_policies, not no_moves), emergency)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -71,9 +73,12 @@ def report(
 
 
 def _build_report(
-    name: str, database: Path, studies: Path, synthetic: bool, with_policies: bool, emergency: str | None
+    name: str, database: Path, studies: Path, synthetic: bool, parts: tuple[bool, bool], emergency: str | None
 ) -> Report:
-    """Return the report of a study; with policies only if somebody has finished a ranked episode."""
+    """Return the report of a study; with policies only if somebody has finished a ranked episode, with moves once it is closed.
+
+    parts  whether policies, and whether what the single moves say, are wanted
+    """
     from app.report.seeds import load_with_folder
     from app.storage.reader import Reader
     from app.study.folder import Folder
@@ -87,8 +92,22 @@ def _build_report(
             pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
-    episodes = _policies(data, seeds) if with_policies and has_played(data, synthetic) else ()
-    return build_report(data, episodes, synthetic, pictures)
+    is_played = has_played(data, synthetic)
+    with_policies, with_moves = parts
+    episodes = _policies(data, seeds) if with_policies and is_played else ()
+    moves = _moves(database, data, synthetic) if with_moves and is_played and data.closed_ms is not None else {}
+    return build_report(data, episodes, synthetic, pictures, moves)
+
+
+def _moves(database: Path, data: StudyData, synthetic: bool) -> dict[str, MoveAnalysis]:
+    """Return what the single moves say; ClickException when a policy cannot be loaded."""
+    from app.moves.analysis import analyse_moves
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+
+    try:
+        return analyse_moves(database, data, data.protocol.policies, synthetic, progress)
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.ClickException(f"{error}; or leave the moves out with --no-moves") from error
 
 
 def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyEpisode, ...]:
@@ -135,6 +154,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     mark = "SYNTHETIC, script " if found.synthetic else ""
     _print_figures(mark, group)
     _print_comparisons(mark, group)
+    _print_regret(group)
     for line in (*group.deviations, *group.cautions):
         click.echo(f"- {line}")
 
@@ -168,3 +188,13 @@ def _print_comparisons(mark: str, group: GroupReport) -> None:
     if compared:
         heads = ("policy", "score", "minus people", "95 %, new terrains too", "p", "p (Holm)", "ratio (95 %)")
         print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)
+
+
+def _print_regret(group: GroupReport) -> None:
+    """Print where moves are lost; nothing where that was not worked out."""
+    from app.statistics.formatting import interval, number, percent
+
+    if (found := group.moves.regret) is not None:
+        shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
+        mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
+        click.echo(f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from app.cli.console import interruptible, progress
 
 if TYPE_CHECKING:
+    from app.moves.analysis import MoveAnalysis
     from app.release.build import ReleasedReport
     from app.report.model import Report
     from app.storage.reader import Reader
@@ -35,14 +36,21 @@ def replay_pictures(reader: Reader, data: StudyData, synthetic: bool) -> dict[st
 
 
 def build_report(
-    data: StudyData, episodes: Sequence[PolicyEpisode], synthetic: bool, pictures: dict[str, dict[str, Any]]
+    data: StudyData,
+    episodes: Sequence[PolicyEpisode],
+    synthetic: bool,
+    pictures: dict[str, dict[str, Any]],
+    moves: dict[str, MoveAnalysis] | None = None,
 ) -> Report:
-    """Return the report of a study over its people or its scripts, compared with the policies' episodes."""
+    """Return the report of a study over its people or its scripts, compared with the policies' episodes.
+
+    moves  what single moves say, by group's name; a release leaves it out
+    """
     from app.report.build import build
     from app.report.policies import runs_of
 
     runs = runs_of(episodes, data.protocol.env_config, data.protocol.ranked) if has_played(data, synthetic) else ()
-    return build(data, runs, synthetic, pictures)
+    return build(data, runs, synthetic, pictures, moves)
 
 
 def play_compared(data: StudyData, seeds: dict[int, int], names: Sequence[str]) -> tuple[PolicyEpisode, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.moves.analysis import MoveAnalysis
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
 from app.report.looks import look_section
@@ -38,15 +39,25 @@ ESTIMAND = (
 Pictures = Mapping[str, dict[str, Any]]
 
 
-def build(data: StudyData, runs: Sequence[PolicyRun] = (), synthetic: bool = False, pictures: Pictures | None = None) -> Report:
+def build(
+    data: StudyData,
+    runs: Sequence[PolicyRun] = (),
+    synthetic: bool = False,
+    pictures: Pictures | None = None,
+    moves: Mapping[str, MoveAnalysis] | None = None,
+) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
     runs      policies on the ranked terrains (`app.report.policies.run_policies`); none: no comparisons
     pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
+    moves     by group's name, what `app.moves.analysis.analyse_moves` gives; none: no regret and no likeness
     """
     data = present(data)
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
-    groups = tuple(_group(data, cohort, runs, (pictures or {}).get(cohort.name, {})) for cohort in cohorts)
+    groups = tuple(
+        _with_moves(data, cohort, _group(data, cohort, runs, (pictures or {}).get(cohort.name, {})), moves or {})
+        for cohort in cohorts
+    )
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
@@ -85,7 +96,7 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
     everybody = members(cohort, {})
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
-    group = GroupReport(
+    return GroupReport(
         name=cohort.name,
         kind=cohort.kind,
         joined=len(cohort.people),
@@ -108,7 +119,13 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
         pictures=pictures,
     )
-    return replace(group, cautions=cautions(data, group))
+
+
+def _with_moves(data: StudyData, cohort: Cohort, group: GroupReport, moves: Mapping[str, MoveAnalysis]) -> GroupReport:
+    """Return a group's report with what its moves say, under the report's names, and with its cautions."""
+    names = {person: f"P{number:02d}" for number, person in enumerate(members(cohort, {}), 1)}
+    named = replace(group, moves=moves.get(cohort.name, MoveAnalysis()).renamed(names))
+    return replace(named, cautions=cautions(data, named))
 
 
 def _left(data: StudyData, cohort: Cohort) -> int:

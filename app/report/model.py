@@ -7,6 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
 from app.report.looks import LookSection
 from app.statistics.comparisons import PolicyComparison
@@ -63,6 +64,7 @@ class GroupReport:
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
+    moves       where players lose moves, and how much they move like the policies; empty where it was not worked out
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
     excluded    people who ended all ranked episodes and are not in the primary figure, by reason
@@ -90,6 +92,7 @@ class GroupReport:
     flow: ParticipantFlow | None = None
     excluded: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, int] = field(default_factory=dict)
+    moves: MoveAnalysis = field(default_factory=MoveAnalysis)
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property

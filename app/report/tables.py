@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.report.model import GroupReport, Metric, Report
+from app.report.move_tables import MoveTables, move_tables
+from app.report.page_table import PageTable
 from app.statistics.coverage_table import SCORE_POPULATIONS, Cell, nearest
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, level, number, p_value, percent
@@ -43,26 +44,6 @@ LEARNING = (
 
 
 @dataclass(frozen=True)
-class PageTable:
-    """A table whose first column names the rows; a line break in a cell is kept.
-
-    is_text      left-aligned text instead of numbers
-    row_classes  a CSS class for each row, "" for none; empty when no row has one
-    """
-
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    is_text: bool = False
-    row_classes: Sequence[str] = ()
-
-    @property
-    def id(self) -> str:
-        """The caption's id in the page, the same for the same table."""
-        return "t" + hashlib.sha256(f"{self.caption}{self.rows}".encode()).hexdigest()[:10]
-
-
-@dataclass(frozen=True)
 class GroupTables:
     """The tables of a group; None where it has nothing to show."""
 
@@ -73,6 +54,7 @@ class GroupTables:
     policies: PageTable
     comparisons: tuple[PageTable, ...]
     learning: PageTable
+    moves: MoveTables
 
 
 def group_tables(report: Report, group: GroupReport) -> GroupTables:
@@ -95,6 +77,7 @@ def group_tables(report: Report, group: GroupReport) -> GroupTables:
             LEARNING,
             [_learning_column(metric) for metric in group.metrics],
         ),
+        moves=move_tables(group.moves),
     )
 
 

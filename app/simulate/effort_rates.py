@@ -7,8 +7,8 @@ import numpy as np
 
 from app.simulate.decisions import DecisionKernel
 from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS, SimulatedPopulation, draw_players
-from app.study.effort import makes_no_effort
 from marsexplorer.config import RUNNING, EnvConfig
+from marsexplorer.evaluation.effort import makes_no_effort
 from marsexplorer.rules import DISCOVERED
 from marsexplorer.world import Worlds, positions
 

@@ -14,8 +14,8 @@ from itertools import pairwise
 from statistics import quantiles
 from typing import Any, Literal
 
-from app.study.effort import QUANTILE, SHORTEST, makes_no_effort
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
 
 RulesVersion = Literal["1", "2"]
 """Rises whenever the same rows would be labelled otherwise. Each version keeps its meaning."""

@@ -6,9 +6,9 @@ from app.simulate.effort_rates import effort_rate, play_courses
 from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS
 from app.storage.reader import Reader
 from app.study.data import load
-from app.study.effort import SHORTEST, makes_no_effort
 from app.study.plausibility import effort_labels
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort
 from marsexplorer.evaluation.random_reference import random_mean_known
 from tests.support.stored_studies import StudyRecorder, freeze
 

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from app.statistics.regret_validation import SLIP_RATES, SlipPool, measure_slips
+from app.moves.regret_validation import SLIP_RATES, SlipPool, measure_slips
 from marsexplorer.config import EnvConfig
 
 
 def test_who_slips_more_regrets_more():
-    pool = measure_slips(EnvConfig("random", 13, 15), (0.0, 0.15, 0.5), replicates=2, terrains=2, seed=0)
-    assert pool.rank_correlation() >= 0.9
+    pool = measure_slips(EnvConfig("random", 11, 13), (0.0, 0.5), replicates=2, terrains=4, seed=0)
+    assert pool.regret[1].mean(1).min() > pool.regret[0].mean(1).max()
+    assert pool.rank_correlation() > 0.8  # two players of each rate: the rates are tied
 
 
 def test_coverage_counts_the_studies_that_hold_the_true_mean():

@@ -1,0 +1,67 @@
+"""What the single moves of a group say: where its players lose moves, and how much they move like the policies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.moves.likeness import Likeness, find_likeness, measure_agreements
+from app.moves.regret import RegretSummary, has_regret, regret_cache, summarize_regret
+from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
+from app.statistics.study_figures import primary_set
+from app.storage.reader import Reader
+from app.study.data import StudyData
+from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.evaluation.run import Progress
+
+ProgressBar = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a progress bar of a name."""
+
+
+@dataclass(frozen=True)
+class MoveAnalysis:
+    """A group's regret under the primary set, None where it is not worked out, and the likeness of everybody who played."""
+
+    regret: RegretSummary | None = None
+    likeness: tuple[Likeness, ...] = ()
+
+    def renamed(self, names: Mapping[str, str]) -> MoveAnalysis:
+        """Return the same with the players' ids replaced by names."""
+        regret = self.regret
+        if regret is not None:
+            players = (replace(each, player=names[each.player]) for each in regret.by_player)
+            regret = replace(regret, by_player=tuple(sorted(players, key=lambda each: each.player)))
+        likeness = (replace(each, participant=names[each.participant]) for each in self.likeness)
+        return MoveAnalysis(regret, tuple(sorted(likeness, key=lambda each: (each.participant, each.policy))))
+
+
+def analyse_moves(
+    database: Path, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar
+) -> dict[str, MoveAnalysis]:
+    """Return the analysis of a study's people, or of each kind of script, by group's name.
+
+    The regret is worked out once a study is closed, and kept next to the database. Likeness is to `policies` (names or paths).
+    Errors are those of `policies.load`.
+    """
+    found, reader = {}, Reader.open(database)
+    try:
+        for cohort in scripts_of(data) if synthetic else [people_of(data)]:
+            with progress("comparing moves with the policies'") as advance:
+                agreements = measure_agreements(reader, data, cohort, policies, advance)
+            regret = None
+            if data.closed_ms is not None and has_regret(data.protocol.env_config):
+                with progress("regret of each move") as advance:
+                    regret = _regret(reader, data, cohort, RegretEstimator(cache=regret_cache(database)), advance)
+            found[cohort.name] = MoveAnalysis(regret, find_likeness(agreements))
+    finally:
+        reader.close()
+    return found
+
+
+def _regret(
+    reader: Reader, data: StudyData, cohort: Cohort, estimator: RegretEstimator, advance: Progress
+) -> RegretSummary | None:
+    ids = members(cohort, data.protocol.exclusion.get(primary_set(data), {}))
+    return summarize_regret(reader, data, cohort, ids, estimator, advance)

@@ -1,0 +1,117 @@
+"""Policy likeness: how often each player's moves are those of a policy, compared with how often the other players' are.
+
+A player who follows a program makes its moves nearly always, while people differ from it, and from one another, in many. For
+each player and policy the agreement is the share of ranked moves that the policy, shown what the rover saw, would have made
+too. Over FEWEST_MOVES or more, it stands out when it is at least EXACT, or when its logit lies THRESHOLD robust deviations
+above the median of the other players' (1.4826 x their median absolute deviation, at least LEAST_DEVIATION), of whom there are
+FEWEST_OTHERS or more.
+
+That is a caution for the researcher and never an exclusion. A program that slips often enough does not stand out, and a person
+who plays like a rule may.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.statistics.exclusion_sets import Cohort, members
+from app.storage.reader import Reader
+from app.study.data import StudyData, trial_records
+from marsexplorer.config import CORE_VERSION
+from marsexplorer.evaluation.agreement import Agreement, agreement_with
+from marsexplorer.evaluation.run import Progress
+from marsexplorer.policies import load
+
+EXACT = 0.995
+"""Nobody agrees with a program in so many of hundreds of moves by chance."""
+FEWEST_MOVES = 200
+"""Fewer moves than these never stand out."""
+THRESHOLD = 8.0
+LEAST_DEVIATION = 0.3
+"""In logits: players who hardly differ are not told apart by less."""
+FEWEST_OTHERS = 7
+NO_PLAN = "random"
+"""The policy whose moves are drawn: agreement with it says nothing."""
+
+PlayerAgreements = Mapping[str, Mapping[str, Agreement]]
+"""By player, by policy."""
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """One player's agreement with one policy.
+
+    share      of the moves that agree, 0..1
+    deviation  robust deviations above the other players' median; None below FEWEST_OTHERS of them
+    """
+
+    participant: str
+    policy: str
+    moves: int
+    share: float
+    deviation: float | None
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether the agreement is what a program's would be."""
+        is_far = self.deviation is not None and self.deviation >= THRESHOLD
+        return self.moves >= FEWEST_MOVES and (self.share >= EXACT or is_far)
+
+
+def measure_agreements(
+    reader: Reader, data: StudyData, cohort: Cohort, policies: Sequence[str], progress: Progress | None = None
+) -> dict[str, dict[str, Agreement]]:
+    """Return each player's agreement with each policy (names or paths; `random` is left out) over their ranked episodes.
+
+    Episodes of another core version cannot be replayed and are left out. progress: (episodes compared, in all). Errors are
+    those of `policies.load`.
+    """
+    radius = data.protocol.env_config.sensor_radius
+    loaded = {name: load(name, radius) for name in dict.fromkeys(policies) if name != NO_PLAN}
+    players, done = members(cohort, {}), 0
+    total, found = sum(len(cohort.ranked[player]) for player in players), dict[str, dict[str, Agreement]]()
+    for player in players:
+        own = dict.fromkeys(loaded, Agreement())
+        for trial, record in trial_records(reader, cohort.ranked[player]):
+            if trial.core_version == CORE_VERSION:
+                own = {name: own[name] + agreement_with(policy, record) for name, policy in loaded.items()}
+            done += 1
+            if progress:
+                progress(done, total)
+        found[player] = own
+    return found
+
+
+def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
+    """Return every player's likeness to every policy, in the order given; players without a move are left out."""
+    found = []
+    for player, own in agreements.items():
+        for policy, agreement in own.items():
+            if agreement.moves:
+                others = [each[policy] for name, each in agreements.items() if name != player and each[policy].moves]
+                deviation = _deviation(agreement, others)
+                found.append(Likeness(player, policy, agreement.moves, agreement.share, deviation))
+    return tuple(found)
+
+
+def mean_agreement(agreements: PlayerAgreements, policy: str) -> float | None:
+    """Return the mean over players of their agreement with a policy, 0..1: its likeness to people; None without a move."""
+    shares = [own[policy].share for own in agreements.values() if policy in own and own[policy].moves]
+    return float(np.mean(shares)) if shares else None
+
+
+def _deviation(agreement: Agreement, others: Sequence[Agreement]) -> float | None:
+    if len(others) < FEWEST_OTHERS:
+        return None
+    logits = np.array([_logit(each) for each in others])
+    median = float(np.median(logits))
+    spread = 1.4826 * float(np.median(np.abs(logits - median)))
+    return (_logit(agreement) - median) / max(spread, LEAST_DEVIATION)
+
+
+def _logit(agreement: Agreement) -> float:
+    """Return the logit of the share, half a move added to either side so that it is finite."""
+    return float(np.log((agreement.agreed + 0.5) / (agreement.moves - agreement.agreed + 0.5)))

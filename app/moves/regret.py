@@ -1,0 +1,193 @@
+"""Where the players of a study lose moves: the regret of each move of their episodes, and what it comes to.
+
+`marsexplorer.evaluation.regret` says what a regret is. Ranked episodes of an open study are refused here, so that nothing of
+their terrains leaves before it is closed.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.statistics.exclusion_sets import Cohort
+from app.statistics.intervals import Interval, printed_interval
+from app.storage.reader import Reader
+from app.study.data import StudyData, StudyEpisode, trial_records
+from app.study.protocol import StudyError
+from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
+from marsexplorer.episode import Episode, Record
+from marsexplorer.evaluation.losses import LossKind
+from marsexplorer.evaluation.regret import MAX_CELLS, EpisodeRegret, RegretEstimator
+from marsexplorer.evaluation.run import Progress
+from marsexplorer.policies import load
+
+POLICY = "ppo"
+"""The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""
+
+
+@dataclass(frozen=True)
+class RegretRow:
+    """One move of an episode: `step` from 0, `regret` in moves, actions in words, `kind` None where nothing was lost."""
+
+    episode: str
+    step: int
+    action: str
+    regret: int
+    best_action: str
+    kind: str | None
+
+
+@dataclass(frozen=True)
+class PlayerRegret:
+    """One player's mean regret per episode, and its parts by kind of loss, in moves."""
+
+    player: str
+    episodes: int
+    mean: float
+    by_kind: dict[str, float]
+
+
+@dataclass(frozen=True)
+class RegretSummary:
+    """Regret per episode over players, every player weighing the same.
+
+    mean, interval  moves an episode, with the 95 % interval over players by the report's rule; None for one player
+    by_kind         share of the regret by kind of loss, 0..1
+    by_tenth        mean regret of an episode's moves made while 0-10 %, 10-20 %, ... of the cells were known, moves
+    policy          that goes on after each action; policy_mean: its own mean regret on the terrains played, moves an episode
+    """
+
+    phase: str
+    episodes: int
+    mean: float
+    interval: Interval | None
+    by_kind: dict[str, float]
+    by_tenth: tuple[float, ...]
+    policy: str
+    policy_mean: float
+    by_player: tuple[PlayerRegret, ...]
+
+
+def regret_cache(database: Path) -> Path:
+    """Return the folder next to a database in which regrets are kept."""
+    return database.with_name(f"{database.name}-regret")
+
+
+def has_regret(config: EnvConfig) -> bool:
+    """Return whether boards of this size have regrets."""
+    return config.n <= MAX_CELLS
+
+
+def trial_regrets(
+    reader: Reader,
+    data: StudyData,
+    trials: Sequence[StudyEpisode],
+    estimator: RegretEstimator,
+    progress: Progress | None = None,
+) -> Iterator[tuple[StudyEpisode, Record, EpisodeRegret]]:
+    """Yield the regret of each finished trial that this core version can replay; StudyError for a ranked one of an open study.
+
+    progress  called with (episodes done, in all)
+    """
+    if data.closed_ms is None and any(trial.phase == "ranked" for trial in trials):
+        raise StudyError(
+            f"the study {data.protocol.name!r} is open, and nothing of its ranked terrains may leave before it is closed; "
+            "close it first, or ask for the warm-up"
+        )
+    own = [trial for trial in trials if trial.ended_ms is not None and trial.core_version == CORE_VERSION]
+    for done, (trial, record) in enumerate(trial_records(reader, own), 1):
+        yield trial, record, estimator.regret(record)
+        if progress:
+            progress(done, len(own))
+
+
+def regret_rows(
+    reader: Reader,
+    data: StudyData,
+    trials: Sequence[StudyEpisode],
+    estimator: RegretEstimator,
+    progress: Progress | None = None,
+) -> Iterator[RegretRow]:
+    """Yield every move of the trials with its regret, as tables of it have them; see `trial_regrets`."""
+    for trial, _, found in trial_regrets(reader, data, trials, estimator, progress):
+        yield from rows_of(trial.episode, found)
+
+
+def rows_of(episode: str, found: EpisodeRegret) -> Iterator[RegretRow]:
+    """Yield the moves of one episode."""
+    for step in range(len(found.actions)):
+        loss = found.loss(step)
+        kind = None if loss.kind is None else str(loss.kind)
+        yield RegretRow(episode, step, ACTIONS[loss.action], loss.regret, ACTIONS[loss.best_action], kind)
+
+
+def summarize_regret(
+    reader: Reader,
+    data: StudyData,
+    cohort: Cohort,
+    ids: Sequence[str],
+    estimator: RegretEstimator,
+    progress: Progress | None = None,
+) -> RegretSummary | None:
+    """Return where some players of a cohort lose moves: in ranked episodes of a closed study, else in the warm-up.
+
+    None where no episode has a regret.
+    """
+    phase, own = ("warm_up", cohort.warm_up) if data.closed_ms is None else ("ranked", cohort.ranked)
+    trials = [trial for player in ids for trial in own[player]]
+    if not has_regret(data.protocol.env_config):
+        return None
+    episodes: dict[str, list[EpisodeRegret]] = defaultdict(list)
+    terrains: dict[bytes, Record] = {}
+    for trial, record, found in trial_regrets(reader, data, trials, estimator, progress):
+        episodes[trial.participant].append(found)
+        terrains[record.terrain] = record
+    if not episodes:
+        return None
+    players = tuple(_player(player, own) for player, own in episodes.items())
+    means = np.sort(np.array([player.mean for player in players]))
+    total = float(means.mean())
+    low_high = printed_interval(means) if len(means) > 1 else None
+    return RegretSummary(
+        phase=phase,
+        episodes=sum(map(len, episodes.values())),
+        mean=total,
+        interval=None if low_high is None else (max(0.0, float(low_high[0])), float(low_high[1])),
+        by_kind={
+            str(kind): float(np.mean([player.by_kind[str(kind)] for player in players])) / total if total else 0.0
+            for kind in LossKind
+        },
+        by_tenth=tuple(
+            float(value)
+            for value in np.mean([np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()], axis=0)
+        ),
+        policy=POLICY,
+        policy_mean=_policy_mean(list(terrains.values()), estimator),
+        by_player=players,
+    )
+
+
+def _player(player: str, episodes: Sequence[EpisodeRegret]) -> PlayerRegret:
+    kinds = [each.by_kind() for each in episodes]
+    return PlayerRegret(
+        player=player,
+        episodes=len(episodes),
+        mean=float(np.mean([each.total for each in episodes])),
+        by_kind={str(kind): float(np.mean([each[kind] for each in kinds])) for kind in LossKind},
+    )
+
+
+def _policy_mean(records: Sequence[Record], estimator: RegretEstimator) -> float:
+    """Return the mean regret of the policy's own episodes on the terrains of some records."""
+    totals, policy = [], load(POLICY, records[0].config.sensor_radius)
+    for record in records:
+        episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+        policy.reset(0)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        totals.append(estimator.regret(episode.record()).total)
+    return float(np.mean(totals))

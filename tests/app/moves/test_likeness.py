@@ -1,0 +1,64 @@
+"""A player who moves as a policy does stands out among people who do not, and people seldom do."""
+
+import numpy as np
+import pytest
+
+from app.moves.analysis import MoveAnalysis
+from app.moves.likeness import FEWEST_MOVES, find_likeness, mean_agreement
+from app.moves.likeness_rates import Player, agreements_of
+from app.report import build
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.agreement import Agreement
+from tests.support.made_studies import played, study
+
+CONFIG = EnvConfig("random", 13, 17)
+
+
+@pytest.fixture(scope="module")
+def people():
+    rng = np.random.default_rng(3)
+    styles = ("frontier-cost", "frontier-utility")
+    slips = (0.1, 0.15, 0.2, 0.12, 0.3, 0.08, 0.18, 0.25)
+    return {
+        f"person {number}": agreements_of(CONFIG, Player(styles[number % 2], slip), 8, rng) for number, slip in enumerate(slips)
+    }
+
+
+@pytest.mark.parametrize("style", ["frontier-cost", "frontier-utility"])
+def test_a_program_stands_out_and_slipping_people_do_not(people, style):
+    program = agreements_of(CONFIG, Player(style, 0.0), 8, np.random.default_rng(0))
+    found = find_likeness({"program": program, **people})
+    assert {each.participant for each in found if each.stands_out} == {"program"}
+    own = next(each for each in found if (each.participant, each.policy) == ("program", style))
+    assert own.share == 1
+    assert own.moves == program[style].moves > FEWEST_MOVES
+
+
+def test_somebody_far_above_the_others_stands_out_without_being_exact():
+    others = {str(number): {"ppo": Agreement(1000, 700 + 5 * number)} for number in range(9)}
+    found = find_likeness({"who": {"ppo": Agreement(1000, 985)}, **others})
+    assert [each.participant for each in found if each.stands_out] == ["who"]
+    assert not any(each.stands_out for each in find_likeness({"who": {"ppo": Agreement(1000, 850)}, **others}))
+
+
+def test_few_moves_and_few_players_say_little():
+    found = find_likeness({"who": {"ppo": Agreement(150, 150)}, "other": {"ppo": Agreement(900, 600)}})
+    assert [(each.deviation, each.stands_out) for each in found] == [(None, False), (None, False)]
+    assert find_likeness({"who": {"ppo": Agreement()}}) == ()
+
+
+def test_the_mean_agreement_weighs_players():
+    agreements = {"a": {"ppo": Agreement(100, 50)}, "b": {"ppo": Agreement(1000, 1000)}, "c": {"ppo": Agreement()}}
+    assert mean_agreement(agreements, "ppo") == 0.75
+    assert mean_agreement(agreements, "planner") is None
+
+
+def test_the_report_cautions_and_leaves_nobody_out():
+    people, trials = played([[0.9] * 6, [0.8] * 6])
+    agreements = {person.id: {"ppo": Agreement(500, 500 - 100 * number)} for number, person in enumerate(people)}
+    analysis = {"people": MoveAnalysis(None, find_likeness(agreements))}
+    plain, group = build(study(people, trials)).groups[0], build(study(people, trials), moves=analysis).groups[0]
+    assert group.figures == plain.figures
+    (caution,) = set(group.cautions) - set(plain.cautions)
+    name = next(row.name for row in group.players if row.steps == min(each.steps for each in group.players))
+    assert caution.startswith(f"{name} made 100.0 % of 500 moves as the policy ppo would have")

@@ -1,0 +1,117 @@
+"""Where a study's players lose moves: rows, the summary over players, and nothing of an open study's ranked terrains."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.cli.main import main
+from app.moves.analysis import analyse_moves
+from app.moves.regret import regret_cache, regret_rows, summarize_regret
+from app.statistics.exclusion_sets import people_of
+from app.statistics.intervals import printed_interval
+from app.storage.reader import Reader
+from app.study.data import load, trial_records
+from app.study.protocol import StudyError
+from marsexplorer.config import ACTIONS
+from marsexplorer.evaluation.regret import RegretEstimator
+from tests.support.stored_studies import freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("regret")
+    return folder, play_study(folder / "play.db", freeze(folder / "studies", hides_interim=False))
+
+
+@pytest.fixture
+def reader(place):
+    opened = Reader.open(place[0] / "play.db")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    return RegretEstimator()
+
+
+def ranked(data):
+    return [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == "human"]
+
+
+def test_a_row_for_each_move_of_an_episode(reader, estimator):
+    data = load(reader, "dunes")
+    rows = list(regret_rows(reader, data, ranked(data), estimator))
+    for trial, record in trial_records(reader, ranked(data)):
+        own = [row for row in rows if row.episode == trial.episode]
+        assert [row.step for row in own] == list(range(len(record.actions)))
+        assert [row.action for row in own] == [ACTIONS[action] for action in record.actions]
+        assert [row.regret for row in own] == estimator.regret(record).regret.tolist()
+        assert all((row.kind is None) == (row.regret == 0) for row in own)
+
+
+def test_the_summary_weighs_players_and_not_episodes(reader, estimator):
+    data = load(reader, "dunes")
+    cohort = people_of(data)
+    ids = [person.id for person in cohort.people]
+    found = summarize_regret(reader, data, cohort, ids, estimator)
+    totals = {player: [] for player in ids}
+    for trial, record in trial_records(reader, ranked(data)):
+        totals[trial.participant].append(estimator.regret(record).total)
+    means = np.sort([np.mean(own) for own in totals.values()])
+    assert found.mean == pytest.approx(means.mean())
+    low, high = map(float, printed_interval(means))
+    assert found.interval == pytest.approx((max(0, low), high))
+    assert sum(found.by_kind.values()) == pytest.approx(1)
+    assert found.by_kind["ended early"] > 0  # an episode was given up
+    assert (found.phase, found.episodes, found.policy) == ("ranked", 6, "ppo")
+    assert found.policy_mean >= 0
+
+
+def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
+    data = replace(load(reader, "dunes"), closed_ms=None)
+    with pytest.raises(StudyError, match="nothing of its ranked terrains may leave before it is closed"):
+        next(regret_rows(reader, data, ranked(data), estimator))
+    cohort = people_of(data)
+    found = summarize_regret(reader, data, cohort, [person.id for person in cohort.people], estimator)
+    assert (found.phase, found.episodes) == ("warm_up", 4)
+
+
+def test_the_analysis_is_kept_next_to_the_database(place):
+    database = place[0] / "play.db"
+    data = load(database, "dunes")
+    found = analyse_moves(database, data, ("frontier-cost",), False, no_bar)
+    assert found["people"].regret.mean > 0
+    assert {each.policy for each in found["people"].likeness} == {"frontier-cost"}
+    assert len(list(regret_cache(database).iterdir())) >= 3
+    assert analyse_moves(database, data, ("frontier-cost",), False, no_bar) == found
+    opened = analyse_moves(database, replace(data, closed_ms=None), ("random",), False, no_bar)
+    assert opened["people"].regret is None
+    assert opened["people"].likeness == ()
+
+
+class no_bar:  # noqa: N801
+    def __init__(self, what):
+        pass
+
+    def __enter__(self):
+        return lambda done, total: None
+
+    def __exit__(self, *error):
+        pass
+
+
+def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):
+    folder, people = place
+    where = ("--database", str(folder / "play.db"), "--studies", str(folder / "studies"))
+    with pytest.raises(SystemExit) as left:
+        main(["report", "--study", "dunes", *where, "--html", str(tmp_path / "r.html"), "--json", str(tmp_path / "r.json")])
+    assert not left.value.code
+    assert "regret: " in capsys.readouterr().out
+    page, document = (tmp_path / "r.html").read_text(), json.loads((tmp_path / "r.json").read_text())
+    assert "Where people lose moves" in page
+    moves = document["groups"][0]["moves"]
+    assert {each["player"] for each in moves["regret"]["by_player"]} == {"P01", "P02"}
+    assert not any(person in page or person in json.dumps(document) for person in people)
