@@ -58,6 +58,7 @@ def release(
     from app.release.build import ReleaseRequest, build_release
     from app.storage.database import StoreError
     from app.study.folder import Folder
+    from app.study.invitations import Invitations
     from app.study.looks import LOOKS_FILE, read_looks
     from app.study.protocol import StudyError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -67,7 +68,10 @@ def release(
     known = folder.known_secrets()
     try:
         looks = read_looks(folder.root / study / LOOKS_FILE)
-        request = ReleaseRequest(database or settings.database, study, out, authors, url, interim, known, without, looks)
+        invited = Invitations(folder).of(study) or None
+        request = ReleaseRequest(
+            database or settings.database, study, out, authors, url, interim, known, without, looks, invited
+        )
         with progress("verifying and writing") as advance:
             built = build_release(request, advance, released_report(study, without))
     except (PolicyNotFoundError, PolicyFileError) as error:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.release import signing
+from app.release.arrivals import count_arrivals
 from app.release.croissant import write_croissant
 from app.release.derived import write_derived
 from app.release.descriptions import write_descriptions
@@ -31,6 +32,7 @@ from app.storage.database import BUSY_MS, StoreError, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
 from app.study.data import LookTaken, load
 from app.study.folder import Advance
+from app.study.invitations import Invitation
 from app.study.looks import LOOKS_FILE, write_looks
 from app.study.policy_episodes import PolicyEpisode
 from app.study.protocol import Protocol, StudyError, parse_protocol
@@ -49,6 +51,8 @@ class ReleaseRequest:
     interim  True builds a study that is still open
     secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
     without_policies  that the report leaves out although the protocol names them
+    looks        taken at the figures while the study was open
+    invitations  of the study by id; None where it has none, or its folder is not at hand
     """
 
     database: Path
@@ -60,6 +64,7 @@ class ReleaseRequest:
     secrets: Mapping[str, tuple[int | None, bytes]] | None = None
     without_policies: tuple[str, ...] = ()
     looks: tuple[LookTaken, ...] = ()
+    invitations: Mapping[str, Invitation] | None = None
 
 
 @dataclass(frozen=True)
@@ -101,18 +106,19 @@ def build_release(
         total = 2 * _count_episodes(source, request.study)
         _verify_study(source, request, advance, total)
         with _whole_folder(request.out) as folder:
-            left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, secrets.token_bytes(32), closed)
+            key = secrets.token_bytes(32)
+            left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals)
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
             if header.looks:
                 write_looks(folder / LOOKS_FILE, header.looks)
             report = reporter(folder / BUNDLE_DATABASE) if reporter and not header.interim else ReleasedReport({})
             given = replace(header, left_out=out)
             written = _write_files(folder, given, report, lambda done: advance(total // 2 + done, total))
-            key = signing.signing_key(request.database)
-            manifest_hash = write_manifest(folder, *written, key)
+            signing_key = signing.signing_key(request.database)
+            manifest_hash = write_manifest(folder, *written, signing_key)
     if not header.interim:
         _note_published(request, written[0], manifest_hash)
-    return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(key)))
+    return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key)))
 
 
 def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
@@ -149,6 +155,7 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         chain_entries=state.entries if state else 0,
         without_policies=request.without_policies,
         looks=request.looks,
+        arrivals=count_arrivals(conn, request.study, request.invitations),
     ), closed
 
 
@@ -201,8 +208,9 @@ def _write_files(
                 advance(done)
         counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED_TABLES}
         written = {**write_tables(folder, header.study, conn), "episodes.jsonl": counts["episodes"]}
+        people = _counted_people(conn)
     minari.close()
-    header = replace(header, rows=counts, outcomes=outcomes)
+    header = replace(header, rows=counts, outcomes=outcomes, **people)
     named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
     write_documents(folder, header, named, minari.without_moves)
     licence = header.protocol.data_licence
@@ -210,6 +218,25 @@ def _write_files(
     write_descriptions(folder, header, citation(header), (licence_title(licence), licence_url(licence)))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
+
+
+def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
+    """Return what the datasheet says of the people in a release, as fields of its header."""
+    levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
+        JOIN study_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
+        WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
+    (times,) = rows(conn, "SELECT (SELECT frozen_ms FROM studies) AS frozen, (SELECT min(joined_ms) FROM participants) AS came")
+    (left,) = rows(conn, "SELECT count(*) AS n FROM participants WHERE kind = 'human' AND stage = 'withdrawn'")
+    return {
+        "attestation": {row["level"]: row["n"] for row in rows(conn, levels)},
+        "withdrawn": left["n"],
+        "frozen_at": _iso(times["frozen"]),
+        "first_came_at": "" if times["came"] is None else _iso(times["came"]),
+    }
+
+
+def _iso(ms: int) -> str:
+    return datetime.fromtimestamp(ms // 1000, UTC).isoformat().replace("+00:00", "Z")
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from app.release.header import BUNDLE_DATABASE
 from app.release.manifest import check_files, read_manifest
 from app.storage.connection import reading
 from app.storage.database import StoreError, take_lock, transaction
+from app.storage.forgotten import learn_counts
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
 from app.storage.releases import ReleaseRow, note_imported_release
 from app.storage.resimulation import Finding
@@ -71,6 +72,7 @@ def import_release(
     try:
         with kept_or_new_database(database) as conn, reading(folder / BUNDLE_DATABASE) as source, transaction(conn):
             counts = merge_rows(conn, source, str(folder))
+            learn_counts(conn, source)
             if not manifest["interim"]:
                 release = ReleaseRow(manifest["study"], manifest["version"], checked.manifest_hash, released_ms)
                 note_imported_release(conn, release)

@@ -61,11 +61,11 @@ def write_documents(folder: Path, header: ReleaseHeader, minari: Mapping[str, in
     _write_json(folder / "schema/columns.json", dictionary())
     _write_json(folder / "schema/episode.schema.json", json_schema())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
-    for name, text in documents(header, minari, without_moves).items():
+    for name, text in documents(header, minari, without_moves, (folder / "report.json").exists()).items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
-def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: int) -> dict[str, str]:
+def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: int, has_report: bool = False) -> dict[str, str]:
     """Return file name -> text of the documents that come from templates; the arguments are those of `write_documents`."""
     licence = header.protocol.data_licence
     given = {
@@ -76,6 +76,7 @@ def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: i
         "licence_title": licence_title(licence),
         "licence_url": licence_url(licence),
         "database": BUNDLE_DATABASE,
+        "has_report": has_report,
         "summaries": SUMMARIES,
         "column_table": markdown,
     }

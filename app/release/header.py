@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.study.data import LookTaken
+from app.study.flow import Arrivals
 from app.study.protocol import Protocol
 
 RELEASE_FORMAT = "marsexplorer-release-1"
@@ -24,6 +25,10 @@ class ReleaseHeader:
     left_out    what the release does not hold, counted
     chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None for one of an earlier schema
     looks       taken at the study's figures while it was open; `looks.json` holds them
+    arrivals    people who are not in it, and invitations
+    attestation ranked episodes of people by level; "" stands for those that have none
+    withdrawn   people who agreed and withdrew later
+    frozen_at, first_came_at  ISO 8601, UTC: when the protocol was frozen, and when the first participant came ("" for nobody)
     without_policies  of the protocol, which the report leaves out because their files were not at hand
     """
 
@@ -45,6 +50,11 @@ class ReleaseHeader:
     chain_entries: int = 0
     without_policies: tuple[str, ...] = ()
     looks: tuple[LookTaken, ...] = ()
+    arrivals: Arrivals = field(default_factory=Arrivals)
+    attestation: dict[str, int] = field(default_factory=dict)
+    withdrawn: int = 0
+    frozen_at: str = ""
+    first_came_at: str = ""
 
     @property
     def interim(self) -> bool:
@@ -89,6 +99,7 @@ class ReleaseHeader:
             "chain_entries": self.chain_entries,
             "without_policies": list(self.without_policies),
             "looks": [asdict(look) for look in self.looks],
+            "arrivals": asdict(self.arrivals),
         }
 
 

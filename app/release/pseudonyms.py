@@ -15,11 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.release.arrivals import arrivals_row
 from app.release.errors import ReleaseError
 from app.storage import chain
 from app.storage.connection import rows, stream
 from app.storage.database import open_database, transaction
 from app.storage.forgotten import ERASED
+from app.study.flow import Arrivals
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
@@ -73,19 +75,26 @@ class Pseudonyms:
 
 
 def write_pseudonymized(
-    source: sqlite3.Connection, study: str, target: Path, key: bytes, closed: tuple[int | None, str | None]
+    source: sqlite3.Connection,
+    study: str,
+    target: Path,
+    key: bytes,
+    closed: tuple[int | None, str | None],
+    arrivals: Arrivals,
 ) -> LeftOut:
     """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
 
     source  a connection that reads one moment
     key     of this release's pseudonyms; forget it afterwards
     closed  (closed_ms, the secret in hex) of a closed study, (None, None) of an open one
+    arrivals  people who stay out, counted
     """
     pseudonyms = Pseudonyms(key)
     conn: sqlite3.Connection = open_database(target).conn
     try:
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
+            conn.execute("INSERT INTO meta VALUES (:name, :value)", arrivals_row(study, arrivals))
             for table, found in _rows(source, study, pseudonyms, closed):
                 marks = ",".join("?" * len(found))
                 conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))

@@ -17,16 +17,25 @@ FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
 """Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study; the value is when."""
 
+ARRIVALS = "arrivals"
+"""A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
+
 TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
 """The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
 
 
 def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
     """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
-    erased = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [ERASED]).fetchall()
-    target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", erased)
+    learn_counts(target, source)
     for table in FORGOTTEN_TABLES:
         target.executemany(f"INSERT OR IGNORE INTO {table} VALUES (?, ?)", source.execute(f"SELECT * FROM {table}").fetchall())
+
+
+def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add the source's counts of people who were erased, or left out of a release, to the target's."""
+    for name in (ERASED, ARRIVALS):
+        found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
+        target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
 
 
 def note_erased(conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int) -> None:

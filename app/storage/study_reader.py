@@ -6,10 +6,11 @@ Every function takes an open reader. Episodes are dictionaries by column, since 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
-from app.storage.forgotten import ERASED
+from app.storage.forgotten import ARRIVALS, ERASED
 from app.storage.reader import Reader
 from app.storage.study_rows import Participant, StageEventRow, StudyRow
 
@@ -60,6 +61,12 @@ def count_erased(reader: Reader, study: str) -> int:
     """Return how many people had their rows erased from a study (`app.storage.forgotten.note_erased`)."""
     sql = "SELECT count(*) AS n FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
     return int(reader.query(sql, [ERASED, study])[0]["n"])
+
+
+def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:
+    """Return the counts of people whom a release left out, in a database that was imported from one; empty otherwise."""
+    found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"])
+    return dict(json.loads(found[0]["value"])) if found else {}
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:

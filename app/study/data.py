@@ -18,13 +18,14 @@ from app.storage.study_reader import (
     find_study,
     input_events,
     move_inputs,
+    noted_arrivals,
     participants,
     stage_events,
     study_episodes,
     study_names,
 )
 from app.storage.study_rows import ParticipantKind, Phase
-from app.study.flow import Arrivals, arrivals_of
+from app.study.flow import Arrivals, arrivals_of, with_noted
 from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.repeats import repeated_reasons
@@ -137,7 +138,7 @@ class LookTaken:
 class StudyData:
     """Everything figures are made from. `secret` is hex, known here once the study is closed.
 
-    arrivals  people before they agreed; a release's holds nobody who did not, and its header has the counts
+    arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     view   what may be seen of it; None: not decided yet, and `trials` hold everything
     looks  that were taken while it was open, as far as the study's folder is known
     """
@@ -201,7 +202,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         trials=tuple(
             _with_input(reader, each, kinds[each["participant_id"]], version) for each in study_episodes(reader, study)
         ),
-        arrivals=arrivals_of(people, count_erased(reader, study)),
+        arrivals=with_noted(arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)),
     )
 
 

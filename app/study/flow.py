@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from app.study.data import Person, StudyData
@@ -64,6 +64,13 @@ def arrivals_of(people: Iterable[Person], erased: int) -> Arrivals:
     """Return the counts of people before they agreed, as the database knows them."""
     answers = Counter(person.stage == "withdrawn" for person in people if _is_undecided(person))
     return Arrivals(declined=answers[True], undecided=answers[False], erased=erased)
+
+
+def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
+    """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
+    changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
+    changed |= {name: getattr(arrivals, name) + noted.get(name, 0) for name in ("declined", "undecided")}
+    return replace(arrivals, **changed)
 
 
 def with_invitations(arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]) -> Arrivals:

@@ -1,0 +1,87 @@
+"""What a release says of the people in it and of those who are not: counts that are known, and "unknown" for the rest."""
+
+import json
+from contextlib import closing
+from dataclasses import asdict
+
+import pytest
+
+from app.cli.main import main
+from app.report import build
+from app.report.seeds import load_with_folder
+from app.storage.erasure import forget
+from app.storage.reader import Reader
+from app.study.folder import Folder
+from app.study.invitations import Invitations
+from tests.support.stored_studies import StudyRecorder, freeze, write_chain_anew
+
+
+def command(*args):
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    assert not left.value.code, args
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A closed study by invitation with somebody at every point where people leave; two releases, one of an import."""
+    folder = tmp_path_factory.mktemp("people")
+    study = freeze(folder / "studies", close=False, recruitment="invitation")
+    invitations = Invitations(Folder(folder / "studies"))
+    issued = [each.id for each in invitations.issue(study.name, 9)]
+    invitations.revoke(study.name, issued[-1:])
+    recorder = StudyRecorder(folder / "play.db", study)
+    people = []
+    for number, stage in enumerate(("complete", "complete", "complete", "withdrawn", "questions", "consent", "withdrawn")):
+        people.append(recorder.join(number, stage=stage, consent=number < 5))
+        recorder.conn.execute("UPDATE participants SET invitation = ? WHERE id = ?", (issued[number], people[-1]))
+        if stage == "complete":
+            for trial in range(study.protocol.ranked):
+                recorder.play(people[-1], "ranked", trial)
+    write_chain_anew(recorder.conn)
+    recorder.close()
+    forget(folder / "play.db", people[0])
+    Folder(folder / "studies").close(study.name)
+    common = ("--study", study.name)
+    command("release", *common, "--database", folder / "play.db", "--studies", folder / "studies", "--out", folder / "one")
+    command("import", folder / "one", "--database", folder / "new.db")
+    command("release", *common, "--database", folder / "new.db", "--studies", folder / "none", "--out", folder / "two")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["one", "two"])
+def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, name):
+    with closing(Reader.open(place / "play.db")) as reader:
+        data, _ = load_with_folder(reader, place / "studies", "dunes")
+    own = asdict(build(data).groups[0].flow)
+    assert own["arrivals"] == {"declined": 1, "undecided": 1, "erased": 1, "issued": 9, "revoked": 1, "unopened": 1}
+    report = json.loads((place / name / "report.json").read_text())
+    assert report["groups"][0]["flow"] == own
+    command("reproduce", place / name)
+
+
+@pytest.mark.parametrize("name", ["one", "two"])
+def test_the_datasheet_says_what_is_known_and_no_more(place, name):
+    text = " ".join((place / name / "DATASHEET.md").read_text().split())
+    for known in (
+        "1 people who were erased at their own request",
+        "1 people withdrew later",
+        "by single-use links, of which 9 were issued, 1 revoked and 1 never opened",
+        "of the people's ranked episodes 6 ",
+        "the protocol requires `declared`",
+        "Whether the commitment was published before anybody played is unknown to the software",
+        "no look at them was logged",
+    ):
+        assert known in text, known
+    assert "Nothing else was removed" not in text
+    assert "published before anybody played." not in text
+    assert "without_consent" in json.loads((place / name / "MANIFEST.json").read_text())["left_out"]
+
+
+def test_no_invitation_can_be_found_in_a_release(place):
+    with closing(Reader.open(place / "play.db")) as reader:
+        used = {row["invitation"] for row in reader.query("SELECT invitation FROM participants WHERE invitation IS NOT NULL")}
+    assert len(used) == 6
+    for path in (each for each in (place / "one").rglob("*") if each.is_file()):
+        data = path.read_bytes()
+        assert not [ident for ident in used if ident.encode() in data], path
