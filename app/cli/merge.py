@@ -41,5 +41,6 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     click.echo(f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}")
     if twice:
         click.echo(
-            f"beware: {twice} outside ids took part in a study twice, on two servers; the report counts each as two people"
+            f"beware: {twice} outside ids or invitations took part in a study twice, on two servers; the report counts each "
+            "as two people"
         )

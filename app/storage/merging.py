@@ -40,7 +40,9 @@ _PARTS: dict[str, tuple[Kind, str]] = {
 
 _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN participants p ON p.id = i.participant_id
     WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM studies s WHERE s.name = p.study)
-    GROUP BY p.study, i.name, i.value HAVING count(*) > 1)"""
+    GROUP BY p.study, i.name, i.value HAVING count(*) > 1
+    UNION ALL SELECT 1 FROM participants WHERE invitation IS NOT NULL AND consent_ms IS NOT NULL
+    GROUP BY study, invitation HAVING count(*) > 1)"""
 
 
 class MergeError(StoreError):

@@ -6,7 +6,7 @@ Nothing here comes from the table of identities.
 from __future__ import annotations
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -211,6 +211,8 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     for event in stage_events(reader, study):
         events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
+    found = participants(reader, study)
+    used = Counter(row.invitation for row in found if row.invitation is not None and row.consent_ms is not None)
     return tuple(
         Person(
             **{name: getattr(row, name) for name in names},
@@ -218,9 +220,9 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
-            repeated=repeated_reasons(events[row.id]),
+            repeated=repeated_reasons(events[row.id], shares_invitation=used[row.invitation] > 1),
         )
-        for row in participants(reader, study)
+        for row in found
     )
 
 

@@ -18,6 +18,7 @@ MAX_NOTED = 100
 Reason = Literal["invitation", "outside id", "another invitation", "another outside id", "after leaving"]
 SENTENCES: dict[str, str] = {
     "invitation": "their invitation was opened again elsewhere",
+    "shared": "somebody else agreed with their invitation on another server",
     "outside id": "their outside id came again elsewhere",
     "another invitation": "another invitation was opened in their browser",
     "another outside id": "another outside id came in their browser",
@@ -28,12 +29,14 @@ SENTENCES: dict[str, str] = {
 """Each reason in words."""
 
 
-def repeated_reasons(events: Iterable[tuple[int, str, dict[str, Any]]]) -> tuple[str, ...]:
+def repeated_reasons(events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False) -> tuple[str, ...]:
     """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
+
+    shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other
 
     The order is that of SENTENCES. No sign is no proof: another browser, another device and another id leave none.
     """
-    found = set()
+    found = {"shared"} if shares_invitation else set()
     for _, kind, detail in events:
         if kind == REPEATED_JOIN:
             found.add(detail.get("reason"))

@@ -121,7 +121,7 @@ def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(se
     said = capsys.readouterr()
     assert (left.value.code, said.err) == (0, "")
     assert "3 participants and 13 episodes from 2 databases" in said.out
-    assert "1 outside ids took part in a study twice" in said.out
+    assert "1 outside ids or invitations took part in a study twice" in said.out
     recorder.close()
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from app.cli.main import main
 from app.storage.erasure import forget
+from app.storage.merging import merge
 from app.study import supervision
 from app.study.data import load
 from app.study.folder import Folder
@@ -167,6 +168,19 @@ def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_d
     again = serve()
     assert comes(again, invitation=token)[1:] == (409, USED)
     assert comes(again, invitation=unused)[1] == 201
+
+
+def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merged(invited, serve, tmp_path):
+    server, study, (token, *_) = invited()
+    people = [server, serve(database=tmp_path / "second.db")]
+    for each in people:
+        comes(each, invitation=token)[0].call("consent", YES)
+        each.stop()
+    _, twice = merge([tmp_path / "playground.db", tmp_path / "second.db"], tmp_path / "both.db")
+    assert twice == 1
+    assert [person.repeated for person in load(tmp_path / "both.db", study.name).people] == [
+        ("somebody else agreed with their invitation on another server",)
+    ] * 2
 
 
 @pytest.mark.parametrize("recruitment", ["invitation", "panel", "open"])
