@@ -220,7 +220,7 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
-            repeated=repeated_reasons(events[row.id], shares_invitation=used[row.invitation] > 1),
+            repeated=repeated_reasons(events[row.id], shares_invitation=used[row.invitation or ""] > 1),
         )
         for row in found
     )

@@ -36,7 +36,7 @@ def repeated_reasons(events: Iterable[tuple[int, str, dict[str, Any]]], shares_i
 
     The order is that of SENTENCES. No sign is no proof: another browser, another device and another id leave none.
     """
-    found = {"shared"} if shares_invitation else set()
+    found: set[str | None] = {"shared"} if shares_invitation else set()
     for _, kind, detail in events:
         if kind == REPEATED_JOIN:
             found.add(detail.get("reason"))
