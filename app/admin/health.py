@@ -52,7 +52,7 @@ class Health:
             "database": {"name": self._database.name, "size": _size(self._database), "wal_size": _size(wal)},
             "last_write_ms": round(written * 1000),
             "check": {"result": self._check.result, "is_whole": self._check.is_whole, "at_ms": self._check.at_ms},
-            "chain": {"entries": chain.entries, "head": chain.head},
+            "chain": chain and {"entries": chain.entries, "head": chain.head},
         }
 
 

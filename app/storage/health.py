@@ -22,7 +22,10 @@ def quick_check(database: Path) -> str:
     return "; ".join(str(next(iter(row.values()))) for row in rows)
 
 
-def chain_head(database: Path) -> chain.Head:
-    """Return the end of the chain of a database that a server may be writing."""
-    with reading(database) as conn:
-        return chain.head(conn)
+def chain_head(database: Path) -> chain.Head | None:
+    """Return the end of the chain of a database that a server may be writing; None when it cannot be read."""
+    try:
+        with reading(database) as conn:
+            return chain.head(conn)
+    except (StoreError, sqlite3.DatabaseError):
+        return None

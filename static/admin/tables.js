@@ -106,7 +106,7 @@ export function paintHealth(list, health, now_ms) {
     ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
     ["Last write", ago(now_ms - health.last_write_ms), ""],
     ["Integrity", check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, check.is_whole ? "good" : "warn"],
-    ["Chain", `${many(chain.entries, "entry", "entries")}${chain.head ? `, head ${chain.head}` : ""}`, ""],
+    ["Chain", chain ? `${many(chain.entries, "entry", "entries")}${chain.head && `, head ${chain.head}`}` : "cannot be read", chain ? "" : "warn"],
     ["Server", `${many(health.sessions, "board")} in memory, up for ${ago(1000 * health.up_s + 10000).replace(" ago", "")}`, ""],
   ];
   list.replaceChildren(...facts.flatMap(([name, text, tone]) => [create("dt", name), create("dd", text, { "data-tone": tone })]));

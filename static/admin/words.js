@@ -21,7 +21,7 @@ import { many, outcomeShort } from "../common/words.js";
  */
 /**
  * @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
- *   check: {result: string, is_whole: boolean, at_ms: number}, chain: {entries: number, head: string}, sessions: number, up_s: number}} Health
+ *   check: {result: string, is_whole: boolean, at_ms: number}, chain: {entries: number, head: string} | null, sessions: number, up_s: number}} Health
  */
 
 const NO_ID = "no outside id";

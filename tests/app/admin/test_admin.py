@@ -391,6 +391,7 @@ def test_health_is_of_this_disk_and_this_database(admin):
     assert 0 < health["disk"]["free"] <= health["disk"]["total"]
     assert health["database"]["size"] > 0
     assert health["check"]["is_whole"] is True
+    assert health["chain"] == {"entries": 0, "head": ""}
     assert abs(health["last_write_ms"] - time.time() * 1000) < 600_000
     assert admin.operator().post("/api/admin/check", json={}).json()["check"]["result"] == "ok"
 
@@ -400,11 +401,12 @@ def test_damage_is_seen(serve, tmp_path):
     server.stop()
     path = tmp_path / "playground.db"
     data = bytearray(path.read_bytes())
-    data[4096 * 3 : 4096 * 3 + 200] = bytes(range(200))
+    data[4096 * 3 : -4096] = bytes(range(256)) * ((len(data) - 4096 * 4) // 256)
     path.write_bytes(data)
     health = Health(path)
     health.check()
-    assert health.state()["check"]["is_whole"] is False
+    state = health.state()
+    assert (state["check"]["is_whole"], state["chain"]) == (False, None)
 
 
 def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch):
