@@ -1,6 +1,6 @@
 // @ts-check
 // From key presses and touches to moves: keys and on-screen arrows, each with its times.
-import { hookKeys } from "./keyboard.js";
+import { hookKeys, timeOf_ms } from "./keyboard.js";
 
 /**
  * @typedef {import("./messages.js").Action} Action
@@ -56,10 +56,9 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
     onEnter,
     actionOf,
   };
-  const { timeOrigin } = page.performance;
-  hookKeys(page, handlers, timeOrigin);
+  hookKeys(page, handlers, page);
   for (const frame of frames) {
-    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, timeOrigin));
+    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, page));
   }
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (pad.querySelectorAll("[data-action]"))) {
     const action = /** @type {Action} */ (button.dataset.action);
@@ -67,16 +66,16 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
       if (!event.isPrimary || event.button !== 0) return;
       event.preventDefault();
       button.classList.add("is-down");
-      press("touch", action, event, event.timeStamp);
+      press("touch", action, event, timeOf_ms(event, page, page));
     });
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
       button.addEventListener(end, (event) => {
-        if (button.classList.contains("is-down")) up_ms = event.timeStamp;
+        if (button.classList.contains("is-down")) up_ms = timeOf_ms(event, page, page);
         button.classList.remove("is-down");
       });
     }
     // A click without a pointer comes from a keyboard or an assistive tool.
-    button.addEventListener("click", (event) => event.detail === 0 && press("touch", action, event, event.timeStamp));
+    button.addEventListener("click", (event) => event.detail === 0 && press("touch", action, event, timeOf_ms(event, page, page)));
     button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 }

@@ -24,8 +24,30 @@ export function ownsKeys(element) {
  * Return the element at which an event started, also inside a shadow tree.
  * @param {globalThis.Event} event
  */
-function origin(event) {
+export function keyOrigin(event) {
   return /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
+}
+
+/** A browser's time of an event that is older than this is not believed: some count from the start of the machine. */
+const OLDEST_MS = 10_000;
+/** @type {WeakMap<globalThis.Event, number>} */
+const times_ms = new WeakMap();
+
+/**
+ * Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so that an input
+ * event and the move that it causes have one time.
+ * @param {globalThis.Event} event
+ * @param {Window & typeof globalThis} view whose event it is: the page or a frame in it
+ * @param {Window & typeof globalThis} page
+ */
+export function timeOf_ms(event, view, page) {
+  const known_ms = times_ms.get(event);
+  if (known_ms !== undefined) return known_ms;
+  const at_ms = event.timeStamp + (view.performance.timeOrigin - page.performance.timeOrigin);
+  const now_ms = page.performance.now();
+  const time_ms = at_ms <= now_ms && at_ms > now_ms - OLDEST_MS ? at_ms : now_ms;
+  times_ms.set(event, time_ms);
+  return time_ms;
 }
 
 /**
@@ -37,14 +59,14 @@ function origin(event) {
  * @param {Window & typeof globalThis} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
  *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} handlers
- * @param {number} timeOrigin of the page
+ * @param {Window & typeof globalThis} page with the clock that counts
  */
-export function hookKeys(view, handlers, timeOrigin) {
+export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
-  const at_ms = (event) => event.timeStamp + (view.performance.timeOrigin - timeOrigin);
+  const at_ms = (event) => timeOf_ms(event, view, page);
   /** @param {KeyboardEvent} event */
   function handle(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(origin(event))) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(keyOrigin(event))) return;
     if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
       if (handlers.onEnter(event)) swallow(event);
       return;

@@ -62,11 +62,12 @@ export function withoutMoves(moves) {
 
 /**
  * Return what sends a player's moves and keeps those that wait for their answer.
- *   send     true when the message left
- *   now_ms   performance.now
- * @param {{send: (message: object) => boolean, now_ms: () => number}} how
+ *   send        true when the message left
+ *   sendEvents  sends the input events that caused a move; they go before it on the same socket
+ *   now_ms      performance.now
+ * @param {{send: (message: object) => boolean, sendEvents: () => void, now_ms: () => number}} how
  */
-export function createMoveSender({ send, now_ms }) {
+export function createMoveSender({ send, sendEvents, now_ms }) {
   let moves = noMoves();
   /** @type {number | null} */
   let round_trip_ms = null;
@@ -80,7 +81,9 @@ export function createMoveSender({ send, now_ms }) {
      */
     press(frame, action, timing, pressed_ms) {
       const step = nextStep(moves, frame);
-      if (step === null || !send(act(frame.episode, step, action, timing))) return;
+      if (step === null) return;
+      sendEvents();
+      if (!send(act(frame.episode, step, action, timing))) return;
       moves = withMove(moves, { episode: frame.episode, step, pressed_ms, sent_ms: now_ms() });
     },
     /**

@@ -5,8 +5,11 @@ import { createConnections } from "../common/connections.js";
 import { startControls } from "../common/controls.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
+import { recordInputEvents } from "../common/input_events.js";
+import { KEYS } from "../common/keyboard.js";
 import { createRepaint, elementsOf } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
+import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { announcement } from "../common/words.js";
 import { startPace } from "./pace.js";
 import { createLeaving, isSameBoard } from "./leaving.js";
@@ -25,7 +28,10 @@ const by = elementsOf(document);
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
-let actedAt_ms = performance.now();
+/** @type {import("../common/game_state.js").State | null} */
+let painted = null;
+const now_ms = () => performance.now();
+let actedAt_ms = now_ms();
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return painter.latencies(); } }) });
 
 const template = by("board-template", HTMLTemplateElement);
@@ -42,7 +48,7 @@ const painter = createPainter({ page: document, panels, views, rivalName: () => 
   dismiss: (id) => dispatch({ kind: "dismiss", id }) });
 const repaint = createRepaint((isWhole) => {
   if (isWhole) painter.forget();
-  painter.paint(state);
+  painter.paint(painted = state);
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -76,11 +82,14 @@ const connections = createConnections({
   base: document.baseURI,
   onMessage(role, message) {
     if (role === "player") painter.answered(moves.receive(message));
-    dispatch({ kind: "received", role, message });
+    if (message.kind === "kept") telemetry.answered(message);
+    else dispatch({ kind: "received", role, message });
   },
   onLink(role, link) {
     if (link === "lost") moves.drop();
-    if (role === "player") dispatch({ kind: "link", link });
+    if (role !== "player") return;
+    if (link === "open") telemetry.reconnected();
+    dispatch({ kind: "link", link });
   },
   async beforeRetry(role, session) {
     try {
@@ -94,7 +103,12 @@ const connections = createConnections({
     }
   },
 });
-const moves = createMoveSender({ send: (message) => connections.send("player", message), now_ms: () => performance.now() });
+const send = (/** @type {object} */ message) => connections.send("player", message);
+const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendAll() });
+const isDriven = () => state.mode === "practice" || state.mode === "ranked";
+const telemetry = createTelemetry({ now_ms, send,
+  stored: JSON.parse(sessionStorage.getItem("mars.events") ?? "[]"), store: (batches) => sessionStorage.setItem("mars.events", JSON.stringify(batches)),
+  context: () => onScreen(isDriven() ? state.player?.frame : null, painted?.player?.frame, moves.round_trip_ms()) });
 
 /**
  * Apply an event: the only place where the state changes.
@@ -130,22 +144,24 @@ function onEnter() {
   return true;
 }
 
+const frames = ROLES.map((role) => panels[role].viewer);
+recordInputEvents({ page: window, frames, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave,
+  onActivity: () => { actedAt_ms = now_ms(); }, drives: (code) => code in KEYS });
 startControls({
-  page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter,
+  page: window, pad: by("dock"), frames, onEnter,
   onAct(action, timing, pressed_ms) {
-    actedAt_ms = performance.now();
-    if (state.player && (state.mode === "practice" || state.mode === "ranked")) moves.press(state.player.frame, action, timing, pressed_ms);
+    if (state.player && isDriven()) moves.press(state.player.frame, action, timing, pressed_ms);
   },
 });
 startHeartbeat({
-  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
+  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => now_ms() - actedAt_ms, ask: api.health,
   onSuccess: () => { if (state.link === "lost") restart(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
 window.addEventListener("online", restart);
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
-window.addEventListener("pointerdown", () => { actedAt_ms = performance.now(); });
+setInterval(telemetry.flush, 1000);
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
   button.addEventListener("click", () => start(/** @type {Mode} */ (button.dataset.mode)));

@@ -4,14 +4,15 @@ import { createApi, createRequest } from "../common/api.js";
 import { createConnections } from "../common/connections.js";
 import { startControls } from "../common/controls.js";
 import { startHeartbeat } from "../common/heartbeat.js";
+import { recordInputEvents } from "../common/input_events.js";
 import { createRepaint, elementsOf, paintLink, paintNotices } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
+import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { announcement } from "../common/words.js";
 import { startActions } from "./actions.js";
 import { createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
 import { createDebrief } from "./debrief.js";
 import { startDialogs } from "./dialogs.js";
-import { recordInputEvents } from "./input_events.js";
 import { actionOf, keyName } from "./keymap.js";
 import { createNavigation } from "./navigation.js";
 import { createPages } from "./pages.js";
@@ -23,7 +24,6 @@ import { createSettings } from "./settings.js";
 import { createSettingsSync } from "./settings_sync.js";
 import { apply, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
 import { startSupervision } from "./supervision.js";
-import { createTelemetry } from "./telemetry.js";
 
 /** @typedef {import("./keymap.js").Layout} Layout */
 const by = elementsOf(document);
@@ -49,10 +49,10 @@ Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() 
   get waiting() { return telemetry.waiting(); } }) });
 
 const send = (/** @type {object} */ message) => connections.send("player", message);
-const moves = createMoveSender({ send, now_ms });
+const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendAll() });
 const telemetry = createTelemetry({ now_ms, send,
   stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
-  context: () => ({ episode: screenOf(state) === "play" ? frame()?.episode ?? null : null, step: painted?.game.player?.frame.step ?? null, round_trip_ms: moves.round_trip_ms() }) });
+  context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
 const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: (choices) => {
   pages.paintKeys(choices.keys, layout);
   settingsSync.changed();
@@ -151,7 +151,7 @@ const actions = startActions(document, { state: () => state, study, navigation, 
     dispatch({ kind: "passed", episode });
   } });
 const mayDrive = () => isDriving(state) && !dialogs.isOpen();
-recordInputEvents({ page: window, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity: () => { if (!state.isPaused) idle.touch(); },
+recordInputEvents({ page: window, frames: [], pad: by("dock"), note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity: () => { if (!state.isPaused) idle.touch(); },
   drives: (code) => screenOf(state) === "play" && !dialogs.isOpen() && actionOf(settings.get().keys, code) !== undefined });
 startControls({
   page: window, pad: by("dock"), frames: [], onEnter: actions.onEnter,
@@ -161,7 +161,6 @@ startControls({
     if (!on || !mayDrive()) return;
     if (state.isPaused) return pause.set(false);
     settings.drove(timing.input === "touch" ? "touch" : "keyboard");
-    telemetry.flush();
     moves.press(on, action, timing, pressed_ms);
   },
 });

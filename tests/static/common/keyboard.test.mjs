@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { hookKeys, KEYS, ownsKeys } from "../../../static/common/keyboard.js";
+import { hookKeys, KEYS, ownsKeys, timeOf_ms } from "../../../static/common/keyboard.js";
 
 test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => {
   const of = (tagName, type, inside = false) => ({ tagName, type, closest: () => (inside ? {} : null) });
@@ -13,6 +13,8 @@ test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => 
   assert.equal(ownsKeys({ isContentEditable: true }), true);
   assert.equal(ownsKeys(null), false);
 });
+
+const PAGE = { performance: { timeOrigin: 1000, now: () => 200 } };
 
 /** A window that only listens, 100 ms younger than the page. */
 function fakeWindow() {
@@ -32,7 +34,7 @@ function fakeWindow() {
 test("drive keys are swallowed in the capture phase, once a press, in the page's own time", () => {
   const view = fakeWindow();
   const seen = [];
-  hookKeys(view, { onPress: (action, event, at) => seen.push([action, at]), onRelease: (at) => seen.push(["up", at]), onEnter: () => false }, 1000);
+  hookKeys(view, { onPress: (action, event, at) => seen.push([action, at]), onRelease: (at) => seen.push(["up", at]), onEnter: () => false }, PAGE);
   assert.equal(view.fire("keydown", { code: "KeyD" }), true);
   assert.equal(view.fire("keydown", { code: "KeyD", repeat: true }), true);
   assert.equal(view.fire("keyup", { code: "KeyD" }), true);
@@ -41,7 +43,7 @@ test("drive keys are swallowed in the capture phase, once a press, in the page's
 
 test("chords, other keys and fields pass untouched", () => {
   const view = fakeWindow();
-  hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false }, 1000);
+  hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false }, PAGE);
   assert.equal(view.fire("keydown", { code: "KeyA", ctrlKey: true }), false);
   assert.equal(view.fire("keydown", { code: "KeyQ" }), false);
   assert.equal(view.fire("keydown", { code: "Enter", key: "Enter" }), false);
@@ -52,4 +54,16 @@ test("arrows and letters name the four actions", () => {
   assert.deepEqual([...new Set(Object.values(KEYS))].sort(), ["east", "north", "south", "west"]);
   assert.equal(KEYS.ArrowUp, KEYS.KeyW);
   assert.equal(KEYS.ArrowLeft, KEYS.KeyA);
+});
+
+test("an event has one time, never later than now, and now where its own cannot be believed", () => {
+  let now = 20_000;
+  const page = { performance: { timeOrigin: 0, now: () => now } };
+  const event = { timeStamp: 19_990.04 };
+  assert.equal(timeOf_ms(event, page, page), 19_990.04);
+  for (const timeStamp of [20_001, 9_000, 1.7e12]) assert.equal(timeOf_ms({ timeStamp }, page, page), 20_000);
+  const late = { timeStamp: 30_000 };
+  timeOf_ms(late, page, page);
+  now = 21_000;
+  assert.equal(timeOf_ms(late, page, page), 20_000, "the input event and its move have the same time");
 });

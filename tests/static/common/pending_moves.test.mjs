@@ -28,12 +28,12 @@ test("a refusal, an ending and a new episode drop all moves that wait", () => {
 test("a sender sends the step that is due, measures the round trip, and returns what was answered", () => {
   let now = 10;
   const sent = [];
-  const moves = createMoveSender({ send: (message) => sent.push(message) > 0, now_ms: () => now });
+  const moves = createMoveSender({ send: (message) => sent.push(message) > 0, sendEvents: () => sent.push({ step: "events" }), now_ms: () => now });
   const on = { kind: "frame", ...frame(0) };
   const press = (pressed_ms) => moves.press(on, "east", { input: "key", key_down_ms: 1, key_up_ms: null, client_ms: 2 }, pressed_ms);
   press(8);
   press(9);
-  assert.deepEqual(sent.map(({ step }) => step), [0, 1]);
+  assert.deepEqual(sent.map(({ step }) => step), ["events", 0, "events", 1], "what caused a move goes before it");
   now = 21.26;
   assert.deepEqual(moves.receive({ ...on, step: 1 }).map(({ pressed_ms }) => pressed_ms), [8]);
   assert.equal(moves.round_trip_ms(), 11.3);

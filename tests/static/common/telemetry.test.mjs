@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createTelemetry, BATCH_SIZE, MAX_WAITING } from "../../../static/study/telemetry.js";
+import { createTelemetry, onScreen, BATCH_SIZE, MAX_WAITING } from "../../../static/common/telemetry.js";
 
 /** A page's telemetry: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
 function telemetry(isOpen, stored) {
@@ -145,4 +145,26 @@ test("no two events of a page are the same, however coarse its clock", () => {
   kept.note("keydown", { code: "KeyA", at_ms: 200 });
   kept.flush();
   assert.deepEqual(times(sent), [[200, 200, 200.1, 200.1, 200.2, 200.2, 200]]);
+});
+
+test("before a move everything leaves at once, in order, whatever is under way", () => {
+  const { kept, sent, answer } = telemetry(true);
+  for (let k = 1; k <= 3; k++) {
+    kept.note("keydown", { at_ms: k });
+    kept.sendAll();
+  }
+  assert.deepEqual(times(sent), [[1], [2], [3]]);
+  kept.note("keyup", { at_ms: 4 });
+  kept.flush();
+  assert.deepEqual(times(sent), [[1], [2], [3]]);
+  answer();
+  answer();
+  answer();
+  assert.deepEqual(times(sent), [[1], [2], [3], [4]]);
+});
+
+test("what is on screen is what was painted of the episode, else its newest frame", () => {
+  assert.deepEqual(onScreen(null, null, 3), { episode: null, step: null, round_trip_ms: 3 });
+  assert.deepEqual(onScreen({ episode: "e2", step: 5 }, { episode: "e2", step: 4 }, 3), { episode: "e2", step: 4, round_trip_ms: 3 });
+  assert.deepEqual(onScreen({ episode: "e2", step: 0 }, { episode: "e1", step: 87 }, null), { episode: "e2", step: 0, round_trip_ms: null });
 });

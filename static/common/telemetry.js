@@ -1,9 +1,10 @@
 // @ts-check
-// Input events until the server says that it keeps them: in batches of one episode, 200 events at most.
-import { events } from "../common/messages.js";
+// Input events until the server says that it keeps them: in batches of one episode, 200 events at most. The events that caused a
+// move are sent before it, on the same socket, since the server compares the two.
+import { events } from "./messages.js";
 
 /**
- * @typedef {import("../common/messages.js").InputEvent} InputEvent
+ * @typedef {import("./messages.js").InputEvent} InputEvent
  * @typedef {ReturnType<typeof events>} Batch
  */
 /** Events in a batch at most. */
@@ -20,6 +21,17 @@ export function nextBatch(waiting) {
   let count = 0;
   while (count < Math.min(waiting.length, BATCH_SIZE) && waiting[count].episode === episode) count += 1;
   return { episode, batch: waiting.slice(0, count).map(({ event }) => event), count };
+}
+
+/**
+ * Return the episode and the step on screen; episode null where nothing is to be kept.
+ * @param {import("./messages.js").Frame | null | undefined} frame the newest of a board that is driven here
+ * @param {import("./messages.js").Frame | null | undefined} painted the one that was painted last
+ * @param {number | null} round_trip_ms
+ */
+export function onScreen(frame, painted, round_trip_ms) {
+  if (!frame) return { episode: null, step: null, round_trip_ms };
+  return { episode: frame.episode, step: painted?.episode === frame.episode ? painted.step : frame.step, round_trip_ms };
 }
 
 /**
@@ -74,7 +86,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
     },
     /**
      * Take the server's answer to the batch that was sent first: it is kept, or never will be, or without a reason it is sent again.
-     * @param {import("../common/messages.js").Kept} answer
+     * @param {import("./messages.js").Kept} answer
      */
     answered({ count, reason }) {
       const batch = underWay.shift();
@@ -88,10 +100,14 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       underWay = [];
       telemetry.flush();
     },
-    /** Send everything at once and store what has no answer: the page may never come back. */
-    leave() {
+    /** Send everything at once: a move follows. */
+    sendAll() {
       while (waiting.length > 0) seal();
       for (const batch of batches) if (!underWay.includes(batch)) sendBatch(batch);
+    },
+    /** Send everything at once and store what has no answer: the page may never come back. */
+    leave() {
+      telemetry.sendAll();
       store(batches);
     },
     waiting: count,
