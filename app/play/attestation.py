@@ -1,8 +1,25 @@
-"""How far a person's episode is attested: what the server has compared its moves with."""
+"""How far a person's episode is attested: its moves compared with the input events that the page sent before them.
+
+`attest` is a pure function of stored rows, so that anybody who has the rows can derive the level again. A level says that
+the rows are consistent with a person at a page: each move has a press of its own, the presses and the server's receipts fit
+one clock, and no hand would have to be faster than hands are. It is no proof. A program that invents presses at a person's
+pace, with a clock that runs as a page's does, is attested as well.
+
+The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
+server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
+    time of the frame - time of sending  <=  offset  <=  time of receipt - time of sending
+and all moves of one load of the page must leave room for one offset. However late a network delivers, these hold; a clock
+that runs faster or slower than the server's, or times that were made up, do not fit them for long.
+"""
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, Literal, get_args
+
+from marsexplorer.config import ACTIONS
 
 Attestation = Literal["unattested", "declared", "attested", "supervised"]
 """Lowest first.
@@ -15,7 +32,215 @@ supervised  attested, and the operator had typed their code shortly before
 
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 
+SUPERVISED_FOR_MS = 4 * 3_600_000
+"""How long before an episode's start the operator's code may have been typed: a morning in the laboratory."""
+SAME_TIME_MS = 1.0
+"""Most between a press in an event and in its move: both are rounded to a tenth, and the page adds tenths to two presses of one
+time, so that no two events are the same."""
+CLOCK_SLACK_MS = 120.0
+"""By how much a time may be off: private windows round a page's clock to 100 ms, the server stores whole milliseconds."""
+CLOCK_DRIFT = 0.001
+"""Most by which two clocks may run apart: crystals differ by 0.0001, and a corrected clock by 0.0005."""
+LONGEST_HANDLING_MS = 10_000.0
+"""Most between a press and the page's answer to it; `timeOf_ms` of the page takes an older press for one of now."""
+MOST_STEPS_BEHIND = 8
+"""Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
+before them may not be painted yet."""
+FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 2, 1_000, 20
+"""Loads of the page that may have made an episode's moves: two tabs at once, one more for each second, twenty at most. A load
+takes time, so a program cannot begin a new clock with each move."""
+FASTEST = ((10, 400.0), (50, 3_000.0))
+"""(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest typists reach for a moment;
+one finger taps about seven times a second, and nobody keeps up 16 for three seconds."""
+
+COPIED = "its presses have the timing of an earlier episode"
+"""The reason that needs other episodes' rows: `app.storage.input_events.has_copied_timing` finds it."""
+
+_KINDS = {"key": "keydown", "touch": "touchdown"}
+_DEFAULT_KEYS = {
+    "north": ("ArrowUp", "KeyW"),
+    "east": ("ArrowRight", "KeyD"),
+    "south": ("ArrowDown", "KeyS"),
+    "west": ("ArrowLeft", "KeyA"),
+}
+Row = Mapping[str, Any]
+KeyMap = Mapping[tuple[str, str], Collection[int]]
+"""(kind of event, its code) -> the actions that it may cause."""
+
+
+@dataclass(frozen=True)
+class Attested:
+    """An episode's level; below "attested" the reason, one short sentence, and the step that it names, if it is one's."""
+
+    level: Attestation
+    reason: str | None = None
+    step: int | None = None
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What else the level of an episode depends on.
+
+    started_ms     when the episode began, server's clock
+    key_map        of `key_map_of`
+    supervised_ms  when the operator's code was typed for its player, server's clock
+    """
+
+    started_ms: int
+    key_map: KeyMap
+    supervised_ms: tuple[int, ...] = ()
+
+
+class _MismatchError(Exception):
+    """Rows that do not fit: why, and the step of the move."""
+
+    def __init__(self, why: str, step: int) -> None:
+        super().__init__(f"step {step}: {why}")
+        self.step = step
+
 
 def level_reaches(level: Attestation | None, required: Attestation) -> bool:
     """Return whether a level is the required one or a higher one; None, a script's, reaches none."""
     return level is not None and LEVELS.index(level) >= LEVELS.index(required)
+
+
+def key_map_of(settings: Iterable[Mapping[str, Any]] = ()) -> KeyMap:
+    """Return the actions of every code: the keys that all pages begin with, those of a participant's settings, the arrow buttons.
+
+    settings  what a participant has chosen, in every version so far: a change reaches the server after the page
+    """
+    found: dict[tuple[str, str], set[int]] = {}
+    for keys in (_DEFAULT_KEYS, *(each.get("keys") or {} for each in settings)):
+        for action, codes in keys.items():
+            for code in codes:
+                found.setdefault(("keydown", code), set()).add(ACTIONS.index(action))
+    return {**found, **{("touchdown", action): {number} for number, action in enumerate(ACTIONS)}}
+
+
+def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) -> Attested:
+    """Return the level of a person's episode.
+
+    moves   rows of the table `steps`, in order
+    events  rows of the table `input_events`, in order, received up to the end of the episode
+
+    An episode without a move is attested: there is nothing that could differ.
+    """
+    try:
+        presses = _presses(moves, events, conditions.key_map)
+        pages, gaps = _Pages(conditions.started_ms), []
+        for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
+            _check_press(step, move, press)
+            gaps.append(pages.add(moves, step, press))
+        _check_pace(gaps)
+    except _MismatchError as mismatch:
+        return Attested("unattested", str(mismatch), mismatch.step)
+    is_supervised = any(0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS for at_ms in conditions.supervised_ms)
+    return Attested("supervised" if is_supervised else "attested")
+
+
+def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> list[Row]:
+    """Return each move's own input event; they come in the order of the moves and were received before them."""
+    rest = [event for event in events if event["kind"] in _KINDS.values()]
+    found, at = [], 0
+    for step, move in enumerate(moves):
+        if move["driver"] != "human" or move["input"] not in _KINDS:
+            raise _MismatchError("the move came from no key and no touch", step)
+        if move["key_down_ms"] is None or move["client_ms"] is None:
+            raise _MismatchError("the move says no times", step)
+        at = _own_press(move, rest, at, step)
+        press, at = rest[at], at + 1
+        if not press["trusted"]:
+            raise _MismatchError("the browser does not vouch for the press", step)
+        if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
+            raise _MismatchError(f"the press {press['code']!r} does not drive where the move went", step)
+        found.append(press)
+    return found
+
+
+def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
+    """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
+    for index in range(first, len(presses)):
+        press = presses[index]
+        is_same = abs(press["client_ms"] - move["key_down_ms"]) <= SAME_TIME_MS and not press["repeat"]
+        if is_same and press["kind"] == _KINDS[move["input"]]:
+            if press["server_ms"] > move["server_ms"]:
+                raise _MismatchError("its press was received after the move", step)
+            return index
+    raise _MismatchError("no press of its own was received before the move", step)
+
+
+def _check_press(step: int, move: Row, press: Row) -> None:
+    """Check that a press can have caused its move: in time, with its frame on screen, after a round trip that can be."""
+    handling_ms = move["client_ms"] - move["key_down_ms"]
+    if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
+        raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
+    if press["step"] is None or not step - MOST_STEPS_BEHIND <= press["step"] <= step:
+        raise _MismatchError(f"the press answers the frame of step {press['step']}", step)
+    round_trip_ms = press["round_trip_ms"]
+    if round_trip_ms is not None and not 0 <= round_trip_ms <= move["client_ms"] + CLOCK_SLACK_MS:
+        raise _MismatchError(f"a round trip of {round_trip_ms:.0f} ms cannot be", step)
+
+
+class _Page:
+    """One load of the page: the offsets (server's clock - page's clock, ms) that all its moves so far leave room for."""
+
+    def __init__(self, low: float, high: float, sent_ms: float, down_ms: float) -> None:
+        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+
+    def take(self, low: float, high: float, sent_ms: float, down_ms: float) -> bool:
+        """Take a move of which the offset is from `low` to `high`, if it fits; return whether it does."""
+        drift_ms = CLOCK_DRIFT * (sent_ms - self.sent_ms)
+        low, high = max(low, self.low - drift_ms), min(high, self.high + drift_ms)
+        if sent_ms < self.sent_ms or low > high:
+            return False
+        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+        return True
+
+
+class _Pages:
+    """The loads of the page that made an episode's moves. A reload, a second tab or a laptop's sleep begins another clock."""
+
+    def __init__(self, started_ms: int) -> None:
+        self._started_ms = started_ms
+        self._pages: list[_Page] = []
+        self._last: _Page | None = None
+
+    def add(self, moves: Sequence[Row], step: int, press: Row) -> float:
+        """Add a move and return the ms since the press before it; _MismatchError when it fits no load of the page."""
+        move = moves[step]
+        sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
+        shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else self._started_ms
+        low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
+        if low > high:
+            raise _MismatchError("the frame that the press answers came after it", step)
+        page = self._find(low, high, sent_ms, float(move["key_down_ms"]))
+        if page is None:
+            page = _Page(low, high, sent_ms, float(move["key_down_ms"]))
+            self._pages.append(page)
+            passed_ms = received_ms - moves[0]["server_ms"]
+            if len(self._pages) > min(MOST_PAGES, FREE_PAGES + passed_ms / MS_PER_PAGE):
+                raise _MismatchError("the page's clock does not run with the server's", step)
+        gap_ms = self._gap_ms(page, moves, step)
+        self._last, self._last_down_ms = page, page.down_ms
+        return gap_ms
+
+    def _find(self, *move: float) -> _Page | None:
+        """Return the page that takes a move: the one of the move before, else the newest."""
+        known = [page for page in reversed(self._pages) if page is not self._last]
+        return next((page for page in ([self._last] if self._last else []) + known if page.take(*move)), None)
+
+    def _gap_ms(self, page: _Page, moves: Sequence[Row], step: int) -> float:
+        if self._last is None:
+            return 0.0
+        if page is self._last:
+            return max(0.0, page.down_ms - self._last_down_ms)
+        return max(0.0, float(moves[step]["server_ms"] - moves[step - 1]["server_ms"]))
+
+
+def _check_pace(gaps: Sequence[float]) -> None:
+    """Check that no hand would have to be faster than hands are; `gaps` are the ms from press to press, 0 the first."""
+    times = list(accumulate(gaps))
+    for presses, least_ms in FASTEST:
+        for step, (first, last) in enumerate(zip(times, times[presses - 1 :], strict=False)):
+            if last - first < least_ms:
+                raise _MismatchError(f"{presses} presses in {last - first:.0f} ms", step)
