@@ -106,6 +106,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.world",
     },
     "app.statistics": {
+        "app.play",
         "app.storage",
         "app.study",
         "marsexplorer.config",

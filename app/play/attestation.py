@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any, Literal, get_args
 
 from marsexplorer.config import ACTIONS
@@ -46,9 +46,11 @@ LONGEST_HANDLING_MS = 10_000.0
 MOST_STEPS_BEHIND = 8
 """Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
 before them may not be painted yet."""
-FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 2, 1_000, 20
-"""Loads of the page that may have made an episode's moves: two tabs at once, one more for each second, twenty at most. A load
-takes time, so a program cannot begin a new clock with each move."""
+FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 2, 5_000, 8
+"""Loads of the page that may have made an episode's moves: two tabs at once, one more for each five seconds, eight at most.
+A load takes time, so a program cannot begin a new clock with each move."""
+REST_MS = 10_000
+"""A clock that is another one soon after so long a rest is not counted: that of a phone stands still in its sleep."""
 FASTEST = ((10, 400.0), (50, 3_000.0))
 """(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest typists reach for a moment;
 one finger taps about seven times a second, and nobody keeps up 16 for three seconds."""
@@ -105,7 +107,7 @@ def level_reaches(level: Attestation | None, required: Attestation) -> bool:
 
 
 def key_map_of(settings: Iterable[Mapping[str, Any]] = ()) -> KeyMap:
-    """Return the actions of every code: the keys that all pages begin with, those of a participant's settings, the arrow buttons.
+    """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
 
     settings  what a participant has chosen, in every version so far: a change reaches the server after the page
     """
@@ -203,6 +205,7 @@ class _Pages:
     def __init__(self, started_ms: int) -> None:
         self._started_ms = started_ms
         self._pages: list[_Page] = []
+        self._counted = 0
         self._last: _Page | None = None
 
     def add(self, moves: Sequence[Row], step: int, press: Row) -> float:
@@ -217,8 +220,9 @@ class _Pages:
         if page is None:
             page = _Page(low, high, sent_ms, float(move["key_down_ms"]))
             self._pages.append(page)
+            self._counted += not _rested(moves[max(0, step - MOST_STEPS_BEHIND - 1) : step + 1])
             passed_ms = received_ms - moves[0]["server_ms"]
-            if len(self._pages) > min(MOST_PAGES, FREE_PAGES + passed_ms / MS_PER_PAGE):
+            if self._counted > min(MOST_PAGES, FREE_PAGES + passed_ms / MS_PER_PAGE):
                 raise _MismatchError("the page's clock does not run with the server's", step)
         gap_ms = self._gap_ms(page, moves, step)
         self._last, self._last_down_ms = page, page.down_ms
@@ -235,6 +239,11 @@ class _Pages:
         if page is self._last:
             return max(0.0, page.down_ms - self._last_down_ms)
         return max(0.0, float(moves[step]["server_ms"] - moves[step - 1]["server_ms"]))
+
+
+def _rested(moves: Sequence[Row]) -> bool:
+    """Return whether the server received nothing for REST_MS between two of the moves."""
+    return any(after["server_ms"] - before["server_ms"] >= REST_MS for before, after in pairwise(moves))
 
 
 def _check_pace(gaps: Sequence[float]) -> None:

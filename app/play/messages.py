@@ -107,7 +107,10 @@ class InputEvent(Message):
 
 
 class Events(Message):
-    """Input events of a study's episode; the answer is `Kept`, and a batch that was kept already is not kept again."""
+    """Input events of a person's episode, sent before the move that they cause.
+
+    The answer is `Kept`, and a batch that was kept already is not kept again.
+    """
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)

@@ -10,10 +10,12 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
+from app.play.attestation import COPIED, Attested, Conditions, attest, key_map_of, level_reaches
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
+from app.storage.input_events import InputEventRow, add_input_events, has_copied_timing, input_events
 from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
 from marsexplorer.episode import Episode, Record, replay
 
@@ -67,8 +69,14 @@ class Participation(Protocol):
     def note_end(self) -> None:
         """Record that an episode has ended, in the transaction that ends it."""
 
-    def keep_events(self, events: Events) -> None:
-        """Store input events; RefusedError when they are of no episode of this participation."""
+    def check_events(self, episode_id: str) -> None:
+        """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return what the participant has chosen (`keys` among it), every version so far."""
+
+    def supervised_ms(self) -> tuple[int, ...]:
+        """Return when the operator's code was typed for the participant."""
 
 
 class Session:
@@ -81,6 +89,7 @@ class Session:
     thought        the policy's thought about the newest frame, encoded; "" when there is none
     paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
     is_second      whether it is the second of the two: a rival's or a replay's
+    attested       the level of the current episode since it has ended here, else None
     touched        monotonic seconds of the last access
     """
 
@@ -95,6 +104,7 @@ class Session:
         self.number = 0
         self.fault: str | None = None
         self.thought = ""
+        self.attested: Attested | None = None
         self.touched = time.monotonic()
         self.current: EpisodeRow
         self.episode: Episode
@@ -128,7 +138,8 @@ class Session:
         """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
         is_persons = self.is_human and self.participation is None and self.takes_persons_moves
-        return is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+        is_known = is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+        return is_known and (self.attested is None or level_reaches(self.attested.level, "declared"))
 
     @property
     def takes_persons_moves(self) -> bool:
@@ -151,32 +162,33 @@ class Session:
         self._check_current(move.episode, move.step)
         if not self.is_human and move.driver in (HUMAN, SCRIPT):
             raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
-        reward = self.episode.step(move.action)
+        reward, before = self.episode.step(move.action), self.current
         is_deviation = move.driver == SCRIPT and self.current.driver == HUMAN
+        if is_deviation:
+            self.current = dataclasses.replace(before, driver=SCRIPT)
         try:
             with self._store.transaction():
                 if is_deviation and self.participation is not None:
                     self.participation.note_script(self.current.id)
-                self._store.add_step(self._step_row(move, reward), self.episode.record() if self.episode.ended else None)
-                if self.episode.ended and self.participation is not None:
-                    self.participation.note_end()
+                row = self._step_row(move, reward)
+                self._store.add_step(row)
+                if self.episode.ended:
+                    self._close(row.server_ms)
         except BaseException:
+            self.current = before
             self.rewind(move.step)
             raise
-        if is_deviation:
-            self.current = dataclasses.replace(self.current, driver=SCRIPT)
         self.publish_frame()
 
     def abandon(self, episode: str, step: int, note: Callable[[], None] | None = None) -> None:
         """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction."""
         self._check_current(episode, step)
+        self.episode.abandon()
         try:
             with self._store.transaction():
-                self._store.close_episode(*self.stop_episode())
                 if note is not None:
                     note()
-                if self.participation is not None:
-                    self.participation.note_end()
+                self._close(self._clock())
         except BaseException:
             self.rewind(step)
             raise
@@ -185,17 +197,32 @@ class Session:
     def begin(self, row: EpisodeRow, episode: Episode) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
         self.current, self.episode, self.number = row, episode, row.number
-        self.fault = None
+        self.fault = self.attested = None
         self.publish_frame()
 
     def stop_episode(self) -> Closing:
         """Abandon the running episode in memory alone and return what the store needs to close it; `rewind` undoes it."""
         self.episode.abandon()
-        return (self.current.id, self.episode.record(), self._clock())
+        return self._closing(self._clock())
 
     def rewind(self, steps: int) -> None:
         """Restore the episode as it was, running, after its first `steps` moves."""
+        self.attested = None
         self.episode = restore_episode(self.current, bytes(self.episode.actions[:steps]))
+
+    def keep_events(self, events: Events) -> None:
+        """Store input events of an episode of this board, each once; RefusedError where none are kept."""
+        if self.participation is not None:
+            self.participation.check_events(events.episode)
+        elif not self.is_human:
+            raise RefusedError("input events are kept of a board that a person drives; a policy drives this one")
+        elif not self.takes_persons_moves:
+            raise RefusedError("input events are kept of a board that the page has begun; on this one every move is a script's")
+        elif not self._store.is_episode_of(self.id, events.episode):
+            raise RefusedError(f"episode {events.episode!r} is none of this board's: no input events were kept")
+        rows = [InputEventRow(**event.model_dump()) for event in events.events]
+        if not add_input_events(self._store, events.episode, rows, self._clock()):
+            raise RefusedError("this episode has more input events than are kept; the rest is dropped")
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""
@@ -239,6 +266,31 @@ class Session:
         self.thought = ""
         hides_scores = self.participation is not None and self.participation.hides_scores(self.current.id)
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
+
+    def _close(self, at_ms: int) -> None:
+        """Close the episode, which has ended, in the store; call it in a transaction."""
+        self._store.close_episode(*self._closing(at_ms))
+        if self.participation is not None:
+            self.participation.note_end()
+
+    def _closing(self, at_ms: int) -> Closing:
+        """Return what closes the episode, its moves compared with its input events."""
+        self.attested = found = self._attest()
+        level, reason = (None, None) if found is None else (found.level, found.reason)
+        return Closing(self.current.id, self.episode.record(), at_ms, level, reason)
+
+    def _attest(self) -> Attested | None:
+        """Return the level of the episode by the stored rows; None for a script's or a policy's."""
+        if self.current.driver != HUMAN:
+            return None
+        study = self.participation
+        key_map = key_map_of(study.settings() if study is not None else ())
+        supervised_ms = study.supervised_ms() if study is not None else ()
+        id_, conditions = self.current.id, Conditions(self.current.started_ms, key_map, supervised_ms)
+        found = attest(self._store.steps(id_), input_events(self._store, id_), conditions)
+        if found.level != "unattested" and has_copied_timing(self._store, id_):
+            return Attested("unattested", COPIED)
+        return found
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:

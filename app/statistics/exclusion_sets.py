@@ -1,17 +1,20 @@
 """Who enters a figure: the exclusion sets, and the tables players x terrains and players x trials they give.
 
-"all" is everybody with a finished ranked episode; the protocol names the others. An episode of a person's in which one move
-was a script's never enters. A script's table is made by the same rules, its own moves allowed.
+"all" is everybody with a finished ranked episode; the protocol names the others. An episode of a person's never enters when one
+move was a script's, or when its attestation is below the level that the protocol requires. A script's table is made by the same
+rules, its own moves allowed.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from app.play.attestation import LEVELS, Attestation, level_reaches
 from app.statistics.formatting import percent
 from app.study.data import Person, StudyData, StudyEpisode
 from app.study.looks import present
@@ -81,12 +84,21 @@ def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Coho
 
 
 def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> dict[str, tuple[StudyEpisode, ...]]:
-    """Return each one's finished episodes of a phase that they drove themselves."""
+    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level."""
     found: dict[str, list[StudyEpisode]] = {person.id: [] for person in people}
+    required = data.protocol.required_attestation
     for trial in data.trials:
-        if trial.participant in found and trial.phase == phase and trial.ended_ms is not None and trial.driver == kind:
+        is_own = trial.phase == phase and trial.ended_ms is not None and trial.driver == kind
+        if trial.participant in found and is_own and (kind != "human" or level_reaches(trial.attestation, required)):
             found[trial.participant].append(trial)
     return {person: tuple(sorted(trials, key=lambda trial: trial.trial)) for person, trials in found.items()}
+
+
+def attestation_counts(data: StudyData, phase: str = "ranked") -> dict[Attestation, int]:
+    """Return how many of the people's finished episodes of a phase have each level; those with a script's move are not among
+    them."""
+    found = Counter(each.attestation for each in data.trials if each.kind == "human" and each.phase == phase)
+    return {level: found[level] for level in LEVELS}
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
@@ -117,7 +129,7 @@ def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
 
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
     trials = cohort.ranked[person.id]
-    # trials that a script touched are not among them: a person with one does not have all
+    # trials that a script touched or below the required level are not among them: a person with one does not have all
     whole = len({trial.terrain for trial in trials}) == cohort.terrains
     if rules.get("completed") and (person.completed_ms is None or not whole):
         return False

@@ -22,10 +22,11 @@ from marsexplorer.score import steps_to_target
 Who = Literal["all", "human"]
 
 HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
-    AND e.steps > 0 AND s.owner_id IS NOT NULL
+    AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('declared', 'attested', 'supervised')
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
-"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that
-a person drove it; a study's episodes do not count either, since they make a figure of their own."""
+"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it, nor
+does one with a move that fits no input event of its own (`app.play.attestation`); a study's episodes do not count either, since
+they make a figure of their own."""
 
 _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
     JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
@@ -139,7 +140,8 @@ def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, An
     """Return an episode for the API."""
     config = config_of(row)
     flags = ("assisted", "seed_chosen", "terrain_met_before", "counts")
-    plain = ("config_hash", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "score")
+    plain = ("config_hash", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "score",
+             "attestation", "attestation_reason")  # fmt: skip
     return {
         "episode": row["id"],
         "level": config.level,

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from app.storage import chain
 from app.storage.database import StoreError, check_writable, open_database, take_lock, transaction
@@ -93,8 +93,15 @@ class Resumable:
     ended: bool
 
 
-Closing = tuple[str, Record, int]
-"""(episode id, its record, when in ms)."""
+class Closing(NamedTuple):
+    """What closes an episode; `attestation` is its level, of a person's alone, and `reason` why it is not attested."""
+
+    episode_id: str
+    record: Record
+    at_ms: int
+    attestation: str | None = None
+    reason: str | None = None
+
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
     (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8)"""
@@ -103,7 +110,8 @@ _ADD_STEP = """INSERT INTO steps SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10,
     WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
     AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL)"""
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
-    trajectory_hash = ?8, core_version = ?9 WHERE id = ?1 AND ended_ms IS NULL
+    trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
+    attestation_reason = CASE WHEN driver = 'human' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
     AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
 _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
@@ -191,8 +199,8 @@ class Store(Reader):
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[EpisodeRow]) -> None:
         """Close the given episodes and open the next ones, all of it or nothing."""
         with self.transaction():
-            for episode_id, record, at_ms in closing:
-                self._close(episode_id, record, at_ms)
+            for each in closing:
+                self._close(each)
             met = [self._has_met(row) for row in rows]
             for row, met_before in zip(rows, met, strict=True):
                 self._open(row, met_before)
@@ -214,11 +222,18 @@ class Store(Reader):
             if row.driver != "human":
                 self._conn.execute("UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,))
             if closing is not None:
-                self._close(row.episode_id, closing, row.server_ms)
+                self._close(Closing(row.episode_id, closing, row.server_ms))
 
-    def close_episode(self, episode_id: str, record: Record, at_ms: int) -> None:
-        """Close an episode under its record's outcome (abandoned)."""
-        self.next_episode(((episode_id, record, at_ms),), ())
+    def close_episode(
+        self, episode_id: str, record: Record, at_ms: int, attestation: str | None = None, reason: str | None = None
+    ) -> None:
+        """Close an episode under its record's outcome, with the level of its attestation."""
+        self.next_episode((Closing(episode_id, record, at_ms, attestation, reason),), ())
+
+    def is_episode_of(self, session_id: str, episode_id: str) -> bool:
+        """Return whether an episode is one of a session's."""
+        sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
+        return self._conn.execute(sql, (episode_id, session_id)).fetchone() is not None
 
     def sessions_to_resume(self, now_ms: int | None = None) -> list[Resumable]:
         """Return each session's latest episode when it is open, or when the session was alive within a day."""
@@ -274,9 +289,10 @@ class Store(Reader):
             }
         )
 
-    def _close(self, episode_id: str, record: Record, at_ms: int) -> None:
+    def _close(self, closing: Closing) -> None:
+        episode_id, record, at_ms, attestation, reason = closing
         totals = (record.outcome, record.steps, record.discovered, record.total, score(record.config, record.total))
-        values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version)
+        values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version, attestation, reason)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
         chain.append(self._conn, "episode", episode_id)

@@ -7,17 +7,14 @@ participant or a study appends an entry to the chain in the same transaction (`a
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 from app.storage import chain
 from app.storage.forgotten import invitation_hash
 from app.storage.store import Store
 from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
-
-MAX_EVENTS_PER_EPISODE = 50_000
-"""Most input events kept of an episode: some hours of typing."""
 
 _TRIALS = """SELECT t.episode_id, t.phase, t.trial, t.terrain, e.ended_ms, e.outcome, e.steps, e.score
     FROM study_episodes t JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY e.number"""
@@ -30,20 +27,6 @@ _IS_OPEN = "SELECT 1 FROM studies WHERE name = ? AND protocol_hash = ? AND close
 _NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ?"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM study_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
-_RUN_OF_EVENTS = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FROM input_events
-    WHERE episode_id = ?1 AND number >= ?2 ORDER BY number LIMIT ?3"""
-
-
-class InputEventRow(NamedTuple):
-    """An input event as the page saw it; times are milliseconds of the page's own clock."""
-
-    kind: str
-    code: str | None
-    repeat: bool | None
-    trusted: bool | None
-    client_ms: float
-    step: int | None
-    round_trip_ms: float | None
 
 
 class StudyStore:
@@ -174,6 +157,16 @@ class StudyStore:
             self._set(participant_id, {"supervised_ms": at_ms})
             self._add(participant_id, at_ms, "supervised", {})
 
+    def supervised_ms(self, participant_id: str) -> tuple[int, ...]:
+        """Return when the operator's code was typed for a participant, each time."""
+        sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
+        return tuple(at_ms for (at_ms,) in self._conn.execute(sql, [participant_id]).fetchall())
+
+    def settings(self, participant_id: str) -> list[dict[str, Any]]:
+        """Return what a participant has chosen, every version so far."""
+        sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
+        return [json.loads(detail) for (detail,) in self._conn.execute(sql, [participant_id]).fetchall()]
+
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""
         with self._changing(participant_id):
@@ -210,36 +203,6 @@ class StudyStore:
         """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
         found = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
         return None if found is None else (found[0], found[1])
-
-    def add_input_events(self, episode_id: str, events: Sequence[InputEventRow], at_ms: int) -> bool:
-        """Keep input events of an episode, each once, however often they come; return False when there are too many.
-
-        An episode keeps at most MAX_EVENTS_PER_EPISODE; of a batch that goes beyond it nothing is kept.
-        """
-        with self._store.transaction():
-            if self._has_run(episode_id, events):
-                return True
-            sql = "SELECT coalesce(max(number) + 1, 0) FROM input_events WHERE episode_id = ?"
-            first: int = self._conn.execute(sql, [episode_id]).fetchone()[0]
-            if first + len(events) > MAX_EVENTS_PER_EPISODE:
-                return False
-            rows = [(episode_id, number, *event, at_ms) for number, event in enumerate(events, first)]
-            self._conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
-            chain.append_late_events(self._conn, episode_id, first)
-        return True
-
-    def _has_run(self, episode_id: str, events: Sequence[InputEventRow]) -> bool:
-        """Return whether a batch is kept already: its events follow each other somewhere, whatever came after them.
-
-        The page sends no two batches that are the same. A batch that was being sent when the connection broke can arrive after
-        its repetition.
-        """
-        if not events:
-            return True
-        sql = "SELECT number FROM input_events WHERE episode_id = ? AND client_ms = ? AND kind = ?"
-        starts = self._conn.execute(sql, (episode_id, events[0].client_ms, events[0].kind)).fetchall()
-        runs = (self._conn.execute(_RUN_OF_EVENTS, (episode_id, number, len(events))) for (number,) in starts)
-        return any([tuple(row) for row in run] == list(events) for run in runs)
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:

@@ -86,11 +86,6 @@ def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
     return reader.query("SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
 
 
-def input_events(reader: Reader, episode_id: str) -> list[Row]:
-    """Return an episode's input events in order."""
-    return reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id])
-
-
 def trial_activity(reader: Reader, study: str) -> list[Row]:
     """Return `participant_id`, `phase`, configuration, driver, totals and `last_ms` of every trial of a study.
 

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from app.play.attestation import Attestation
+from app.storage.input_events import input_events
 from app.storage.reader import Reader, config_of
 from app.storage.study_reader import (
     count_erased,
     find_study,
-    input_events,
     move_inputs,
     noted_arrivals,
     participants,
@@ -68,7 +69,8 @@ class StudyEpisode:
     kind         the participant's
     trial        0.. in the order played, within its phase
     terrain      index of its seed, within its phase
-    driver       `human` when every move was a person's own key or touch
+    driver       `human` when the page called every move a person's own key or touch
+    attestation  level of `app.play.attestation`; None for a script's and a running one, and `attestation_reason` why it is none
     steps_to_99  moves; `max_steps` for any ending but `explored`
     total        the return; discovered in cells
     pause_share  paused or out of sight, 0..1 of the time between first and last move
@@ -96,6 +98,8 @@ class StudyEpisode:
     core_version: str = field(repr=False)
     pause_share: float = 0.0
     labels: tuple[str, ...] = ()
+    attestation: Attestation | None = None
+    attestation_reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -239,7 +243,7 @@ def _episode(
 ) -> StudyEpisode:
     ended = row["ended_ms"] is not None
     same = ("phase", "trial", "driver", "outcome", "steps", "score", "total", "discovered", "started_ms", "ended_ms",
-            "trajectory_hash", "seed", "config_hash", "core_version")  # fmt: skip
+            "trajectory_hash", "seed", "config_hash", "core_version", "attestation", "attestation_reason")  # fmt: skip
     return StudyEpisode(
         participant=row["participant_id"],
         kind=kind,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
-from app.play.messages import Events
 from app.play.session import RefusedError, StudyUnavailableError
 from app.play.sources import Sources
-from app.storage.studies import InputEventRow, StudyStore
+from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder, Study, StudyError
 
@@ -57,14 +57,19 @@ class StudyParticipation:
             code = protocol.completion_code or self._completion_code()
             self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now, completion_code=code)
 
-    def keep_events(self, events: Events) -> None:
-        """Keep input events of one of the participant's episodes, each once; RefusedError for any other."""
+    def check_events(self, episode_id: str) -> None:
+        """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
         self.check_open()
-        if not self._study_store.has_trial(self._participant.id, events.episode):
-            raise RefusedError(f"episode {events.episode!r} is none of this participant's: no input events were kept")
-        rows = [InputEventRow(**event.model_dump()) for event in events.events]
-        if not self._study_store.add_input_events(events.episode, rows, self._clock()):
-            raise RefusedError("this episode has more input events than are kept; the rest is dropped")
+        if not self._study_store.has_trial(self._participant.id, episode_id):
+            raise RefusedError(f"episode {episode_id!r} is none of this participant's: no input events were kept")
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return what the participant has chosen, every version so far."""
+        return self._study_store.settings(self._participant.id)
+
+    def supervised_ms(self) -> tuple[int, ...]:
+        """Return when the operator's code was typed for the participant; empty when it never was."""
+        return self._study_store.supervised_ms(self._participant.id)
 
     def _study(self) -> Study:
         try:

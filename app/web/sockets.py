@@ -140,10 +140,10 @@ class PlaySocket:
     def _keep(self, events: Events) -> Kept:
         """Store input events and return how many are kept: all, none for a reason, or none for now."""
         try:
-            if self._session.participation is None:
-                raise RefusedError("input events are kept for a study's episodes alone; this session belongs to none")
             self._check_control()
-            self._session.participation.keep_events(events)
+            if not (self._is_owner and self._is_page):
+                raise RefusedError("input events are kept of the board's own player, on this server's page, and of nobody else")
+            self._session.keep_events(events)
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
         except RefusedError as refusal:

@@ -2,17 +2,13 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { ApiError, createApi } from "../common/api.js";
 import { createConnections } from "../common/connections.js";
-import { startControls } from "../common/controls.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
-import { recordInputEvents } from "../common/input_events.js";
-import { KEYS } from "../common/keyboard.js";
 import { createRepaint, elementsOf } from "../common/page.js";
-import { createMoveSender } from "../common/pending_moves.js";
-import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { announcement } from "../common/words.js";
-import { startPace } from "./pace.js";
+import { startInput } from "./input.js";
 import { createLeaving, isSameBoard } from "./leaving.js";
+import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
 import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
 import { createSessions } from "./sessions.js";
@@ -28,10 +24,7 @@ const by = elementsOf(document);
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
-/** @type {import("../common/game_state.js").State | null} */
-let painted = null;
-const now_ms = () => performance.now();
-let actedAt_ms = now_ms();
+let actedAt_ms = performance.now();
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return painter.latencies(); } }) });
 
 const template = by("board-template", HTMLTemplateElement);
@@ -48,7 +41,7 @@ const painter = createPainter({ page: document, panels, views, rivalName: () => 
   dismiss: (id) => dispatch({ kind: "dismiss", id }) });
 const repaint = createRepaint((isWhole) => {
   if (isWhole) painter.forget();
-  painter.paint(painted = state);
+  painter.paint(state);
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -103,12 +96,11 @@ const connections = createConnections({
     }
   },
 });
-const send = (/** @type {object} */ message) => connections.send("player", message);
-const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendAll() });
-const isDriven = () => state.mode === "practice" || state.mode === "ranked";
-const telemetry = createTelemetry({ now_ms, send,
-  stored: JSON.parse(sessionStorage.getItem("mars.events") ?? "[]"), store: (batches) => sessionStorage.setItem("mars.events", JSON.stringify(batches)),
-  context: () => onScreen(isDriven() ? state.player?.frame : null, painted?.player?.frame, moves.round_trip_ms()) });
+const { moves, telemetry } = startInput({
+  page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
+  send: (message) => connections.send("player", message), painted: painter.playersFrame,
+  driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
+});
 
 /**
  * Apply an event: the only place where the state changes.
@@ -144,24 +136,14 @@ function onEnter() {
   return true;
 }
 
-const frames = ROLES.map((role) => panels[role].viewer);
-recordInputEvents({ page: window, frames, pad: by("dock"), note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave,
-  onActivity: () => { actedAt_ms = now_ms(); }, drives: (code) => code in KEYS });
-startControls({
-  page: window, pad: by("dock"), frames, onEnter,
-  onAct(action, timing, pressed_ms) {
-    if (state.player && isDriven()) moves.press(state.player.frame, action, timing, pressed_ms);
-  },
-});
 startHeartbeat({
-  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => now_ms() - actedAt_ms, ask: api.health,
+  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
   onSuccess: () => { if (state.link === "lost") restart(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
 window.addEventListener("online", restart);
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
-setInterval(telemetry.flush, 1000);
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
   button.addEventListener("click", () => start(/** @type {Mode} */ (button.dataset.mode)));

@@ -76,6 +76,8 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
   }
   return {
+    /** Return the frame of the player's board that was painted last. */
+    playersFrame: () => painted?.player?.frame ?? null,
     /** @param {State} state */
     paint(state) {
       const before = painted;

@@ -39,7 +39,8 @@ def trial(who, index, score=0.9, steps=20, **rest):
         "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain": index,
         "episode": f"{who.id}-{index}", "driver": who.kind, "outcome": "explored", "steps": steps, "steps_to_99": steps,
         "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS, "ended_ms": FROZEN_MS + 30_000,
-        "trajectory_hash": "0" * 64, "seed": 1000 + index, "config_hash": CONFIG.hash, "core_version": CORE_VERSION, **rest,
+        "trajectory_hash": "0" * 64, "seed": 1000 + index, "config_hash": CONFIG.hash, "core_version": CORE_VERSION,
+        "attestation": "attested" if who.kind == "human" else None, **rest,
     }  # fmt: skip
     return StudyEpisode(**given)
 

@@ -48,7 +48,9 @@ def add_steps(store: Store, row: EpisodeRow, episode: Episode, actions: Sequence
             episode_id=row.id, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
             server_ms=at, client_ms=at + 0.5, key_down_ms=1.25, key_up_ms=80.5, input=input_kind, driver=driver,
         )  # fmt: skip
-        store.add_step(step, episode.record() if episode.ended else None)
+        store.add_step(step)
+        if episode.ended:
+            store.close_episode(row.id, episode.record(), at, "attested")
 
 
 def tour(episode: Episode) -> list[int]:
@@ -72,7 +74,7 @@ def play(
     add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
     if not episode.ended:
         episode.abandon()
-        store.close_episode(row.id, episode.record(), NOW + 1000)
+        store.close_episode(row.id, episode.record(), NOW + 1000, "attested")
     return row
 
 

@@ -2,6 +2,7 @@
 
 import http.cookiejar
 import json
+import random
 import threading
 import time
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ import pytest
 import uvicorn
 from websockets.sync.client import connect
 
+PACE = random.Random(7)
 PATIENCE_S = 60.0
 """How long anything in a test may take before it counts as never."""
 
@@ -32,11 +34,27 @@ def forged(cookie):
     return body + ("A" if sign[0] != "A" else "B") + sign[1:]
 
 
+class Clock:
+    """A server's clock that a test moves on, so that people at machine speed are people at their own pace to the server."""
+
+    def __init__(self):
+        self.skipped_ms = 0
+
+    def now_ms(self):
+        return time.time_ns() // 1_000_000 + self.skipped_ms
+
+    def page_ms(self):
+        """What performance.now() would return in a page that was loaded when this machine was started."""
+        return round(time.monotonic() * 1000 + self.skipped_ms, 1)
+
+
 class Socket:
     """A websocket client that speaks JSON and sorts what comes."""
 
-    def __init__(self, connection):
-        self.connection = connection
+    def __init__(self, connection, clock=None):
+        self.connection, self.clock = connection, clock or Clock()
+        self._may_skip = clock is not None  # the clock of a server in a process of its own cannot be moved on
+        self._released = []
 
     def send(self, message):
         self.connection.send(message if isinstance(message, str | bytes) else json.dumps(message))
@@ -48,8 +66,29 @@ class Socket:
             if kind in (None, message["kind"]):
                 return message
 
-    def act(self, frame, action, **rest):
+    def act(self, frame, action, input=None, **rest):
+        """Make a move: a script's, or with `input` "key" or "touch" a person's, who presses as the page would report it."""
+        if input is not None:
+            rest = {**self.press(frame, action, input), **rest}
         self.send({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, **rest})
+
+    def press(self, frame, action, input="key", **changes):
+        """Let the time pass that a press takes, send its event, and return what the act says of it."""
+        self._pass_time(PACE.randint(90, 250))
+        now = self.clock.page_ms()
+        code = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}[action]
+        kind = "keydown" if input == "key" else "touchdown"
+        event = {"kind": kind, "code": code if input == "key" else action, "repeat": False, "trusted": True, "client_ms": now}
+        event |= {"step": frame["step"], **changes}
+        self.send({"kind": "events", "episode": frame["episode"], "events": [*self._released, event]})
+        self._pass_time(PACE.randint(40, 80))
+        up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
+        self._released = [{**event, **up}]
+        return {"input": input, "key_down_ms": now, "client_ms": now}
+
+    def _pass_time(self, ms):
+        if self._may_skip:
+            self.clock.skipped_ms += ms
 
     def frame_after(self, step):
         """Return the first frame with more moves than `step`."""
@@ -61,8 +100,8 @@ class Socket:
 class Running:
     """A server at `url`, and clients for it."""
 
-    def __init__(self, port):
-        self.port, self.url = port, f"http://127.0.0.1:{port}"
+    def __init__(self, port, clock=None):
+        self.port, self.url, self.clock = port, f"http://127.0.0.1:{port}", clock
         self.app = None
         self._clients = []
 
@@ -85,7 +124,7 @@ class Running:
         with connect(
             url, origin=own, additional_headers=headers, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
         ) as connection:
-            yield Socket(connection)
+            yield Socket(connection, self.clock)
 
     @property
     def services(self):
@@ -100,6 +139,7 @@ class Running:
 @pytest.fixture
 def serve(tmp_path):
     """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
+    from app.play.sources import Sources
     from app.server import Prepared, create_app
     from app.settings import Settings
     from app.web.listening import listen, uvicorn_config
@@ -109,7 +149,9 @@ def serve(tmp_path):
     def start(sources=None, policies=None, **settings):
         settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", **settings}
         sock = listen("127.0.0.1", 0)
-        server = Running(sock.getsockname()[1])
+        clock = Clock()
+        server = Running(sock.getsockname()[1], clock)
+        sources = sources or Sources(clock_ms=clock.now_ms)
         server.app = create_app(Settings(**settings), Prepared(sources, policies))
         engine = uvicorn.Server(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)

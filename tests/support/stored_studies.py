@@ -124,10 +124,12 @@ class StudyRecorder:
                 server_ms=self.tick(), client_ms=self.clock / 7, key_down_ms=self.clock / 7 - 1.5,
                 key_up_ms=self.clock / 7 + 80.25, input=input_kind, driver=driver,
             )  # fmt: skip
-            self.store.add_step(step, episode.record() if episode.ended else None)
+            self.store.add_step(step)
+        if episode.ended:
+            self.store.close_episode(ident, episode.record(), self.clock, "attested")
         if how in ("abandon", "dawdle", "idle") and not episode.ended:
             episode.abandon()
-            self.store.close_episode(ident, episode.record(), self.tick())
+            self.store.close_episode(ident, episode.record(), self.tick(), "attested")
         self._events(ident, 1000, episode.steps)
         return ident
 

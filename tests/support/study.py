@@ -1,6 +1,5 @@
 """A frozen study on small boards, and a participant who goes through it as the page would."""
 
-import time
 from contextlib import contextmanager
 
 from app.study.folder import Folder
@@ -67,15 +66,17 @@ class Person:
             yield socket
 
     def play(self, moves=None, **act):
-        """Play the running episode with a frontier rule, to its end or for some moves; return the frames."""
+        """Play the running episode with a frontier rule, to its end or for some moves; return the frames.
+
+        The moves are a person's by key, with their input events; `input=None` makes them a script's.
+        """
         policy = load("frontier-cost")
         policy.reset(1)
         with self.socket() as socket:
             frames = [socket.receive("frame")]
             while frames[-1]["outcome"] is None and (moves is None or len(frames) <= moves):
                 action = ACTIONS[policy.act(codes(frames[-1]))]
-                now = time.monotonic() * 1000
-                socket.act(frames[-1], action, **{"input": "key", "key_down_ms": now, "client_ms": now, **act})
+                socket.act(frames[-1], action, **{"input": "key", **act})
                 frames.append(socket.frame_after(frames[-1]["step"]))
         return frames
 

@@ -5,7 +5,7 @@ from contextlib import closing
 
 import pytest
 
-from app.storage import studies
+from app.storage import input_events
 from app.study.folder import Folder, StudyError
 from app.study.verification import verify_database
 from tests.support.study import Person, freeze
@@ -132,7 +132,7 @@ def test_what_is_not_kept_is_answered_with_the_reason(server, person, tmp_path, 
     with person.socket() as socket:
         count, reason = send_events(socket, other.frame["episode"], BATCH)
         assert (count, "none of this participant's" in reason) == (0, True)
-        monkeypatch.setattr(studies, "MAX_EVENTS_PER_EPISODE", 4)
+        monkeypatch.setattr(input_events, "MAX_EVENTS_PER_EPISODE", 4)
         assert send_events(socket, person.frame["episode"], BATCH) == (3, None)
         count, reason = send_events(socket, person.frame["episode"], [*NEXT, *NEXT])
         assert (count, "more input events than are kept" in reason) == (0, True)

@@ -1,0 +1,261 @@
+"""The level of an episode by its rows: what people's networks and clocks do passes, what was made up does not."""
+
+import random
+
+import pytest
+
+from app.play.attestation import LEVELS, Attested, Conditions, attest, key_map_of, level_reaches
+
+STARTED = 1_790_000_000_000
+CODES = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
+CONDITIONS = Conditions(STARTED, key_map_of())
+
+
+class Page:
+    """A page that was loaded at `loaded_ms` of the server's clock, and what reaches the server from it."""
+
+    def __init__(self, loaded_ms=STARTED - 20_000.0, speed=1.0, grain_ms=0.1):
+        self.loaded_ms, self.speed, self.grain_ms = loaded_ms, speed, grain_ms
+
+    def ms(self, at_ms):
+        """What performance.now() says at a time of the server's clock."""
+        return round((at_ms - self.loaded_ms) * self.speed // self.grain_ms * self.grain_ms, 1)
+
+
+class Episode:
+    """The rows of an episode, made press by press: `at` is the time on the server's clock."""
+
+    def __init__(self, seed=1):
+        self.random = random.Random(seed)
+        self.moves, self.events, self.at = [], [], STARTED + 800.0
+        self._received = 0.0
+
+    def press(self, page, gap_ms=None, latency_ms=12.0, behind=0, handling_ms=0.4, action=None, **changes):
+        """Press a key `gap_ms` after the press before; event and move arrive `latency_ms` later, never before earlier ones."""
+        self.at += self.random.lognormvariate(5.6, 0.35) if gap_ms is None else gap_ms
+        action = self.random.randrange(4) if action is None else action
+        step, sent = len(self.moves), self.at + handling_ms
+        self._received = max(self._received, sent + latency_ms)
+        event = {
+            "kind": "keydown", "code": CODES[action], "repeat": 0, "trusted": 1, "client_ms": page.ms(self.at),
+            "step": step - behind, "round_trip_ms": 2 * latency_ms if step else None, "server_ms": int(self._received),
+            **changes,
+        }  # fmt: skip
+        move = {
+            "step": step, "action": action, "driver": "human", "input": "key", "key_down_ms": page.ms(self.at),
+            "client_ms": page.ms(sent), "server_ms": int(self._received),
+        }  # fmt: skip
+        self.events += [event, {**event, "kind": "keyup", "client_ms": page.ms(self.at + 70), "repeat": None}]
+        self.moves.append(move)
+        self.at = max(self.at, self._received + latency_ms - 60) if not behind else self.at  # nobody answers an unseen frame
+        return self
+
+    def presses(self, page, count, **how):
+        for _ in range(count):
+            self.press(page, **how)
+        return self
+
+    def level(self, conditions=CONDITIONS):
+        return attest(self.moves, self.events, conditions)
+
+
+def played(count=60, page=None, **how):
+    return Episode().presses(page or Page(), count, **how)
+
+
+def test_a_person_at_a_page_is_attested():
+    assert played().level() == Attested("attested")
+    assert Episode().level() == Attested("attested"), "without a move nothing differs"
+
+
+def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code():
+    at = {-60_000: "supervised", -4 * 3_600_000: "supervised", -4 * 3_600_000 - 1: "attested", 1: "attested"}
+    found = {ms: played().level(Conditions(STARTED, key_map_of(), (STARTED + ms,))).level for ms in at}
+    assert found == at
+
+
+def test_levels_have_an_order_and_a_script_has_none():
+    assert [level_reaches(level, "attested") for level in LEVELS] == [False, False, True, True]
+    assert not level_reaches(None, "unattested")
+
+
+def test_late_messages_are_no_lie():
+    episode = played(10)
+    episode.presses(Page(), 8, latency_ms=4_000.0)
+    assert episode.presses(Page(), 20).level().level == "attested"
+    slow = Episode().presses(Page(), 1, latency_ms=9_000.0).presses(Page(), 30)
+    assert slow.level().level == "attested", "the first message tells nothing of the clock"
+
+
+def test_typing_ahead_is_no_lie():
+    episode = Episode()
+    for _ in range(6):
+        for behind in range(4):
+            episode.press(Page(), gap_ms=55, behind=behind, latency_ms=150)
+        episode.at += 400
+    assert episode.level().level == "attested"
+
+
+def test_an_hour_with_clocks_that_run_apart_is_no_lie():
+    for speed in (0.9995, 1.0005):
+        assert played(300, Page(speed=speed), gap_ms=12_000).level().level == "attested"
+
+
+def test_a_clock_of_a_hundred_milliseconds_is_no_lie():
+    for seed in range(20):
+        page = Page(STARTED - 12_345.67, grain_ms=100)
+        assert Episode(seed).presses(page, 60, latency_ms=1.0).level().level == "attested"
+
+
+def test_a_page_that_is_busy_for_seconds_is_no_lie():
+    assert played(20, handling_ms=3_000.0, latency_ms=5.0).level().level == "attested"
+
+
+def test_a_reload_a_second_tab_and_a_sleep_are_no_lies():
+    episode, first = played(12), Page()
+    episode.at += 1_500
+    second = Page(episode.at - 900)
+    episode.presses(second, 10)
+    episode.at += 30_000
+    episode.presses(Page(second.loaded_ms + 29_000), 10)  # a clock that stands still while the machine sleeps
+    for page in (first, second) * 2:
+        episode.at += 700
+        episode.presses(page, 4)
+    assert episode.level().level == "attested"
+
+
+def test_a_phone_that_sleeps_between_moves_is_no_lie():
+    episode, page = Episode(), Page()
+    for _ in range(20):
+        episode.presses(page, 2)
+        episode.at += 15_000
+        page = Page(page.loaded_ms + 14_000)
+    assert episode.level().level == "attested"
+
+
+def test_touches_on_the_arrows_count_as_keys_do():
+    episode = Episode()
+    for action in (1, 2, 1, 0):
+        episode.press(Page(), action=action, kind="touchdown", code=("north", "east", "south", "west")[action])
+        episode.moves[-1]["input"] = "touch"
+    assert episode.level().level == "attested"
+    episode.moves[2]["input"] = "key"
+    assert "no press of its own" in episode.level().reason
+
+
+def test_a_key_drives_where_the_participant_has_put_it_now_or_earlier():
+    episode = played(3)
+    episode.press(Page(), action=1, code="KeyL")
+    assert episode.level().reason == "step 3: the press 'KeyL' does not drive where the move went"
+    for settings in (
+        [{"keys": {"east": ["KeyL", "KeyD"]}}],
+        [{"keys": {"east": ["KeyL"]}}, {"keys": {}}, {"modality": "touch"}],
+    ):
+        assert episode.level(Conditions(STARTED, key_map_of(settings))).level == "attested"
+
+
+def broken(what):
+    """An honest episode with one thing changed at step 30."""
+    episode = played()
+    move, events = episode.moves[30], [row for row in episode.events if row["kind"] == "keydown"]
+    press = events[30]
+    if what == "no event":
+        episode.events.remove(press)
+    elif what == "no events":
+        episode.events.clear()
+    elif what == "one event for two moves":
+        episode.events.remove(press)
+        move.update(key_down_ms=events[29]["client_ms"], action=episode.moves[29]["action"])
+    elif what == "in another order":
+        one, two = episode.events.index(press), episode.events.index(events[31])
+        episode.events[one], episode.events[two] = events[31], press
+    elif what == "a script's":
+        move["driver"] = "script"
+    else:
+        (press if what in press and what != "server_ms" else move).update(CHANGES[what])
+        if what == "server_ms":
+            press["server_ms"] = move["server_ms"] + 1
+    return episode
+
+
+CHANGES = {
+    "trusted": {"trusted": 0}, "repeat": {"repeat": 1}, "code": {"code": "KeyQ"}, "kind": {"kind": "touchdown"},
+    "step": {"step": 31}, "round_trip_ms": {"round_trip_ms": -1}, "input": {"input": None},
+    "key_down_ms": {"key_down_ms": None}, "client_ms": {"client_ms": 0.0}, "server_ms": {},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("no event", "step 30: no press of its own was received before the move"),
+        ("no events", "step 0: no press of its own was received before the move"),
+        ("one event for two moves", "step 30: no press of its own"),
+        ("in another order", "step 31: no press of its own"),
+        ("a script's", "step 30: the move came from no key and no touch"),
+        ("trusted", "step 30: the browser does not vouch for the press"),
+        ("repeat", "step 30: no press of its own"),
+        ("code", "step 30: the press 'KeyQ' does not drive where the move went"),
+        ("kind", "step 30: no press of its own"),
+        ("step", "step 30: the press answers the frame of step 31"),
+        ("round_trip_ms", "step 30: a round trip of -1 ms cannot be"),
+        ("input", "step 30: the move came from no key and no touch"),
+        ("key_down_ms", "step 30: the move says no times"),
+        ("server_ms", "step 30: its press was received after the move"),
+    ],
+)
+def test_one_move_that_does_not_fit_its_event_takes_the_whole_episode_down(what, said):
+    found = broken(what).level()
+    assert found.level == "unattested"
+    assert found.reason.startswith(said)
+    assert found.step == int(said.split(":")[0].removeprefix("step "))
+
+
+def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are_lies():
+    assert "sent 15000 ms after" in played(20, handling_ms=15_000.0).level().reason
+    assert "sent -500 ms after" in played(20, handling_ms=-500.0).level().reason
+    assert "the frame of step 0" in Episode().presses(Page(), 9).press(Page(), behind=9).level().reason
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
+def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
+    found = played(60, Page(speed=speed)).level()
+    assert found == Attested("unattested", found.reason, found.step)
+    assert "clock" in found.reason or "presses in" in found.reason
+
+
+def forged(times, real_ms=3.0):
+    """Moves sent every `real_ms` of the server's time, with stamps of one's choice: `times(step)`, ms since the load."""
+    episode = Episode()
+    for step in range(40):
+        episode.press(Page(), gap_ms=real_ms, latency_ms=0.5)
+        stamp = times(step)
+        episode.events[-2]["client_ms"] = episode.moves[-1]["key_down_ms"] = episode.moves[-1]["client_ms"] = stamp
+    return episode.level()
+
+
+def test_made_up_times_are_lies():
+    rng = random.Random(3)
+    copied = [row["client_ms"] for row in played(40).events if row["kind"] == "keydown"]
+    assert forged(lambda step: 5_000.0).level == "unattested", "all at once"
+    assert forged(lambda step: 5_000.0 + 300 * step).level == "unattested", "a person's pace in a hundredth of the time"
+    assert forged(lambda step: copied[step]).level == "unattested", "another episode's"
+    assert forged(lambda step: rng.uniform(0, 60_000)).level == "unattested", "at random"
+    assert forged(lambda step: 60_000.0 - 300 * step).level == "unattested", "backwards"
+    assert forged(lambda step: 1_000.0).level == "unattested", "the page loaded anew for every move"
+
+
+def test_stamps_before_the_frames_that_they_answer_are_lies():
+    episode = Episode()
+    for _ in range(40):
+        episode.press(Page(), gap_ms=300, latency_ms=200.0)
+        press, move = episode.events[-2], episode.moves[-1]
+        press["client_ms"] = move["key_down_ms"] = move["client_ms"] = round(move["client_ms"] - 500.0 * len(episode.moves), 1)
+    assert episode.level().level == "unattested"
+
+
+def test_nobody_presses_ten_times_in_four_hundred_milliseconds_or_fifty_times_in_three_seconds():
+    assert played(60, gap_ms=3.0, latency_ms=0.5).level().reason.startswith("step 0: 10 presses in 27 ms")
+    assert "50 presses in" in played(60, gap_ms=55.0, latency_ms=0.5).level().reason
+    assert played(60, gap_ms=65.0, latency_ms=0.5).level().level == "attested"
+    assert played(9, gap_ms=30.0, latency_ms=0.5).level().level == "attested", "a burst of nine"
