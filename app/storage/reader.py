@@ -24,9 +24,9 @@ Who = Literal["all", "human"]
 HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
     AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('declared', 'attested', 'supervised')
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
-"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it, nor
-does one with a move that fits no input event of its own (`app.play.attestation`); a study's episodes do not count either, since
-they make a figure of their own."""
+"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it,
+nor does one with a move that fits no input event of its own (`app.play.attestation`); a study's episodes do not count either,
+since they make a figure of their own."""
 
 _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
     JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
