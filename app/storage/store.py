@@ -200,7 +200,7 @@ class Store(Reader):
         """Close the given episodes and open the next ones, all of it or nothing."""
         with self.transaction():
             for each in closing:
-                self._close(each)
+                self._close(Closing(*each))
             met = [self._has_met(row) for row in rows]
             for row, met_before in zip(rows, met, strict=True):
                 self._open(row, met_before)

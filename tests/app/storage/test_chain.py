@@ -13,9 +13,10 @@ from app.release.manifest import MANIFEST
 from app.storage import chain
 from app.storage.chain import Thing
 from app.storage.erasure import forget
+from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.merging import merge
 from app.storage.store import Store
-from app.storage.studies import InputEventRow, StudyStore
+from app.storage.studies import StudyStore
 from app.study.verification import verify_database
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
@@ -69,15 +70,14 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
 def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     events = [InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)]
-    study_store = StudyStore(store)
-    study_store.add_input_events(row.id, events[:2], 5)
+    add_input_events(store, row.id, events[:2], 5)
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
     store.close_episode(row.id, episode.record(), 6)
     before = store.connection.execute("SELECT * FROM chain").fetchall()
     for batch in (events[2:5], events[2:5], events[5:]):
-        study_store.add_input_events(row.id, batch, 7)
+        add_input_events(store, row.id, batch, 7)
     assert kinds(store) == ["session", "episode", "events", "events"]
     assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
     assert store.connection.execute("SELECT first FROM chain_salts WHERE kind = 'events'").fetchall() == [(2,), (5,)]
