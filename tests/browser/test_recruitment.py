@@ -43,18 +43,27 @@ def look(person, name):
     person.page.set_viewport_size({"width": 1440, "height": 900})
 
 
-def test_a_link_lets_one_browser_in_and_the_operator_can_supervise_it(serve, visitor, tmp_path):
+def refusal(person):
+    """Wait for the screen of a refusal and return its sentence."""
+    person.stands("problem")
+    return person.page.locator("#problem").inner_text()
+
+
+@pytest.fixture
+def invited(serve, tmp_path):
+    """A server with an operator and a study by invitation, the study, and two invitations."""
     study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=3)
-    first, second = Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
-    server = serve(admin_password=PASSWORD)
-    link = link_of(study, first.id, server.url)
+    return serve(admin_password=PASSWORD), study, Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
+
+
+def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
+    server, study, (invitation, _) = invited
+    link = link_of(study, invitation.id, server.url)
     me = visitor(link, server)
     me.stands("consent")
     assert me.page.url == f"{server.url}/study/tiny", "whoever copies the address hands on no invitation"
     assert me.page.evaluate("() => history.length") <= 2
     assert me.page.get_by_test_id("consent-invited").is_visible()
-    look(me, "consent-invited")
-
     other = visitor(link, server)
     other.stands("consent")
     me.page.reload()
@@ -62,36 +71,52 @@ def test_a_link_lets_one_browser_in_and_the_operator_can_supervise_it(serve, vis
     me.choose("agree")
     me.stands("instructions")
     other.choose("agree")
-    other.stands("problem")
-    assert (
-        "This invitation has been used: if it was you, go on in the browser"
-        in other.page.get_by_test_id("problem").inner_text()
-    )
-    look(other, "invitation-used")
-    copied = visitor(me.page.url, server)
-    copied.stands("problem")
-    assert "by invitation: open the link that you were sent" in copied.page.get_by_test_id("problem").inner_text()
-    look(copied, "invitation-missing")
+    assert refusal(other).startswith("This invitation has been used: if it was you, go on in the browser in which you began")
+    assert refusal(visitor(me.page.url, server)) == "This study is by invitation: open the link that you were sent."
+    code = code_of(study, server.services.lobby.sources.clock_ms())
+    supervise(me, code)
+    me.choose("to-tutorial")
+    me.driving()
+    me.page.get_by_test_id("pause").wait_for(state="visible")
+    me.choose("supervise-in-pause")
+    me.page.keyboard.press("ArrowRight")
+    assert me.frame["step"] == 0, "what is typed in the dialog drives nothing"
+    look(me, "supervise")
+    me.page.keyboard.press("Escape")
+    assert me.errors == other.errors == []
 
+
+def supervise(me, code):
+    """Type a wrong code, then the right one, by keyboard."""
     me.choose("open-supervise")
     me.page.keyboard.type("WRONG-CODE")
     me.page.keyboard.press("Enter")
     eventually(lambda: "not the operator's code" in me.page.get_by_test_id("supervise-status").inner_text())
-    look(me, "supervise")
-    me.page.keyboard.type(code_of(study, server.services.lobby.sources.clock_ms()).lower())
+    me.page.keyboard.type(code.lower())
     me.page.keyboard.press("Enter")
     me.page.get_by_test_id("supervise").wait_for(state="hidden")
     eventually(lambda: me.page.get_by_test_id("supervised").inner_text().startswith("Supervised until"))
+
+
+@pytest.mark.long
+def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_where_people_come_in(invited, visitor):
+    server, study, (first, second) = invited
+    me = visitor(link_of(study, first.id, server.url), server)
+    other = visitor(link_of(study, first.id, server.url), server)
+    look(me, "consent-invited")
+    me.choose("agree")
+    other.choose("agree")
+    refusal(other)
+    look(other, "invitation-used")
+    copied = visitor(me.page.url, server)
+    refusal(copied)
+    look(copied, "invitation-missing")
+    me.stands("instructions")
+    supervise(me, code_of(study, server.services.lobby.sources.clock_ms()))
     look(me, "supervised")
     me.choose("to-tutorial")
-    me.driving()
     me.page.get_by_test_id("pause").wait_for(state="visible")
     look(me, "supervise-in-pause")
-    me.choose("supervise-in-pause")
-    me.page.keyboard.press("ArrowRight")
-    assert me.frame["step"] == 0, "what is typed in the dialog drives nothing"
-    me.page.keyboard.press("Escape")
-    assert me.errors == other.errors == copied.errors == []
 
     operator = visitor_at_admin(me, server)
     row = operator.get_by_test_id(f"invitation-{first.id}")
@@ -109,8 +134,7 @@ def test_a_link_lets_one_browser_in_and_the_operator_can_supervise_it(serve, vis
         assert violations(operator) == [], size
         assert operator.evaluate("() => document.documentElement.scrollWidth") <= width
         operator.screenshot(path=SCREENSHOTS / f"admin-invitations-{size}.png", full_page=True)
-    revoked = visitor(link_of(study, second.id, server.url), server)
-    assert "has been taken back" in revoked.page.get_by_test_id("problem").inner_text()
+    assert "has been taken back" in refusal(visitor(link_of(study, second.id, server.url), server))
 
 
 def visitor_at_admin(me, server):
