@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from app.cli import recruiting
+from app.cli import planning, recruiting
 from app.cli.console import DATABASE, STUDIES, SizeType, env_config_of, print_table, progress, settings_of
 from app.cli.console import folder_of as _folder
 from app.cli.console import study_errors as _study_errors
@@ -25,14 +25,15 @@ def study() -> None:
     \b
     Examples:
       marsexplorer study new pilot --players 10
-      marsexplorer study freeze pilot
+      marsexplorer study freeze pilot         prints its power and what participants will read
+      marsexplorer study preregister pilot --out pilot.md
       marsexplorer study invite pilot 10      ten links, each for one person
       marsexplorer serve
       marsexplorer study close pilot
     """
 
 
-for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise):
+for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise, planning.preregister):
     study.add_command(_command)
 
 
@@ -61,7 +62,8 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
 
     The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and the margin of the
-    equivalence test are in the file, and docs/study.md explains each.
+    equivalence test are in the file, and docs/study.md explains each. Texts name the protocol's numbers in braces, such
+    as {ranked}; freezing fills them in. The margin is one that this many players can reach.
 
     \b
     Examples:
@@ -75,22 +77,34 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with _study_errors():
         _folder(studies).path(name)
-        path = _folder(studies).create(default_protocol(name, config, **rest))
+        protocol = planning.with_reachable_effects(default_protocol(name, config, **rest))
+        path = _folder(studies).create(protocol)
+    planning.echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")
 @click.argument("name")
+@click.option("--underpowered", is_flag=True, help="Freeze although a planned comparison has less than 50 % power.")
 @STUDIES
-def freeze(name: str, studies: Path | None) -> None:
-    """Fix a study's protocol for good, draw its secret, and print what to publish.
+def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
+    """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
+
+    Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
+    one in fewer than half of all cases is refused.
 
     Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
     """
+    folder = _folder(studies)
+    with _study_errors():
+        plan = planning.checked_plan(folder.draft(name), underpowered) if folder.status(name) == "draft" else None
     with _study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
-        found = _folder(studies).freeze(name, advance)
+        found = folder.freeze(name, advance)
+    click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
+    if plan is not None:
+        planning.echo_plan(plan)
     click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
     click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
@@ -148,12 +162,18 @@ def _note_in_database(found: Any, database: Path) -> None:
 @click.argument("name")
 @STUDIES
 def show(name: str, studies: Path | None) -> None:
-    """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study."""
+    """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study.
+
+    The texts of a draft are shown as participants would read them, with every placeholder filled in.
+    """
     import json
+
+    from app.study.templates import fill
 
     folder = _folder(studies)
     with _study_errors():
         status, protocol = folder.status(name), folder.draft(name)
+        protocol = fill(protocol) if status == "draft" else protocol
         found = None if status == "draft" else folder.study(name)
     click.echo(f"{name}: {status}, {folder.path(name)}")
     if found is not None:

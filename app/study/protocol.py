@@ -24,6 +24,9 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 NEW_STUDIES: dict[str, Any] = {"orders": "latin-square", "hides_interim": True, "interval_rule": "2"}
 """What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
+ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
+"""Steps to 99 % on 441 cells (`assumed_sds`)."""
+
 Line = Annotated[str, Field(min_length=1, max_length=300)]
 ExclusionRules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
 EXCLUSION: dict[str, ExclusionRules] = {
@@ -101,6 +104,7 @@ class Protocol(_Part):
     looks, spending      numbers of finished players at which the figure is looked at, and how alpha is spent over them
     assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
     assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
+    policy_difference    steps to 99 %: the difference between a policy and the people that the study is planned to see
 
     The defaults of the fields from `recruitment` on are what an earlier protocol, which lacks them, means.
     `default_protocol` gives a new study other values (NEW_STUDIES).
@@ -140,6 +144,7 @@ class Protocol(_Part):
     spending: Literal["none", "obrien-fleming", "pocock"] = "none"
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
     @field_validator("config")
     @classmethod
@@ -195,7 +200,19 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
         "consent": {"text": CONSENT},
         "questions": questions(),
     }
-    return parse_protocol({**parts, **NEW_STUDIES, **rest})
+    player_sd, episode_sd = assumed_sds(config)
+    assumed = {"assumed_player_sd": player_sd, "assumed_episode_sd": episode_sd}
+    return parse_protocol({**parts, **NEW_STUDIES, **assumed, **rest})
+
+
+def assumed_sds(config: EnvConfig) -> tuple[float, float]:
+    """Return the standard deviations (players, episodes) of steps to 99 % that a new study assumes, for its number of cells.
+
+    They are no measurement of people, of whom none has played yet: synthetic players of the population `mixed`
+    (`app.simulate.population`) give them on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by cells.
+    """
+    scale = config.n / 441
+    return round(ASSUMED_PLAYER_SD * scale, 1), round(ASSUMED_EPISODE_SD * scale, 1)
 
 
 def parse_protocol(data: Mapping[str, Any]) -> Protocol:
