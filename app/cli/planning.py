@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,10 +48,10 @@ def checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
         each = plan.underpowered[0]
         ways = [f"plan {each.players} players"] if each.players is not None else []
         if each.least is not None and each.least < protocol.env_config.limit:
-            ways.append(f"write {each.field} {each.least:.0f} or more")
+            ways.append(f"write {math.ceil(each.least)} or more as {each.field}")
         raise click.UsageError(
-            f"this study would see {_comparison(each)}: below 50 % it would more likely miss it than see it. "
-            f"{' or '.join([*ways, 'freeze with --underpowered (a rehearsal, a pilot)'])}"
+            f"{_comparison(each)}, and below 50 % a study more likely misses than sees what it is for: "
+            f"{', or '.join([*ways, 'freeze with --underpowered where it is a rehearsal or a pilot'])}"
         )
     return plan
 
@@ -58,9 +59,13 @@ def checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
 def echo_plan(plan: StudyPlan) -> None:
     """Print the width of the interval and the power of each planned comparison."""
     assumed = "those of a new study, since the protocol names none" if plan.is_default else "the protocol's"
-    click.echo(f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
+    click.echo(
+        f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes"
+    )
     if plan.half_width is not None:
-        click.echo(f"mean steps to 99 %: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies")
+        click.echo(
+            f"mean steps to 99 %: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
+        )
     for each in plan.comparisons:
         more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
         click.echo(f"power: {_comparison(each)}{more}")

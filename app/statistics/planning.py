@@ -3,7 +3,8 @@
 Everything follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
 questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
 minus first third), and does a policy differ from the people on these terrains (t test over players, at the level of the first
-step of Holm's method; the report's test is for other terrains too, which takes a little of the power). `python -m app.statistics.planning` compares the first with the report's own test in simulated studies.
+step of Holm's method; the report's test is for other terrains too, which takes a little of the power).
+`python -m app.statistics.planning` compares the first with the report's own test in simulated studies.
 """
 
 from __future__ import annotations
