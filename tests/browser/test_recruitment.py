@@ -169,7 +169,7 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
     plan = ("--size", "7x9", "--warm-up", 1, "--ranked", 2, "--players", 2, "--break-every", 1, "--policy", "frontier-cost")
     command(capsys, "study", "new", "tiny", *plan, *studies)
     edit_draft(tmp_path / "studies" / "tiny" / "protocol.json", debrief_policy="frontier-cost", pause_after_s=900)
-    assert "by invitation" in command(capsys, "study", "freeze", "tiny", *studies)
+    assert "by invitation" in command(capsys, "study", "freeze", "tiny", "--underpowered", *studies)
     server = serve()
     links = command(capsys, "study", "invite", "tiny", 2, "--url", server.url, *studies).split()
 

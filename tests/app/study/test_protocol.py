@@ -232,7 +232,7 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
     code, out, _ = run(capsys, "show", "mine", *at)
     assert code == 0
     assert "draft" in out
-    code, out, _ = run(capsys, "freeze", "mine", *at)
+    code, out, _ = run(capsys, "freeze", "mine", "--underpowered", *at)
     assert code == 0
     study = Folder(tmp_path / "studies").study("mine")
     assert (study.protocol.outside_ids, study.protocol.ranked) == (("PID",), 3)

@@ -1,0 +1,112 @@
+"""`study new`, `freeze`, `show` and `preregister` as a researcher meets them: texts, power, and the preregistration."""
+
+import json
+
+import pytest
+
+from app.cli.main import main
+from app.study.folder import Folder
+
+SHORT = ["--size", "7x9", "--warm-up", "2", "--ranked", "6", "--players", "12", "--policy", "frontier-cost"]
+
+
+@pytest.fixture
+def study(tmp_path, capsys):
+    """`study(...)` runs a command on a folder of its own and returns exit code, stdout, stderr."""
+
+    def run(*args):
+        with pytest.raises(SystemExit) as end:
+            main(["study", *map(str, args), "--studies", str(tmp_path / "studies")])
+        said = capsys.readouterr()
+        return end.value.code or 0, said.out, said.err
+
+    return run
+
+
+def edit(tmp_path, **changes):
+    path = tmp_path / "studies" / "mine" / "protocol.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_path):
+    code, out, err = study("new", "mine", *SHORT)
+    assert (code, err) == (0, "")
+    draft = Folder(tmp_path / "studies").draft("mine")
+    assert f"changes of ±{draft.equivalence_margin:g} and differences from a policy of {draft.policy_difference:g} steps" in out
+    assert "{warm_up} practice rounds" in draft.consent.text
+    code, out, err = study("freeze", "mine")
+    assert (code, err) == (0, "")
+    assert "2 practice rounds and 6 rounds that count" in out
+    assert out.count("power: ") == 2
+    assert out.count("seen in 8") == 2
+
+
+def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
+    study("new", "mine", *SHORT)
+    edit(tmp_path, ranked=9)
+    code, out, _ = study("show", "mine")
+    assert (code, "2 practice rounds and 9 rounds that count" in out, "{ranked}" in out) == (0, True, False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"equivalence_margin": 0.5}, "learning flat within ±0.5 steps, if it is flat: seen in 0 % of studies, and below 50 %"),
+        ({"players": 3}, "seen in"),
+        ({"policy_difference": 0.5}, "or more as policy_difference"),
+        ({"consent": {"text": "You play 6 rounds."}}, "consent.text counts by hand: '6 rounds'"),
+        ({"consent": {"text": "{runds}"}}, "unknown placeholder {runds}"),
+    ],
+)
+def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, changes, said):
+    study("new", "mine", *SHORT)
+    edit(tmp_path, **changes)
+    code, _, err = study("freeze", "mine")
+    assert (code, said in err, err.count("\n")) == (2, True, 1), err
+    assert Folder(tmp_path / "studies").status("mine") == "draft"
+
+
+def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_not(study, tmp_path):
+    study("new", "mine", "--policy", "frontier-cost", "--warm-up", "0", "--ranked", "3")
+    edit(tmp_path, equivalence_margin=5.0, ranked=30)
+    code, _, err = study("freeze", "mine")
+    assert (code, "±5 steps" in err, "seen in 0 %" in err, "plan 141 players, or write 21 or more" in err) == (
+        2,
+        True,
+        True,
+        True,
+    )
+    edit(tmp_path, ranked=3, config={"rows": 7, "cols": 9})
+    code, out, _ = study("freeze", "mine", "--underpowered")
+    assert (code, "power: learning flat within ±5 steps" in out) == (0, True)
+
+
+def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
+    study("new", "mine", *SHORT)
+    edit(tmp_path, looks=[6, 12], spending="obrien-fleming", recruitment="panel")
+    code, draft, _ = study("preregister", "mine")
+    assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
+    study("freeze", "mine")
+    frozen = Folder(tmp_path / "studies").study("mine")
+    code, out, _ = study("preregister", "mine", "--out", tmp_path / "mine.md")
+    assert (code, "TO BE STATED" in out) == (0, True)
+    text = (tmp_path / "mine.md").read_text()
+    for said in (
+        frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
+        "| 6 | 0.00305 | 2.963 |",
+        "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method", "rows of a Latin square",
+        "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
+    ):  # fmt: skip
+        assert said in text, said
+    assert "DRAFT" not in text
+    assert frozen.secret.hex() not in text
+    assert max(map(len, text.splitlines())) < 2000
+
+
+def test_a_preregistration_without_looks_says_when_figures_are_seen(study, tmp_path):
+    study("new", "mine", *SHORT)
+    assert "shows no figure of people while the study is open" in study("preregister", "mine")[1]
+    edit(tmp_path, hides_interim=False)
+    assert "which the stopping\nrule must not depend on" in study("preregister", "mine")[1]
+    code, _, err = study("preregister", "mine", "--out", tmp_path / "no" / "such.md")
+    assert (code, "cannot write" in err) == (1, True)
