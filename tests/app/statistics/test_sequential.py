@@ -70,7 +70,7 @@ def test_looking_after_each_player_misses_the_truth_and_alpha_spending_does_not(
     symmetric = next(each for each in SCORE_POPULATIONS if each.name == "symmetric")
     found = measure(symmetric, next(each for each in RULES if each.name == rule), 1000, seed=1)
     assert least < found.misses < most
-    assert 93 < found.covered
+    assert found.covered > 93
 
 
 def test_the_command_prints_every_rule_in_every_population(capsys):
