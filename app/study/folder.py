@@ -22,12 +22,7 @@ from pathlib import Path
 from typing import Literal
 
 from app.storage.study_rows import StudyRow
-from app.study.files import iso as _iso
-from app.study.files import ms_of as _ms
-from app.study.files import now_ms as _now_ms
-from app.study.files import read_object as _read
-from app.study.files import stamp_of as _stamp
-from app.study.files import write_object as _write
+from app.study.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from app.study.protocol import (
     NAME,
     DraftStudyError,
@@ -121,7 +116,7 @@ class Folder:
 
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
-        raw = _read(self._existing(name) / "protocol.json")
+        raw = read_object(self._existing(name) / "protocol.json")
         protocol = parse_protocol(raw)
         if protocol.name != name:
             raise StudyError(f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two")
@@ -130,7 +125,7 @@ class Folder:
     def study(self, name: str) -> Study:
         """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
         path = self._existing(name)
-        stamp = tuple(map(_stamp, (path / "protocol.json", path / "frozen.json", path / "closed.json", path / "secret")))
+        stamp = tuple(map(stamp_of, (path / "protocol.json", path / "frozen.json", path / "closed.json", path / "secret")))
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
             return known[1]
@@ -145,7 +140,7 @@ class Folder:
             raise StudyError(
                 f"there is a study {protocol.name!r} already: edit {path / 'protocol.json'} or choose another name"
             )
-        _write(path / "protocol.json", protocol.model_dump(mode="json"))
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         return path / "protocol.json"
 
     def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
@@ -170,25 +165,25 @@ class Folder:
                 load(policy)
             except (PolicyNotFoundError, ValueError, OSError) as error:
                 raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
-        secret, now = secrets.token_bytes(32), _now_ms()
+        secret, now = secrets.token_bytes(32), now_ms()
         study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
         _check_terrains(study, advance)
-        _write(path / "secret", secret.hex(), private=True)
-        _write(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
-        _write(path / "protocol.json", protocol.model_dump(mode="json"))
+        write_object(path / "secret", secret.hex(), private=True)
+        write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
-            "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": _iso(now),
+            "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
             "core_version": CORE_VERSION, "software_version": version("marsexplorer-playground"),
         }  # fmt: skip
-        _write(path / "frozen.json", frozen)
+        write_object(path / "frozen.json", frozen)
         return self.study(name)
 
     def close(self, name: str) -> Study:
         """Close a study and return it: nobody can join or go on, and its secret is revealed."""
         study = self.study(name)
         if not study.is_open:
-            raise StudyError(f"the study {name!r} is closed already, since {_iso(study.closed_ms or 0)}")
-        _write(self.path(name) / "closed.json", {"secret": study.secret.hex(), "closed_at": _iso(_now_ms())})
+            raise StudyError(f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}")
+        write_object(self.path(name) / "closed.json", {"secret": study.secret.hex(), "closed_at": iso(now_ms())})
         return self.study(name)
 
     def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
@@ -205,7 +200,7 @@ class Folder:
     def _template(self, name: str) -> Protocol:
         """Return a draft with its placeholders, also where a freeze was cut short after it had filled them in."""
         draft, kept = self.draft(name), self.path(name) / "draft.json"
-        if kept.is_file() and fill(template := parse_protocol(_read(kept))) == draft:
+        if kept.is_file() and fill(template := parse_protocol(read_object(kept))) == draft:
             return template
         return draft
 
@@ -221,17 +216,17 @@ class Folder:
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
             raise DraftStudyError(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
-        frozen, raw = _read(path / "frozen.json"), _read(path / "protocol.json")
+        frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
             raise StudyError(
                 f"thawed protocol: {path / 'protocol.json'} is not what was frozen at {frozen.get('frozen_at')}; "
                 "put the frozen text back, or begin another study"
             )
-        closed = _read(path / "closed.json") if (path / "closed.json").exists() else None
+        closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
         try:
             secret = bytes.fromhex(closed["secret"] if closed else (path / "secret").read_text().strip())
-            closed_ms = _ms(closed["closed_at"]) if closed else None
-            frozen_ms = _ms(frozen["frozen_at"])
+            closed_ms = ms_of(closed["closed_at"]) if closed else None
+            frozen_ms = ms_of(frozen["frozen_at"])
             fixed = {"protocol_hash": frozen["protocol_hash"], "commitment": frozen["commitment"], "frozen_ms": frozen_ms}
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
