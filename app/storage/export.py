@@ -31,6 +31,7 @@ EPISODE_COLUMNS = (
     "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
     "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
     "return", "score", "steps_to_target", "actions", "trajectory_hash", "verified",
+    "attestation", "attestation_reason",
 )  # fmt: skip
 STEP_COLUMNS = (
     "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
@@ -122,7 +123,7 @@ def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTabl
     verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
-        return [(*common, *_episode_values(row, steps), verified)]
+        return [(*common, *_episode_values(row, steps), verified, row["attestation"], row["attestation_reason"])]
     return [(*common, *_step_values(row, step, episode), verified) for step in steps]
 
 

@@ -21,7 +21,12 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
-NEW_STUDIES: dict[str, Any] = {"orders": "latin-square", "hides_interim": True, "interval_rule": "2"}
+NEW_STUDIES: dict[str, Any] = {
+    "required_attestation": "attested",
+    "orders": "latin-square",
+    "hides_interim": True,
+    "interval_rule": "2",
+}
 """What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
 ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0

@@ -55,12 +55,14 @@ def _check_no_study(session: Session, what: str, instead: str) -> None:
 def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, config = lobby.rival_of(session), session.current.config
+    finished = lobby.store.episode(session.current.id) if session.episode.ended else None
     return {
         "session": session.id,
         "player": session.row.driver_name,
         "level": config.level,
         "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
-        "counts": _counts(lobby, session),
+        "counts": session.counts if finished is None else bool(finished["counts"]),
+        "not_attested": None if finished is None else finished["attestation_reason"],
         "frame": json.loads(session.frame),
         "rival": rival
         and {
@@ -70,12 +72,6 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
             "frame": json.loads(rival.frame),
         },
     }
-
-
-def _counts(lobby: Lobby, session: Session) -> bool:
-    """Return whether the episode counts: as stored when it has ended, as far as can be said while it runs."""
-    finished = lobby.store.episode(session.current.id) if session.episode.ended else None
-    return session.counts if finished is None else bool(finished["counts"])
 
 
 @router.get("/health", tags=["server"], summary="Is the server well?")

@@ -116,3 +116,9 @@ export function announcement(before, after) {
   if (tenth > Math.floor(before.coverage * 10)) return `${tenth * 10} percent explored, ${many(after.step, "step")}${scored}.`;
   return "";
 }
+
+/**
+ * Return the sentence for an episode that has ended and does not count, because the server could not match a move with a key or a touch.
+ * @param {string} reason the server's
+ */
+export const notCounted = (reason) => `This episode does not count: its moves do not all fit keys or touches of this page (${reason}).`;

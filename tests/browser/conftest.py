@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, chromium_path
+from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, Hand, chromium_path
 from tests.support.servers import PATIENCE_S, eventually
 
 
@@ -55,7 +55,7 @@ class Player:
     """A person at the page: presses keys, looks at boards."""
 
     def __init__(self, page, url):
-        self.page, self.url = page, url
+        self.page, self.url, self.hand = page, url, Hand()
         self.errors = []
         page.on("pageerror", lambda error: self._note(str(error)))
 
@@ -88,7 +88,7 @@ class Player:
     def press(self, action, wait=True):
         self.wait("window.mars.state.link === 'open'")  # a page that is starved of time may call its server lost
         step = self.state()["step"]
-        self.page.keyboard.press(KEY_OF[action])
+        self.hand.press(self.page.keyboard, KEY_OF[action])
         if wait:
             self.wait(f"window.mars.state.player.frame.step > {step}")
 

@@ -10,7 +10,7 @@ from app.study.folder import Folder
 from app.study.protocol import default_protocol
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS, Hand
 from tests.support.servers import PATIENCE_S, eventually
 
 ACTIONS = ("north", "east", "south", "west")
@@ -45,7 +45,7 @@ class Participant:
     """A person on the study's page who uses the keyboard; `received` is everything that came over the network."""
 
     def __init__(self, page, url, query=""):
-        self.page, self.url, self.query = page, url, query
+        self.page, self.url, self.query, self.hand = page, url, query, Hand()
         self.keys = KEY_OF
         self.errors, self.received = [], []
         self.policy = policies.load("frontier-cost")
@@ -91,7 +91,7 @@ class Participant:
     def press(self, action):
         self.wait("window.marsStudy.state.game.link === 'open'")
         step = self.frame["step"]
-        self.page.keyboard.press(self.keys[action])
+        self.hand.press(self.page.keyboard, self.keys[action])
         self.wait(f"window.marsStudy.painted?.game.player.frame.step > {step}")  # the next key tells the step on the screen
 
     def wake(self):

@@ -3,6 +3,7 @@
 import random
 import shutil
 import socket
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -27,3 +28,16 @@ def free_port():
         with socket.socket() as sock, suppress(OSError):
             sock.bind(("127.0.0.1", port))
             return port
+
+
+class Hand:
+    """A person's pace: no press sooner after the last one than a hand can keep up (`app.play.attestation.FASTEST`)."""
+
+    def __init__(self):
+        self._pressed_s = 0.0
+
+    def press(self, keyboard, key):
+        """Press a key as soon as a hand would."""
+        time.sleep(max(0.0, self._pressed_s + 0.075 - time.monotonic()))
+        self._pressed_s = time.monotonic()
+        keyboard.press(key)
