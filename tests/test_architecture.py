@@ -76,7 +76,15 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.score",
     },
-    "app.report": {"app.moves", "app.statistics", "app.storage", "app.study", "marsexplorer.config", "marsexplorer.evaluation"},
+    "app.report": {
+        "app.moves",
+        "app.play",
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.config",
+        "marsexplorer.evaluation",
+    },
     "app.server": {
         "app.admin",
         "app.leaderboard",

@@ -19,6 +19,7 @@ from app.report.checklist import Facts, checklist
 from app.report.looks import look_section
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
+from app.statistics.attestation_summary import attestation_summary
 from app.statistics.comparisons import PolicyComparison, compare_policy, holm, new_terrains_interval, player_means
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
 from app.statistics.headline import RULES
@@ -115,7 +116,8 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         cautions=(),
         leak=leak_trend(cohort.ranked) if cohort.kind == "human" else None,
         flow=participant_flow(data) if cohort.kind == "human" else None,
-        excluded=_excluded(cohort, ids),
+        attestation=attestation_summary(data) if cohort.kind == "human" else None,
+        excluded=_excluded(data, cohort, ids),
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
         pictures=pictures,
     )
@@ -134,11 +136,18 @@ def _left(data: StudyData, cohort: Cohort) -> int:
     return sum(person.stage == "withdrawn" or (is_closed and person.completed_ms is None) for person in cohort.people)
 
 
-def _excluded(cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
+def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
     """Return those who ended all ranked episodes and are not among `ids`, by reason."""
-    out = [person for person in cohort.people if person.completed_ms is not None and person.id not in ids]
+    ranked = [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == cohort.kind]
+    scripted = {trial.participant for trial in ranked if trial.driver != cohort.kind}
+    out = [person.id for person in cohort.people if person.completed_ms is not None and person.id not in ids]
     reasons = Counter(
-        "not all episodes their own" if len(cohort.ranked[each.id]) < cohort.terrains else "by its rules" for each in out
+        "a move was a script's"
+        if person in scripted
+        else f"not {data.protocol.required_attestation}"
+        if len(cohort.ranked[person]) < cohort.terrains
+        else "by the set's rules"
+        for person in out
     )
     return dict(sorted(reasons.items()))
 

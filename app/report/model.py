@@ -10,6 +10,7 @@ from typing import Any
 from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
 from app.report.looks import LookSection
+from app.statistics.attestation_summary import AttestationSummary
 from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
@@ -67,6 +68,7 @@ class GroupReport:
     moves       where players lose moves, and how much they move like the policies; empty where it was not worked out
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
+    attestation what the server could attest; None for scripts
     excluded    people who ended all ranked episodes and are not in the primary figure, by reason
     repeated    people who show a sign of taking part more than once, by sign
     pictures    curves and visit maps, empty where no episodes were replayed
@@ -90,6 +92,7 @@ class GroupReport:
     cautions: tuple[str, ...]
     leak: LeakTrend | None = None
     flow: ParticipantFlow | None = None
+    attestation: AttestationSummary | None = None
     excluded: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, int] = field(default_factory=dict)
     moves: MoveAnalysis = field(default_factory=MoveAnalysis)

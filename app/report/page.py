@@ -38,6 +38,7 @@ def render(report: Report) -> str:
         .get_template("page.html.j2")
         .render(
             report=report,
+            recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             left_out=0 if report.synthetic else sum(report.scripts.values()),

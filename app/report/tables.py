@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.play.attestation import Attestation
 from app.report.model import GroupReport, Metric, Report
 from app.report.move_tables import MoveTables, move_tables
 from app.report.page_table import PageTable
@@ -13,6 +14,12 @@ from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, level, number, p_value, percent
 from app.statistics.study_figures import StudyFigure
 
+LEVELS_IN_WORDS: dict[Attestation, str] = {
+    "unattested": "a move has no input event of its own that fits it",
+    "declared": "of an earlier version: the page said so, nothing was compared",
+    "attested": "every move fits a key or touch of its own that came before it",
+    "supervised": "attested, and the operator had typed their code",
+}
 METRIC_NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
 INTERVALS = ("t interval", "studentised bootstrap", "new terrains too", "guaranteed")
@@ -49,6 +56,7 @@ class GroupTables:
 
     result: PageTable | None
     exclusion_sets: PageTable
+    attestation: PageTable | None
     variance: PageTable
     players: PageTable
     policies: PageTable
@@ -62,6 +70,7 @@ def group_tables(report: Report, group: GroupReport) -> GroupTables:
     return GroupTables(
         result=_result(group),
         exclusion_sets=_exclusion_sets(group),
+        attestation=_attestation(group),
         variance=_by_metric(
             "Variance components (players and terrains crossed, ANOVA estimator) and interquartile mean",
             group,
@@ -156,6 +165,24 @@ def _exclusion_set_row(group: GroupReport, figure: StudyFigure) -> tuple[str, ..
         f"{number(steps.mean, 1)}\n{interval(steps.interval, 1)}" if steps else NONE,
         NONE if figure.completed is None else percent(figure.completed, 1),
     )
+
+
+def _attestation(group: GroupReport) -> PageTable | None:
+    """Return the levels of the ranked episodes; None for scripts and where nobody has finished one."""
+    found = group.attestation
+    if found is None or not any(found.episodes.values()):
+        return None
+    rows = [
+        (
+            f"{level} (required)" if level == found.required else level,
+            str(found.episodes[level]),
+            str(found.people[level]),
+            text,
+        )
+        for level, text in LEVELS_IN_WORDS.items()
+    ]
+    caption = "Ranked episodes by what the server could attest; those below the level required are in no figure"
+    return PageTable(caption, ("level", "episodes", "people", "what it means"), rows)
 
 
 def _spread_column(metric: Metric) -> tuple[str, ...]:

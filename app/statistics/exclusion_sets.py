@@ -7,14 +7,13 @@ rules, its own moves allowed.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from app.play.attestation import LEVELS, Attestation, level_reaches
+from app.play.attestation import level_reaches
 from app.statistics.formatting import percent
 from app.study.data import Person, StudyData, StudyEpisode
 from app.study.looks import present
@@ -92,13 +91,6 @@ def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> d
         if trial.participant in found and is_own and (kind != "human" or level_reaches(trial.attestation, required)):
             found[trial.participant].append(trial)
     return {person: tuple(sorted(trials, key=lambda trial: trial.trial)) for person, trials in found.items()}
-
-
-def attestation_counts(data: StudyData, phase: str = "ranked") -> dict[Attestation, int]:
-    """Return how many of the people's finished episodes of a phase have each level; those with a script's move are not among
-    them."""
-    found = Counter(each.attestation for each in data.trials if each.kind == "human" and each.phase == phase)
-    return {level: found[level] for level in LEVELS}
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:

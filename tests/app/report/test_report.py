@@ -1,6 +1,7 @@
 """The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -262,7 +263,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     assert {item.source for item in items.values()} == {"database", "protocol", "software", "missing"}
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
-    assert items["1.8"].source == "missing"
+    assert items["1.8"].source == "protocol"
     assert items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
 
 
@@ -274,3 +275,26 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
     assert "0 of 20 finished ranked episodes carry a label" in items["3.2.2"].detail
     assert "panel" in items["2.2"].detail
     assert (items["1.8"].answer, items["1.8"].source) == ("Yes", "protocol")
+    unplanned = build(study(people, trials, assumed_player_sd=None, assumed_episode_sd=None)).checklist
+    assert {item.number: item for item in unplanned}["1.8"].source == "missing"
+
+
+def test_the_report_counts_what_the_required_level_leaves_out():
+    people, trials = played(SCORES)
+    trials[0] = replace(trials[0], attestation="unattested", attestation_reason="step 3: no press of its own")
+    trials[1] = replace(trials[1], attestation="unattested", attestation_reason="step 12: no press of its own")
+    trials[7] = replace(trials[7], attestation="supervised")
+    report = build(study(people, trials, required_attestation="attested"))
+    group = report.groups[0]
+    assert group.attestation.episodes == {"unattested": 2, "declared": 0, "attested": 15, "supervised": 1}
+    assert group.attestation.people == {"unattested": 1, "declared": 0, "attested": 3, "supervised": 1}
+    assert (group.attestation.left_out, group.attestation.people_left_out) == (2, 1)
+    assert group.attestation.reasons == {"no press of its own": 2}
+    assert (group.figure.players, group.excluded) == (2, {"not attested": 1})
+    assert sum(each.episodes for each in group.figures if each.name == "all") == 16
+    page = render(report)
+    assert "The level required left out 2 ranked episodes of 1 people" in page
+    assert "by a link that anybody could open" in page
+    assert "not attested: 1" in page
+    scripts = build(study(*played(SCORES, "script", "idler")), synthetic=True)
+    assert scripts.groups[0].attestation is None
