@@ -1,6 +1,7 @@
 """Who may see and move a board: its player's cookie alone when the page began it, whoever knows its id when a script did."""
 
 import json
+import time
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -177,7 +178,8 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
     assert spectator.get(f"/api/me/session?episode={episode}").json() is None
 
 
-def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(serve):
+def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(serve, monkeypatch):
+    monkeypatch.setattr("app.play.spectators.LOOK_S", 0.05)
     server = serve(idle_s=0.2)
     owner = server.page()
     begun = owner.post("/api/sessions", json={"player": "random", "rival": "frontier-cost", "size": 30}).json()
@@ -187,6 +189,7 @@ def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(se
         watching.receive("frame")
         eventually(lambda: len(server.services.lobby) == 0)
         server.client().get(f"/api/watch/{episode}")
+        time.sleep(0.3)
         assert len(server.services.lobby) == 0, "a board that its player has left is not resumed by being watched"
         owner.post(f"/api/sessions/{begun['session']}/episodes")
         frame = watching.receive("frame")

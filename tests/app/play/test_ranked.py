@@ -10,11 +10,12 @@ import httpx
 import pytest
 
 from app.play.lobby import Lobby
-from app.play.messages import NewSession
+from app.play.messages import NewEpisode, NewSession
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources, now_ms
+from app.storage.boards import open_ranked
 from app.storage.store import Store
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
@@ -24,6 +25,24 @@ from tests.support.servers import eventually
 SMALL = {"size": [9, 12]}
 LIMIT = EnvConfig.of("random", (9, 12)).limit
 MINUTE_MS = 60_000
+
+
+@pytest.fixture
+def in_lobby(tmp_path):
+    """`in_lobby(scenario)` runs `scenario(lobby)` on a lobby of its own."""
+
+    def run(scenario, **sources):
+        async def whole():
+            with closing(Store(tmp_path / "play.db")) as store:
+                lobby = Lobby(store, PolicyCatalogue(), Sources(**sources), 600.0)
+                try:
+                    await scenario(lobby)
+                finally:
+                    lobby.close()
+
+        asyncio.run(whole())
+
+    return run
 
 
 def begin(client, **body):
@@ -153,18 +172,25 @@ def test_a_terrain_that_was_shown_is_not_exchanged_by_leaving_it(server):
     assert seed_of(server, following) != seed_of(server, ranked)
 
 
-def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(server):
-    client = server.page()
-    begin(client, **SMALL, rival="frontier-cost")
-    answers = []
-    tabs = [server.page(cookies=dict(client.cookies)) for _ in range(8)]
-    threads = [threading.Thread(target=lambda tab=tab: answers.append(begin(tab, **SMALL))) for tab in tabs]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len({about["session"] for about in answers}) == 1
-    assert len({about["frame"]["episode"] for about in answers}) == 1
+def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(in_lobby):
+    async def scenario(lobby):
+        boards = PageBoards(lobby, abandon_after_s=1800)
+        await boards.begin(NewSession(size=[9, 13], rival="frontier-cost"), "me")
+        answers = await asyncio.gather(*(boards.begin(NewSession(size=[9, 12]), "me") for _ in range(8)))
+        assert len({session.current.id for session, _ in answers}) == 1
+        assert sorted(was_open for _, was_open in answers) == [False] + 7 * [True]
+        session = answers[0][0]
+        session.act(Move(session.current.id, 0, _away(session), "human"))
+        wanted = [NewEpisode(size=[9, 14]), NewEpisode(size=[9, 14])]
+        following = await asyncio.gather(*(boards.begin_next(session, each) for each in wanted))
+        assert len({board.current.id for board, _ in following}) == 1
+        assert len(open_ranked(lobby.store, "me")) == 1
+
+    in_lobby(scenario)
+
+
+def _away(session):
+    return 2 if not session.episode.terrain[1, 0] else 1
 
 
 def test_a_ranked_episode_that_nobody_moves_is_abandoned_after_a_while_in_memory_or_not(serve):
@@ -222,13 +248,13 @@ def suppressed(work, *given, **more):
         work(*given, **more)
 
 
-def test_each_move_puts_the_time_off(tmp_path):
+def test_each_move_puts_the_time_off(in_lobby):
     now = [now_ms()]
 
     async def scenario(lobby):
         boards = PageBoards(lobby, abandon_after_s=1800)
         session, _ = await boards.begin(NewSession(size=[9, 12]), "me")
-        away = 2 if not session.episode.terrain[1, 0] else 1
+        away = _away(session)
         for action in (away, (away + 2) % 4, away):
             session.act(Move(session.current.id, session.episode.steps, action, "human"))
             now[0] += 29 * MINUTE_MS
@@ -238,9 +264,4 @@ def test_each_move_puts_the_time_off(tmp_path):
         await boards.abandon_left()
         assert (session.episode.outcome, session.episode.steps) == ("abandoned", 3)
 
-    with closing(Store(tmp_path / "play.db")) as store:
-        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: now[0]), 600.0)
-        try:
-            asyncio.run(scenario(lobby))
-        finally:
-            lobby.close()
+    in_lobby(scenario, clock_ms=lambda: now[0])
