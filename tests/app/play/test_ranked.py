@@ -5,6 +5,7 @@ import itertools
 import threading
 import time
 from contextlib import closing, suppress
+from dataclasses import replace
 
 import httpx
 import pytest
@@ -104,7 +105,9 @@ PATIENCE = 17
 def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(serve):
     """The rule that left boards at 75 moves and was paid for it with 70.9 steps instead of 87.5, on small boards."""
     seeds = itertools.count(1)
-    server, policy = serve(sources=Sources(seed=lambda: next(seeds))), load("frontier-cost")
+    server, policy = serve(), load("frontier-cost")
+    lobby = server.services.lobby
+    lobby.sources = replace(lobby.sources, seed=lambda: next(seeds))
     client, honest = server.page(), []
     for _ in range(8):
         ranked = begin(client, **SMALL)
