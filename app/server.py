@@ -17,6 +17,7 @@ from fastapi import FastAPI
 from app.admin.login import AdminLogin
 from app.admin.services import AdminServices
 from app.leaderboard.leaderboard import Leaderboard
+from app.moves.service import Regrets
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.policy_catalogue import PolicyCatalogue
@@ -121,6 +122,7 @@ def _services(
         progress=progress,
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, policies.offers()),
+        regrets=Regrets(store.path),
         admin=None if login is None else AdminServices(login, progress, settings.studies),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.admin.services import AdminServices
 from app.leaderboard.leaderboard import Leaderboard
+from app.moves.service import Regrets
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.ranked import PageBoards
@@ -29,6 +30,7 @@ class Services:
     progress       the participants of the studies
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
+    regrets        where moves were lost in finished episodes
     admin          the operator's part; None on a server without an operator's page
     """
 
@@ -41,11 +43,13 @@ class Services:
     progress: ParticipantProgress
     debriefs: Debriefs
     leaderboard: Leaderboard
+    regrets: Regrets
     admin: AdminServices | None = None
 
     async def aclose(self) -> None:
         """End everything but the store, which whoever opened it closes."""
         await self.leaderboard.close()
+        await self.regrets.close()
         if self.admin is not None:
             await self.admin.close()
         self.lobby.close()

@@ -88,6 +88,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.server": {
         "app.admin",
         "app.leaderboard",
+        "app.moves",
         "app.play",
         "app.services",
         "app.settings",
@@ -98,7 +99,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.config",
         "marsexplorer.policies",
     },
-    "app.services": {"app.admin", "app.leaderboard", "app.play", "app.storage", "app.study", "app.viewer3d"},
+    "app.services": {"app.admin", "app.leaderboard", "app.moves", "app.play", "app.storage", "app.study", "app.viewer3d"},
     "app.settings": set(),
     "app.simulate": {
         "marsexplorer.compiled",
@@ -144,6 +145,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.web": {
         "app.admin",
         "app.leaderboard",
+        "app.moves",
         "app.play",
         "app.services",
         "app.settings",
@@ -151,6 +153,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.storage",
         "app.study",
         "marsexplorer.config",
+        "marsexplorer.episode",
     },
     "marsexplorer": set(),
     "marsexplorer.bench": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.observation", "marsexplorer.world"},

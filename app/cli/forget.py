@@ -29,6 +29,7 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
       marsexplorer forget 5f3e0c9a1b2d --study dunes
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
+    from app.moves.regret import forget_regrets
     from app.storage import erasure
     from app.storage.database import StoreError
 
@@ -39,6 +40,7 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {path} for good?", abort=True, err=True)
         done = erasure.forget(path, participant, study)
+        forget_regrets(path)
     except StoreError as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:

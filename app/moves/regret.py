@@ -6,6 +6,7 @@ their terrains leaves before it is closed.
 
 from __future__ import annotations
 
+import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -75,6 +76,11 @@ class RegretSummary:
 def regret_cache(database: Path) -> Path:
     """Return the folder next to a database in which regrets are kept."""
     return database.with_name(f"{database.name}-regret")
+
+
+def forget_regrets(database: Path) -> None:
+    """Delete the folder in which regrets are kept; what is asked for again is worked out again."""
+    shutil.rmtree(regret_cache(database), ignore_errors=True)
 
 
 def has_regret(config: EnvConfig) -> bool:

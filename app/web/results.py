@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Annotated, Any, Literal
@@ -9,10 +10,13 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import StreamingResponse
 
+from app.moves.regret import POLICY
+from app.moves.service import RegretBusyError
 from app.statistics.human_level import human_level
 from app.storage.export import export_table
 from app.storage.reader import Reader
 from app.web.access import services_of
+from marsexplorer.episode import Record
 
 router = APIRouter(prefix="/api")
 Who = Literal["all", "human"]
@@ -56,6 +60,35 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     if found is None:
         raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
     return found
+
+
+@router.get("/episodes/{episode_id}/regret", tags=["results"], summary="Where moves were lost in a finished episode")
+async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return how many moves the episode lost, and its biggest losses; docs/evaluation.md says what a regret is.
+
+    The answer takes a second or two the first time. 404 as for the episode itself, so nothing of an open study; 422 for a board
+    of more than 42x42 cells; 503 when too many ask.
+    """
+    record = await asyncio.to_thread(_public_record, request, episode_id)
+    return {"episode": episode_id, "policy": POLICY, **await regret_of(request, record)}
+
+
+async def regret_of(request: Request, record: Record) -> dict[str, Any]:
+    """Return where moves were lost in an episode that the asker may see; HTTPException when that cannot be said."""
+    try:
+        return await services_of(request).regrets.of(record)
+    except RegretBusyError as error:
+        raise HTTPException(503, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+def _public_record(request: Request, episode_id: str) -> Record:
+    """Return the cause of a finished episode that anybody may see; HTTPException 404 otherwise."""
+    with _reader(request) as reader:
+        if reader.episode(episode_id) is None:
+            raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
+        return reader.load_record(episode_id)
 
 
 @router.get("/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines")

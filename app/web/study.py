@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
+from app.moves.regret import POLICY
 from app.play.session import RefusedError
 from app.storage.study_rows import Participant, participant_label
 from app.study.folder import Study
@@ -19,6 +20,7 @@ from app.study.supervision import supervised_until_ms
 from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.results import regret_of
 from app.web.study_messages import AbandonEpisode, Advance, Answers, ConsentAnswer, Join, OperatorCode, ParticipantSettings
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
@@ -258,3 +260,18 @@ async def debrief(request: Request, progress: ProgressOf, player: Player, name: 
         except LookupError as error:
             raise HTTPException(404, str(error.args[0])) from error
     return replays
+
+
+@router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a warm-up terrain")
+async def debrief_regret(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
+    """Return the biggest losses of your own warm-up episode, once you are at the debrief; never those of a ranked one."""
+    with answering_study_errors():
+        participant = progress.participant(name, player)
+        if participant.stage not in ("debrief", "complete"):
+            raise StageError("the debrief comes after the last ranked round")
+        trials = progress.study_store.trials(participant.id)
+    own = [each for each in trials if each.phase == "warm_up" and each.terrain == index and each.ended_ms is not None]
+    if not own:
+        raise HTTPException(404, f"no warm-up terrain {index} that you have played to its end")
+    record = services_of(request).store.load_record(own[0].episode_id)
+    return {"policy": POLICY, **await regret_of(request, record)}

@@ -80,9 +80,21 @@ export function createApi(fetcher, root = "") {
     humanLevel: () => request("human-level"),
     /**
      * @param {string} id
-     * @returns {Promise<{seed: number}>}
+     * @returns {Promise<{seed: number, level: string, rows: number, cols: number, actions: string[]}>}
      */
     episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
+    /**
+     * @param {string} id of a finished episode
+     * @returns {Promise<import("./losses.js").Regret>}
+     */
+    regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 120_000),
+    /**
+     * Make a move that no key made.
+     * @param {string} id
+     * @param {{episode: string, step: number, action: string}} move
+     * @returns {Promise<Frame>}
+     */
+    act: (id, move) => request(`${session(id)}/act`, move),
     /**
      * @param {Record<string, unknown>} wish
      * @returns {Promise<About>}

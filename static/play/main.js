@@ -8,6 +8,7 @@ import { createRepaint, elementsOf } from "../common/page.js";
 import { announcement } from "../common/words.js";
 import { startInput } from "./input.js";
 import { createLeaving, isSameBoard } from "./leaving.js";
+import { createLosses } from "./losses.js";
 import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
 import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
@@ -42,6 +43,7 @@ const painter = createPainter({ page: document, panels, views, rivalName: () => 
 const repaint = createRepaint((isWhole) => {
   if (isWhole) painter.forget();
   painter.paint(state);
+  losses.paint();
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -60,6 +62,7 @@ const sessions = createSessions({
     loadHumanLevel();
   },
 });
+const losses = createLosses(panels.player.part, { state: () => state, load: api.regret, tryFrom: sessions.tryFrom });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, () => state);
 const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch, onPlay: () => sessions.resume() });
 /**

@@ -155,6 +155,18 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       begin(await api.nextEpisode(session, { level, size, seed }));
     }),
     /**
+     * Begin the terrain of a finished episode once more, and make its first moves again.
+     * @param {string} session
+     * @param {string} episode
+     * @param {number} moves
+     */
+    tryFrom: (session, episode, moves) => once(async () => {
+      const { level, rows, cols, seed, actions } = await api.episode(episode);
+      const about = await api.nextEpisode(session, { level, size: rows === cols ? rows : [rows, cols], seed });
+      begin(about);
+      for (const [step, action] of actions.slice(0, moves).entries()) await api.act(session, { episode: about.frame.episode, step, action });
+    }),
+    /**
      * Show a policy on the terrain of a finished ranked episode, once unless asked again.
      * @param {import("../common/game_state.js").State} state
      * @param {boolean} [isAgain]

@@ -116,5 +116,10 @@ export function createStudyApi(request, name) {
      * @returns {Promise<import("./replay.js").Runs>}
      */
     terrain: (index) => request(`${path}/debrief/${index}`),
+    /**
+     * @param {number} index
+     * @returns {Promise<import("../common/losses.js").Regret>}
+     */
+    losses: (index) => request(`${path}/debrief/${index}/regret`, undefined, 120_000),
   };
 }

@@ -2,6 +2,7 @@
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { paintBoard } from "../common/board.js";
 import { create, elementsOf, put } from "../common/page.js";
+import { paintLosses } from "../common/losses.js";
 import { boardAt } from "../common/replay.js";
 import { describeBoard, many, outcomeShort, percent, score } from "../common/words.js";
 import { lastStep } from "./replay.js";
@@ -18,9 +19,9 @@ const TICK_MS = 160;
 /**
  * @param {Document} page
  * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
- *   dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
+ *   losses: (index: number) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
  */
-export function createDebrief(page, { look, terrain, dispatch, replay: current }) {
+export function createDebrief(page, { look, terrain, losses, dispatch, replay: current }) {
   const by = elementsOf(page);
 
   /**
@@ -29,7 +30,11 @@ export function createDebrief(page, { look, terrain, dispatch, replay: current }
    */
   async function load(index) {
     try {
+      by("own-losses").replaceChildren();
       dispatch({ kind: "replay-loaded", index, runs: await terrain(index) });
+      const regret = await losses(index).catch(() => null); // a board too large for it, or a busy server: nothing is shown
+      const onChoose = (/** @type {import("../common/losses.js").Loss} */ { step }) => dispatch({ kind: "replay-moved", step });
+      if (regret && current()?.index === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
     } catch (error) {
       dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     }

@@ -115,3 +115,13 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
     moves = document["groups"][0]["moves"]
     assert {each["player"] for each in moves["regret"]["by_player"]} == {"P01", "P02"}
     assert not any(person in page or person in json.dumps(document) for person in people)
+
+
+def test_forgetting_a_participant_deletes_the_regrets_that_were_kept(tmp_path, capsys):
+    (person, *_) = play_study(tmp_path / "play.db", freeze(tmp_path / "studies"))
+    regret_cache(tmp_path / "play.db").mkdir()
+    (regret_cache(tmp_path / "play.db") / "kept.npy").write_bytes(b"")
+    with pytest.raises(SystemExit) as left:
+        main(["forget", person, "--database", str(tmp_path / "play.db"), "--yes"])
+    assert not left.value.code, capsys.readouterr().err
+    assert not regret_cache(tmp_path / "play.db").exists()

@@ -1,0 +1,81 @@
+"""The regret of an ended episode over HTTP: for who may see the episode, and never of an open study's ranked terrains."""
+
+import asyncio
+
+import pytest
+
+from app.moves.service import MAX_WAITING, RegretBusyError, Regrets
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.regret import RegretEstimator
+from tests.support.stored_studies import StudyRecorder, freeze
+
+SMALL = EnvConfig("random", 9, 11, sensor_radius=3)
+
+
+def ended(seed=3):
+    """A short episode that ended off the grid."""
+    episode = Episode.begin(SMALL, seed=seed)
+    for action in (1, 3, 0) if not episode.terrain[0, 1] else (2, 0, 0):
+        episode.step(action)
+    return episode
+
+
+def test_an_ended_episode_and_no_running_one(server):
+    client = server.page()
+    about = client.post("/api/sessions", json={"size": [9, 11], "seed": 3}).json()
+    episode, session = about["frame"]["episode"], about["session"]
+    assert client.get(f"/api/episodes/{episode}/regret").status_code == 404
+    east = about["frame"]["grid"][0][1] != "#"
+    for step, action in enumerate(("east", "west", "north") if east else ("south", "north", "north")):
+        client.post(f"/api/sessions/{session}/act", json={"episode": episode, "step": step, "action": action})
+    answer = server.client().get(f"/api/episodes/{episode}/regret")
+    assert answer.status_code == 200
+    found = answer.json()
+    assert (found["episode"], found["policy"]) == (episode, "ppo")
+    worst = found["losses"][0]
+    assert (worst["step"], worst["action"], worst["kind"]) == (2, "north", "ended early")
+    assert found["total"] >= worst["regret"] > 50
+    assert client.get("/api/episodes/none/regret").status_code == 404
+
+
+def test_nothing_of_an_open_study(serve, tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
+    recorder = StudyRecorder(tmp_path / "playground.db", study)
+    person = recorder.join(0)
+    episodes = [recorder.play(person, "warm_up", 0), recorder.play(person, "ranked", 0)]
+    recorder.close()
+    client = serve().page()
+    assert [client.get(f"/api/episodes/{episode}/regret").status_code for episode in episodes] == [404, 404]
+    assert client.get("/api/studies/dunes/debrief/0/regret").status_code in (403, 404, 409)
+
+
+def test_the_worker_says_what_the_estimator_says_and_starts_again_after_its_end(tmp_path):
+    async def ask():
+        regrets = Regrets(tmp_path / "play.db")
+        first = await regrets.of(ended().record())
+        regrets._process.kill()
+        await regrets._process.wait()
+        second = await regrets.of(ended(seed=4).record())
+        await regrets.close()
+        return first, second
+
+    first, second = asyncio.run(ask())
+    estimator = RegretEstimator()
+    assert first["total"] == estimator.regret(ended().record()).total
+    assert second["total"] == estimator.regret(ended(seed=4).record()).total
+
+
+def test_too_many_at_once_are_refused_and_so_are_large_boards(tmp_path):
+    async def ask():
+        regrets = Regrets(tmp_path / "play.db")
+        regrets._waiting = MAX_WAITING
+        try:
+            with pytest.raises(RegretBusyError, match="ask again in a minute"):
+                await regrets.of(ended().record())
+            with pytest.raises(ValueError, match="up to 1764 cells"):
+                await regrets.of(Episode.begin(EnvConfig.of("random", 43), seed=1).record())
+        finally:
+            await regrets.close()
+
+    asyncio.run(ask())
