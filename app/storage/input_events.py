@@ -16,8 +16,8 @@ from app.storage.store import Store
 MAX_EVENTS_PER_EPISODE = 50_000
 """Most input events kept of an episode: some hours of typing."""
 COPIED_GAPS = (12, 40)
-"""Fewest and most gaps between presses, from the first on, that are compared with another episode's. Twelve gaps in tenths of a
-millisecond are the same twice by a copy alone; even on a clock of 100 ms it is one in millions."""
+"""Fewest and most gaps between presses, from the first on, that are compared with another episode's: twelve gaps in tenths of a
+millisecond are the same twice by a copy alone, and the more are compared, the less two clocks of 100 ms are taken for one."""
 COMPARED_EPISODES = 5_000
 """Newest episodes that are compared: a look at 5,000 takes some 20 ms."""
 
@@ -79,8 +79,11 @@ def has_copied_timing(reader: Reader, episode_id: str) -> bool:
     if None in times or len(times) <= COPIED_GAPS[0]:
         return False
     gaps = [after - before for before, after in pairwise(times)]
-    # the first condition that fails ends the look at an episode; the last gaps are the ones that begin least often alike
-    same = " AND ".join(f"abs({_GAP.format(step=step)} - {gaps[step]!r}) < 0.06" for step in range(len(gaps)))
+    # the first condition that fails ends the look at an episode; after the fewest gaps the other one may have ended
+    alike = [
+        f"coalesce(abs({_GAP.format(step=step)} - {gap!r}) < 0.06, {step >= COPIED_GAPS[0]:d})" for step, gap in enumerate(gaps)
+    ]
+    same = " AND ".join(alike)
     return bool(reader.query(f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1", [episode_id, COMPARED_EPISODES]))
 
 

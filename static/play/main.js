@@ -5,7 +5,7 @@ import { createConnections } from "../common/connections.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf } from "../common/page.js";
-import { announcement } from "../common/words.js";
+import { announcement, notCounted } from "../common/words.js";
 import { startInput } from "./input.js";
 import { createLeaving, isSameBoard } from "./leaving.js";
 import { createLosses } from "./losses.js";
@@ -121,7 +121,7 @@ function dispatch(event) {
     if (said) by("announcer").textContent = said;
     if (event.kind === "received" && state.mode !== "spectator" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
     if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
-    if (frame.outcome && !before.player?.frame.outcome) loadHumanLevel();
+    if (frame.outcome && !before.player?.frame.outcome) ended();
   }
   repaint();
 }
@@ -169,6 +169,15 @@ for (const role of ROLES) {
 }
 views.watch(/** @type {HTMLElement} */ (by("chart", HTMLCanvasElement).parentElement));
 
+/** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
+async function ended() {
+  const about = state.mode === "ranked" && state.counts && state.player ? await api.about(state.player.session).catch(() => null) : null;
+  if (about?.not_attested) {
+    dispatch({ kind: "begun", about });
+    dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
+  }
+  await loadHumanLevel();
+}
 async function loadHumanLevel() {
   const answer = await api.humanLevel().catch(() => null);
   if (answer) paintHumanLevel(answer, state, document);

@@ -2,7 +2,7 @@
 // The study's sentences; no document here, so node can test every one.
 import { runs } from "../common/board.js";
 import { CELL_STATES } from "../common/messages.js";
-import { many, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
+import { many, notCounted, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
 
 /**
  * @typedef {import("./api.js").Participant} Participant
@@ -99,12 +99,13 @@ export function endCard(frame, participant) {
  * @param {Frame} frame
  * @param {Participant} participant
  */
-function endNote({ outcome, score: scored }, { phase, stage, rules }) {
+function endNote({ outcome, score: scored }, { phase, stage, rules, about }) {
   if (phase === "tutorial") {
     return outcome === "explored" ? "That is all there is to it."
       : outcome === "collided" || outcome === "out_of_bounds" ? "In the study that would have ended this terrain. Try once more, or go on." : "";
   }
   if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
+  if (about?.not_attested) return notCounted(about.not_attested);
   return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
 }
 

@@ -1,0 +1,162 @@
+"""Forgers who hold a valid cookie, the page's Origin and, in a study, an invitation: what enters a human figure of theirs."""
+
+import random
+import sqlite3
+import time
+from contextlib import closing
+
+from app.statistics.exclusion_sets import people_of
+from app.study.data import load as load_study
+from app.study.folder import Folder
+from app.study.invitations import Invitations, token_of
+from marsexplorer.config import ACTIONS
+from marsexplorer.policies import load
+from tests.support.study import Person, codes, freeze
+
+KEYS = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
+
+
+class Forger:
+    """A program that plays a board and calls its moves keys; `stamps(step)` gives what it says of a press, or None for none."""
+
+    def __init__(self, stamps, pace_ms=3.0, real=False):
+        self.stamps, self.pace_ms, self.real = stamps, pace_ms, real
+
+    def play(self, socket, clock):
+        """Play the episode on the board to its end, a move every `pace_ms` of the server's time."""
+        policy = load("frontier-cost")
+        policy.reset(1)
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            if self.real:
+                time.sleep(self.pace_ms / 1000)
+            else:
+                clock.skipped_ms += int(self.pace_ms)
+            self.move(socket, frame, ACTIONS[policy.act(codes(frame))], clock)
+            frame = socket.frame_after(frame["step"])
+        return frame
+
+    def move(self, socket, frame, action, clock):
+        stamp = self.stamps(frame["step"], clock)
+        if stamp is None:
+            now = clock.page_ms()
+            socket.send(
+                {"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, "input": "key",
+                 "key_down_ms": now, "client_ms": now}
+            )  # fmt: skip
+            return
+        press = {
+            "kind": "keydown",
+            "code": KEYS[action],
+            "repeat": False,
+            "trusted": True,
+            "client_ms": stamp,
+            "step": frame["step"],
+        }
+        socket.send({"kind": "events", "episode": frame["episode"], "events": [press]})
+        times = {"input": "key", "key_down_ms": stamp, "client_ms": stamp}
+        socket.send({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, **times})
+
+
+def forgers(copied):
+    """Return the forgers by name; `copied` are the presses of a real episode (ms)."""
+    jitter = random.Random(5)
+    paces = [jitter.uniform(150, 450) for _ in range(500)]
+    human = [sum(paces[:step]) for step in range(500)]
+    start = copied[0]
+
+    def replayed(step, clock):
+        """Send the copied gaps at the pace at which they were pressed, from now on."""
+        if step == 0:
+            replayed.began = clock.page_ms()
+            return replayed.began
+        until = replayed.began + copied[step % len(copied)] - start + (step // len(copied)) * 10_000
+        clock.skipped_ms += max(0, int(until - clock.page_ms()) + 1)
+        return round(until, 1)
+
+    return {
+        "no events": Forger(lambda step, clock: None, 250),
+        "copied events": Forger(lambda step, clock: copied[step % len(copied)], 250),
+        "copied gaps, replayed": Forger(replayed, 0),
+        "all stamps at once": Forger(lambda step, clock: 5_000.0, 250),
+        "a clock that runs ten times as fast": Forger(lambda step, clock: round(clock.page_ms() * 10, 1), 30),
+        "a person's stamps in a hundredth of the time": Forger(lambda step, clock: round(5_000 + human[step], 1), 3),
+        "stamps before the frames": Forger(lambda step, clock: round(clock.page_ms() - 500 * step, 1), 250),
+        "a hundred times a person's speed": Forger(lambda step, clock: clock.page_ms(), 3),
+    }
+
+
+def presses_of(path, episode):
+    with closing(sqlite3.connect(path)) as db:
+        sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step"
+        return [at for (at,) in db.execute(sql, [episode])]
+
+
+def honest_board(server):
+    """Return the last frame of a person's ranked episode on the playground."""
+    client = server.client(headers={"Origin": server.url})
+    begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
+    policy = load("frontier-cost")
+    policy.reset(1)
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            frame = socket.frame_after(frame["step"])
+    return frame
+
+
+def counted(server):
+    """Return the ids of the episodes that count for the playground's figure."""
+    found = server.client().get("/api/episodes", params={"who": "human", "limit": 1000}).json()
+    return {episode["episode"] for episode in found}
+
+
+def test_no_forger_of_the_playground_counts_and_the_person_does(server, tmp_path):
+    honest = honest_board(server)["episode"]
+    forged = {}
+    for name, forger in forgers(presses_of(tmp_path / "playground.db", honest)).items():
+        client = server.client(headers={"Origin": server.url})
+        begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
+        assert begun["counts"] is True
+        with server.socket(begun["session"], client) as socket:
+            forged[name] = forger.play(socket, server.clock)["episode"]
+        about = client.get(f"/api/sessions/{begun['session']}/about").json()
+        assert about["counts"] is False, name
+        assert about["not_attested"], name
+    assert counted(server) == {honest}
+    figures = server.client().get("/api/human-level").json()["figures"]
+    assert [(figure["players"], figure["episodes"]) for figure in figures] == [(1, 1)]
+
+
+def play_forged(person, forger):
+    """Let a participant play every warm-up and ranked episode as a forger does."""
+    while person.me()["stage"] not in ("debrief", "complete"):
+        person.call("next")
+        with person.socket() as socket:
+            forger.play(socket, person.server.clock)
+
+
+def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path):
+    small = {"size": (9, 12), "ranked": 2, "warm_up": 1, "hides_interim": False, "recruitment": "invitation"}
+    study = freeze(tmp_path / "studies", **small)
+    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 9)
+    invitations = iter([token_of(study, each.id) for each in issued])
+    person = Person(server, invitation=next(invitations))
+    person.to_warm_up()
+    person.play_on()
+    path = tmp_path / "playground.db"
+    with closing(sqlite3.connect(path)) as db:
+        (copied,) = db.execute("SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 0").fetchone()
+    names = forgers(presses_of(path, copied))
+    for forger in names.values():
+        other = Person(server, invitation=next(invitations))
+        other.to_warm_up()
+        play_forged(other, forger)
+    data = load_study(path, "small")
+    levels = {}
+    for trial in data.trials:
+        if trial.phase == "ranked":
+            levels.setdefault(trial.participant, []).append(trial.attestation)
+    assert sorted(levels.values()) == [["attested"] * 2] + [["unattested"] * 2] * len(names)
+    assert sum(map(len, people_of(data).ranked.values())) == 2

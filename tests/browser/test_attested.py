@@ -1,0 +1,162 @@
+"""Whatever a person does at a real browser is attested: keys, mouse, fingers, typing ahead, reloads, lost connections."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from tests.browser.test_study_page import Participant
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D
+from tests.support.servers import eventually
+from tests.support.study import freeze
+
+ACTIONS = ("north", "east", "south", "west")
+
+
+def level_of(tmp_path, episode):
+    """Return (driver, attestation, reason) of an episode that has ended."""
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
+        sql = "SELECT driver, attestation, attestation_reason FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
+        return eventually(lambda: db.execute(sql, [episode]).fetchone())
+
+
+ATTESTED = ("human", "attested", None)
+
+
+def there_and_back(me):
+    """Two actions that can be repeated for ever from the start."""
+    return ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")
+
+
+def begun(serve_or_spawn, player, flags=NO_3D, **context):
+    """Return a server and a person at a ranked board of theirs."""
+    server = serve_or_spawn()
+    me = player(server, [*flags, *AS_A_PERSON], **context)
+    me.goto()
+    me.begin(size=[9, 12])
+    return server, me
+
+
+def end(me):
+    """Drive off the grid from the start, and return the episode's id."""
+    me.press("north")
+    return me.state()["episode"]
+
+
+def click(me, action, how):
+    step = me.state()["step"]
+    me.page.wait_for_timeout(80)
+    how(me.page.get_by_test_id(f"pad-{action}"))
+    me.wait(f"window.mars.state.player.frame.step > {step}")
+
+
+def test_mouse_clicks_on_the_arrows_and_enter_on_them(serve, player, tmp_path):
+    _, me = begun(serve, player)
+    me.page.evaluate("() => { document.body.dataset.pad = 'true'; }")
+    there, back = there_and_back(me)
+    click(me, there, lambda arrow: arrow.click())
+    click(me, back, lambda arrow: (arrow.focus(), me.page.keyboard.press("Enter")))
+    click(me, there, lambda arrow: (arrow.focus(), me.page.keyboard.press("Space")))
+    click(me, back, lambda arrow: arrow.click(delay=60))
+    assert level_of(tmp_path, end(me)) == ATTESTED
+    assert me.errors == []
+
+
+def test_taps_on_a_phone(serve, player, tmp_path):
+    _, me = begun(serve, player, width=390, height=844, has_touch=True, is_mobile=True)
+    there, back = there_and_back(me)
+    for action in (there, back, there, back):
+        click(me, action, lambda arrow: arrow.tap())
+    assert level_of(tmp_path, end(me)) == ATTESTED
+
+
+def test_typing_ahead_in_bursts(serve, player, tmp_path):
+    _, me = begun(serve, player)
+    there, back = there_and_back(me)
+    for _ in range(4):
+        step = me.state()["step"]
+        for action in (there, back, there, back):
+            me.page.keyboard.press(KEY_OF[action])
+        me.wait(f"window.mars.state.player.frame.step === {step + 4}")
+        me.page.wait_for_timeout(400)
+    assert level_of(tmp_path, end(me)) == ATTESTED
+
+
+def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp_path):
+    _, me = begun(serve, player)
+    there, back = there_and_back(me)
+    for _ in range(3):
+        me.press(there)
+        me.press(back)
+        me.page.reload()
+        me.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+    tab = type(me)(me.page.context.new_page(), me.url)
+    tab.page.goto(me.page.url)
+    tab.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+    for who in (tab, me, tab, me):
+        steps = who.state()["step"]
+        who.press(there if steps % 2 == 0 else back)
+        for other in (me, tab):
+            other.wait(f"window.mars.state.player.frame.step === {steps + 1}")
+    assert level_of(tmp_path, end(me)) == ATTESTED
+
+
+def test_a_connection_lost_in_the_middle(spawn, player, tmp_path):
+    server, me = begun(spawn, player)
+    there, back = there_and_back(me)
+    me.press(there)
+    server.kill()
+    for action in (back, there, back):
+        me.page.keyboard.press(KEY_OF[action])  # lost, and their events are not
+    me.wait("window.mars.state.link === 'lost'")
+    again = spawn(port=server.port)
+    me.wait("window.mars.state.link === 'open'")
+    assert me.state()["step"] == 1
+    me.press(back)
+    me.press(there)
+    me.press(back)
+    assert level_of(tmp_path, end(me)) == ATTESTED
+    again.kill()
+
+
+@pytest.mark.long
+def test_keys_inside_the_3d_view(serve, player, tmp_path):
+    _, me = begun(serve, player, flags=())
+    viewer = me.page.get_by_test_id("viewer-player")
+    me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+    box = viewer.bounding_box()
+    me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
+    there, back = there_and_back(me)
+    for action in (there, back, there, back):
+        me.press(action)
+    assert level_of(tmp_path, end(me)) == ATTESTED
+
+
+def test_remapped_keys_in_a_study(serve, open_browser, tmp_path):
+    freeze(tmp_path / "studies", name="tiny", size=(6, 8), pause_after_s=900)
+    server = serve()
+    me = Participant(open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page(), server.url).goto()
+    me.choose("agree")
+    me.stands("instructions")
+    me.choose("open-settings")
+    for number, key in enumerate("ijkl"):
+        me.choose(f"key-{ACTIONS[number]}-0")
+        me.page.keyboard.press(key)
+    me.page.keyboard.press("Escape")
+    me.choose("to-tutorial")
+    me.driving()
+    me.keys = dict(zip(ACTIONS, "ijkl", strict=True))
+    frame = me.explore()
+    assert level_of(tmp_path, frame["episode"]) == ATTESTED
+    assert me.errors == []
+
+
+def test_a_page_without_events_is_told_that_its_episode_does_not_count(serve, player, tmp_path):
+    _, me = begun(serve, player)
+    me.page.evaluate("""() => { const send = WebSocket.prototype.send;
+        WebSocket.prototype.send = function (text) { if (!text.includes('"kind":"events"')) send.call(this, text); }; }""")
+    episode = end(me)
+    assert level_of(tmp_path, episode) == ("human", "unattested", "step 0: no press of its own was received before the move")
+    me.page.get_by_text("This episode does not count").first.wait_for()
+    me.wait("!window.mars.state.counts")
