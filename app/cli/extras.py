@@ -42,6 +42,7 @@ EXTRA_OF_COMMAND = {
     "study": "study",
     "simulate": "study",
     "report": "study",
+    "regret": "study",
     "verify": "study",
     "release": "export",
     "reproduce": "export",

@@ -125,3 +125,20 @@ def test_forgetting_a_participant_deletes_the_regrets_that_were_kept(tmp_path, c
         main(["forget", person, "--database", str(tmp_path / "play.db"), "--yes"])
     assert not left.value.code, capsys.readouterr().err
     assert not regret_cache(tmp_path / "play.db").exists()
+
+
+def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsys):
+    folder, people = place
+    where = ("--database", str(folder / "play.db"), "--studies", str(folder / "studies"))
+    with pytest.raises(SystemExit) as left:
+        main(["regret", "--study", "dunes", *where, "--json", str(tmp_path / "regret.json")])
+    said = capsys.readouterr()
+    assert not left.value.code, said.err
+    assert "regret per ranked episode" in said.out
+    assert "ppo itself on the same terrains" in said.out
+    written = (tmp_path / "regret.json").read_text()
+    document = json.loads(written)
+    moves = document["moves"]
+    assert {move["player"] for move in moves} == {"P01", "P02"}
+    assert set(moves[0]) == {"player", "episode", "step", "action", "regret", "best_action", "kind"}
+    assert not any(person in written or person in said.out for person in people)
