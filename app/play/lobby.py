@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
 from functools import partial
 
 from app.play.agent import DEFAULT_MOVES_PER_SECOND, Agent
+from app.play.board_group import BoardGroup
 from app.play.decision_queue import DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.policy_catalogue import PolicyCatalogue
@@ -30,25 +30,6 @@ class UnknownSessionError(LookupError):
 
     def __init__(self, session_id: str, why: str | None = None) -> None:
         super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
-
-
-@dataclass
-class BoardGroup:
-    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
-
-    player: Session
-    rival: Session | None
-    lock: asyncio.Lock
-    agents: dict[str, Agent]
-
-    @property
-    def boards(self) -> list[Session]:
-        """Return the player's board, then the rival's if there is one."""
-        return [self.player] if self.rival is None else [self.player, self.rival]
-
-    def board(self, session_id: str) -> Session:
-        """Return the one of the boards that has this session's id."""
-        return next(board for board in self.boards if board.id == session_id)
 
 
 def next_config(session: Session, wanted: NewEpisode) -> EnvConfig:

@@ -95,7 +95,8 @@ def _sentence(figure: dict[str, Any]) -> str:
     where = f"level {figure['level']}, {figure['rows']} x {figure['cols']}"
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
     steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure, 'steps', '.1f')}"
-    text = f"Volunteers on this playground: {where} ({who}{abandoned}): {score}, {steps}, {figure['completed']:.0%} completed."
+    figures = f"{score}, {steps}, {figure['completed']:.0%} completed."
+    text = f"Volunteers on this playground, self-selected: {where} ({who}{abandoned}): {figures}"
     return text if figure["players"] > 1 else f"{text} One player gives no interval."
 
 

@@ -13,18 +13,21 @@ from app.storage.store import DAY_MS, Store
 _RANKED = """SELECT e.id, e.session_id, s.owner_id, e.config_hash,
     (SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
     (SELECT max(server_ms) FROM steps t WHERE t.episode_id = e.id) AS moved_ms
-    FROM episodes e JOIN sessions s ON s.id = e.session_id
+    FROM {tables} ON s.id = e.session_id
     WHERE e.ended_ms IS NULL AND e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen
     AND s.control = 'cookie' AND s.owner_id IS NOT NULL
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)"""
+# A CROSS JOIN reads the tables in the order written: a player's few sessions first, or the few open episodes of all.
+_OF_PLAYER = _RANKED.format(tables="sessions s CROSS JOIN episodes e") + " AND s.owner_id = :player"
+_OF_ALL = _RANKED.format(tables="episodes e CROSS JOIN sessions s")
 # A policy's board without a rival is a replay beside a board, and no board of its own.
-_NEWEST = """SELECT s.id FROM sessions s
-    JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
-    WHERE s.player_id = :player AND s.control = 'cookie'
+_NEWEST = f"""SELECT s.id FROM sessions s
+    CROSS JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
+    WHERE s.owner_id = :player AND s.player_id = :player AND s.control = 'cookie'
     AND (s.driver_name = 'human' OR EXISTS (SELECT 1 FROM sessions r WHERE r.rival_of = s.id))
     AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
     AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since)
-    ORDER BY e.id IN (SELECT id FROM ({ranked}) WHERE moves > 0 AND owner_id = :player) DESC, e.started_ms DESC LIMIT 1"""
+    ORDER BY e.id IN (SELECT id FROM ({_OF_PLAYER}) WHERE moves > 0) DESC, e.started_ms DESC LIMIT 1"""
 _WATCHABLE = """SELECT session_id, ended_ms FROM episodes e WHERE e.id = ?
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)"""
 
@@ -43,16 +46,12 @@ class OpenRanked:
 
 def open_ranked(store: Store, player_id: str) -> list[OpenRanked]:
     """Return a player's open ranked episodes."""
-    return _ranked(store, " AND s.owner_id = ?", [player_id])
+    return [OpenRanked(*row) for row in store.connection.execute(_OF_PLAYER, {"player": player_id}).fetchall()]
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[OpenRanked]:
     """Return every open ranked episode whose last move was made before a time; one without a move is never among them."""
-    return _ranked(store, " AND moved_ms < ?", [before_ms])
-
-
-def _ranked(store: Store, more: str, values: list[object]) -> list[OpenRanked]:
-    return [OpenRanked(*row) for row in store.connection.execute(_RANKED + more, values).fetchall()]
+    return [OpenRanked(*row) for row in store.connection.execute(_OF_ALL + " AND moved_ms < ?", [before_ms]).fetchall()]
 
 
 def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
@@ -61,7 +60,7 @@ def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
     It is that of their ranked episode with moves if one is open, else the newest of those that are open or ended within a day.
     """
     values = {"player": player_id, "since": now_ms - DAY_MS}
-    found = store.connection.execute(_NEWEST.format(ranked=_RANKED), values).fetchone()
+    found = store.connection.execute(_NEWEST, values).fetchone()
     return None if found is None else str(found[0])
 
 

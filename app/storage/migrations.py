@@ -210,6 +210,7 @@ def _add_attestation_and_chain(conn: sqlite3.Connection) -> None:
     for statement in (
         # what moves a session: the cookie of its player alone, or whoever knows its id
         "ALTER TABLE sessions ADD COLUMN control TEXT NOT NULL DEFAULT 'bearer' CHECK (control IN ('cookie', 'bearer'))",
+        "CREATE INDEX sessions_by_owner ON sessions (owner_id)",
         # of a finished episode of a person, and why it is not attested
         f"ALTER TABLE episodes ADD COLUMN attestation TEXT CHECK (attestation IN ({levels}))",
         "ALTER TABLE episodes ADD COLUMN attestation_reason TEXT",

@@ -41,7 +41,7 @@ export function paintTrials({ canvas, legend, note }, trials, rows, measure) {
   const values = trials.map((trial) => trial[measure]);
   const flat = rows.flatMap((row) => (row.figure && row.who === "policy" && row.name !== "random" ? [{ ...row, mean: row.figure[measure].mean }] : []));
   const level = flat.map(({ name, colour, dash, mean }) => ({ name, colour, dash, x: [0.7, end + 0.3], y: [mean, mean], low: [], high: [] }));
-  const own = { name: "People", colour: PEOPLE_INK, dash: "", hasDots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
+  const own = { name: rows.find(({ who }) => who === "people")?.name ?? "People", colour: PEOPLE_INK, dash: "", hasDots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
     low: values.map(({ low }) => low), high: values.map(({ high }) => high) };
   const means = [...own.y, ...flat.map(({ mean }) => mean)];
   const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;

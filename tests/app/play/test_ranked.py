@@ -103,7 +103,7 @@ PATIENCE = 17
 
 
 def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(serve):
-    """The rule that left boards at 75 moves and was paid for it with 70.9 steps instead of 87.5, on small boards."""
+    """The rule that left boards at 75 moves and was rewarded with 70.9 steps instead of 87.5, on small boards."""
     seeds = itertools.count(1)
     server, policy = serve(), load("frontier-cost")
     lobby = server.services.lobby
@@ -124,8 +124,8 @@ def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(serve):
     assert 0 < len(left) < len(honest)
     (figure,) = client.get("/api/human-level").json()["figures"]
     assert (figure["episodes"], figure["abandoned"]) == (len(honest), len(left))
-    paid = [steps if steps <= PATIENCE else LIMIT for steps in honest]
-    assert figure["steps"]["mean"] == pytest.approx(sum(paid) / len(paid))
+    counted = [steps if steps <= PATIENCE else LIMIT for steps in honest]
+    assert figure["steps"]["mean"] == pytest.approx(sum(counted) / len(counted))
     assert figure["steps"]["mean"] > sum(honest) / len(honest), "leaving does not pay"
 
 

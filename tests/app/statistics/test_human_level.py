@@ -62,7 +62,7 @@ def test_an_abandoned_episode_counts_max_steps_and_is_named(store):
     assert figure["steps"]["mean"] == SMALL.limit
     assert figure["abandoned"] == 1
     assert found["sentence"].startswith(
-        "Volunteers on this playground: level random, 5 x 7 (1 player, 1 episode, 1 of them aban"
+        "Volunteers on this playground, self-selected: level random, 5 x 7 (1 player, 1 episode, 1 of "
     )
     assert figure["completed"] == 0.0
 
