@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.storage.health import chain_head, quick_check
+from app.storage.checks import chain_head, quick_check
 
 LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""

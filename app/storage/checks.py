@@ -1,4 +1,5 @@
-"""Stored rows checked against what they follow from: an episode against its simulation, every row against the chain.
+"""Stored rows checked against what they follow from: an episode against its simulation, every row against the chain, and the
+file by SQLite itself.
 
 `app.study.verification` puts these checks together with those of the study's protocol.
 """
@@ -7,11 +8,16 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 from typing import NamedTuple
 
+from app.storage import chain
 from app.storage.chain import Kind
 from app.storage.chain_checks import check_thing, check_without_owner
-from app.storage.connection import rows
+from app.storage.connection import reading, rows
+from app.storage.database import StoreError
+from app.storage.reader import Reader
 from app.storage.resimulation import Finding, differences
 from app.storage.study_rows import ORDER_EVENT, StudyRow
 
@@ -125,3 +131,22 @@ def _within(study: str | None, column: str = "id") -> str:
         return ""
     inner = "SELECT s.episode_id FROM study_episodes s JOIN participants p ON p.id = s.participant_id"
     return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
+
+
+def quick_check(database: Path) -> str:
+    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes."""
+    try:
+        with closing(Reader.open(database)) as reader:
+            rows = reader.query("PRAGMA quick_check(5)")
+    except (StoreError, sqlite3.DatabaseError) as error:
+        return str(error)
+    return "; ".join(str(next(iter(row.values()))) for row in rows)
+
+
+def chain_head(database: Path) -> chain.Head | None:
+    """Return the end of the chain of a database that a server may be writing; None when it cannot be read."""
+    try:
+        with reading(database) as conn:
+            return chain.head(conn)
+    except (StoreError, sqlite3.DatabaseError):
+        return None

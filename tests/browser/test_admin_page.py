@@ -172,7 +172,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert page.get_by_test_id("working").is_hidden()
     look(page, "leaderboard-empty")
 
-    client = server.client()
+    client = server.page()
     for _ in range(2):
         play_for_the_score(server, client)
     page.reload()
