@@ -55,6 +55,7 @@ def release(
         check_libraries()
     except ReleaseError as error:
         raise click.ClickException(str(error)) from error
+    from app.moves.regret import regret_cache
     from app.release.build import ReleaseRequest, build_release
     from app.storage.database import StoreError
     from app.study.folder import Folder
@@ -73,7 +74,8 @@ def release(
             database or settings.database, study, out, authors, url, interim, known, without, looks, invited
         )
         with progress("verifying and writing") as advance:
-            built = build_release(request, advance, released_report(study, without))
+            reporter = released_report(study, without, regret_cache(request.database))
+            built = build_release(request, advance, reporter)
     except (PolicyNotFoundError, PolicyFileError) as error:
         raise click.ClickException(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from app.cli.console import PATH, pins_file, print_table, reason
+from app.cli.derivation import Derivation, derive, known_moves, play_again, play_at_hand, read_bundle, replay_policies
 from app.cli.report import show
-from app.cli.study_report import REPORT_FILES, build_report, has_played, play_compared, replay_pictures
+from app.cli.study_report import REPORT_FILES, has_played
 
 if TYPE_CHECKING:
-    from app.report.model import Report
-    from app.report.reproduction import Section
-    from app.study.data import StudyData
-    from app.study.policy_episodes import PolicyEpisode
+    from app.moves.analysis import KnownMoves
 
 MAX_PRINTED = 20
 """Differences that are printed; more are counted."""
-
-
-@dataclass
-class Derivation:
-    """What was derived from a bundle: its data, the policies' episodes, what was compared, and what was not (sentences)."""
-
-    folder: Path
-    data: StudyData
-    episodes: tuple[PolicyEpisode, ...]
-    sections: dict[str, Section] = field(default_factory=dict)
-    not_compared: list[str] = field(default_factory=list)
 
 
 @click.command(short_help="Derive a bundle's figures again and compare.")
@@ -56,10 +44,10 @@ def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
 
     try:
         findings = _check_bundle(folder, key)
-        made = _read_bundle(folder)
-        is_compared = _compare(made)
+        made = read_bundle(folder)
+        is_compared = _compare(made, not recorded)
         if not recorded:
-            _play_again(made)
+            play_again(made)
     except (ReleaseError, StoreError, StudyError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
@@ -83,130 +71,44 @@ def _check_bundle(folder: Path, key: str | None) -> int:
     return len(findings)
 
 
-def _read_bundle(folder: Path) -> Derivation:
-    """Return the bundle's data and its policies' episodes."""
-    from app.release.derived import read_policy_episodes
-    from app.release.header import BUNDLE_DATABASE
-    from app.release.manifest import read_manifest
-    from app.storage.connection import reading
-    from app.study.data import load
-    from app.study.looks import LOOKS_FILE, read_looks
-
-    manifest, _ = read_manifest(folder)
-    with reading(folder / BUNDLE_DATABASE) as conn:
-        episodes = read_policy_episodes(conn)
-    data = load(folder / BUNDLE_DATABASE, str(manifest["study"]))
-    return Derivation(folder, replace(data, looks=read_looks(folder / LOOKS_FILE)), episodes)
-
-
-def _compare(made: Derivation) -> bool:
+def _compare(made: Derivation, plays_again: bool) -> bool:
     """Derive each report that the bundle holds and compare; False when it holds none, and the derived one is shown."""
     found = [synthetic for synthetic in REPORT_FILES if (made.folder / REPORT_FILES[synthetic][0]).exists()]
     if not found:
         click.echo("this bundle holds no report, so there is nothing to compare with; the report derived from it:")
         if has_played(made.data, synthetic=False):
-            made = replace(made, episodes=made.episodes or _play_at_hand(made))
-        show(_derive(made, synthetic=False))
+            made = replace(made, episodes=made.episodes or play_at_hand(made))
+        show(derive(made, synthetic=False))
         return False
-    for synthetic in found:
-        _compare_report(made, synthetic)
-    _replay_policies(made)
+    with TemporaryDirectory() as cache:
+        known = known_moves(made, Path(cache), plays_again)
+        for synthetic in found:
+            _compare_report(made, synthetic, known)
+    replay_policies(made)
     return True
 
 
-def _derive(made: Derivation, synthetic: bool) -> Report:
-    from app.release.header import BUNDLE_DATABASE
-    from app.storage.reader import Reader
-
-    reader = Reader.open(made.folder / BUNDLE_DATABASE)
-    try:
-        pictures = replay_pictures(reader, made.data, synthetic)
-    finally:
-        reader.close()
-    return build_report(made.data, made.episodes, synthetic, pictures)
-
-
-def _compare_report(made: Derivation, synthetic: bool) -> None:
+def _compare_report(made: Derivation, synthetic: bool, known: KnownMoves | None) -> None:
     """Compare one report's numbers, and its page as text."""
     from app.report.page import render
-    from app.report.reproduction import NOT_COMPARED, Section, compare_reports
+    from app.report.reproduction import MOVE_KEYS, NOT_COMPARED, compare_reports
 
     json_name, html_name = REPORT_FILES[synthetic]
     recorded: dict[str, Any] = json.loads((made.folder / json_name).read_bytes())
-    derived = _derive(made, synthetic)
+    derived = derive(made, synthetic, known)
+    has_moves = known is not None or not made.regret_policy_hash
     mark = "scripts: " if synthetic else ""
-    made.sections |= {mark + name: section for name, section in compare_reports(recorded, derived.to_dict()).items()}
-    if recorded["software_version"] == derived.software_version:
-        page = render(replace(derived, made_at=recorded["made_at"]))
-        section = made.sections.setdefault(f"{mark}page", Section())
-        text = (made.folder / html_name).read_text(encoding="utf-8")
-        section.add(html_name, "the page", "another page", page == text)
-    else:
-        made.not_compared.append(f"{html_name}: version {recorded['software_version']} of the software set it")
+    found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
+    made.sections |= {mark + name: section for name, section in found.items()}
     made.not_compared.append(f"{json_name}: {' and '.join(NOT_COMPARED)}, which say when and by what it was made")
-
-
-def _replay_policies(made: Derivation) -> None:
-    """Compare the policies' recorded episodes with their replay on the terrains that follow from the study's secret."""
-    from app.report.reproduction import Section
-    from app.study.policy_episodes import ranked_seeds
-
-    data, section = made.data, made.sections.setdefault("policies' episodes, replayed", Section())
-    seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}
-    for each in made.episodes:
-        where = f"{each.policy}, terrain {each.terrain}"
-        section.add(f"{where}: seed", each.seed, seeds.get(each.terrain), each.seed == seeds.get(each.terrain))
-        found = each.replay(data.protocol.env_config).record().trajectory_hash
-        section.add(f"{where}: trajectory hash", each.trajectory_hash, found, each.trajectory_hash == found)
-
-
-def _play_again(made: Derivation) -> None:
-    """Play each policy again whose file is at hand and the same, and compare the moves."""
-    from app.report.reproduction import Section
-    from marsexplorer.config import CORE_VERSION
-
-    recorded = {(each.policy, each.terrain): each for each in made.episodes}
-    names = [name for name in dict.fromkeys(each.policy for each in made.episodes) if _is_at_hand(made, name)]
-    if not names or made.data.protocol.core_version != CORE_VERSION:
-        return
-    seeds = {each.terrain: each.seed for each in made.episodes}
-    section = made.sections.setdefault("policies' episodes, played again", Section())
-    for each in play_compared(made.data, seeds, names):
-        before = recorded[each.policy, each.terrain]
-        hashes = before.trajectory_hash, each.trajectory_hash
-        section.add(f"{each.policy}, terrain {each.terrain}: trajectory hash", *hashes, hashes[0] == hashes[1])
-
-
-def _is_at_hand(made: Derivation, name: str) -> bool:
-    """Return whether the policy that played is here; what is not is noted."""
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load, policy_hash
-
-    (recorded, *_) = (each.policy_hash for each in made.episodes if each.policy == name)
-    try:
-        load(name, made.data.protocol.env_config.sensor_radius)
-        is_same = policy_hash(name) == recorded
-        why = f"its file here has another SHA-256 than {recorded}"
-    except (PolicyNotFoundError, PolicyFileError) as error:
-        is_same, why = False, str(error)
-    if not is_same:
-        made.not_compared.append(f"{name} was not played again, its recorded moves were replayed: {why}")
-    return is_same
-
-
-def _play_at_hand(made: Derivation) -> tuple[PolicyEpisode, ...]:
-    """Return episodes of those policies of the protocol that are here, for a bundle that holds none."""
-    from app.study.policy_episodes import compared_policies, ranked_seeds
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
-
-    data, names = made.data, []
-    for name in compared_policies(data.protocol):
-        try:
-            load(name, data.protocol.env_config.sensor_radius)
-            names.append(name)
-        except (PolicyNotFoundError, PolicyFileError) as error:
-            click.echo(f"- {name} is left out: {error}")
-    seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else data.seeds()
-    return play_compared(data, seeds, names)
+    if recorded["software_version"] != derived.software_version:
+        made.not_compared.append(f"{html_name}: version {recorded['software_version']} of the software set it")
+    elif not has_moves:
+        made.not_compared.append(f"{html_name}, and in {json_name} what the moves say")
+    else:
+        page = render(replace(derived, made_at=recorded["made_at"]))
+        is_same = page == (made.folder / html_name).read_text(encoding="utf-8")
+        made.section(f"{mark}page").add(html_name, "the page", "another page", is_same)
 
 
 def _print(made: Derivation) -> int:

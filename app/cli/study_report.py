@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from app.cli.console import interruptible, progress
@@ -44,7 +45,7 @@ def build_report(
 ) -> Report:
     """Return the report of a study over its people or its scripts, compared with the policies' episodes.
 
-    moves  what single moves say, by group's name; a release leaves it out
+    moves  what single moves say, by group's name
     """
     from app.report.build import build
     from app.report.policies import runs_of
@@ -61,15 +62,15 @@ def play_compared(data: StudyData, seeds: dict[int, int], names: Sequence[str]) 
         return interruptible(lambda: play_policies(names, data.protocol.env_config, seeds, advance))
 
 
-def released_report(study: str, without: Sequence[str]) -> Callable[[Path], ReleasedReport]:
+def released_report(study: str, without: Sequence[str], cache: Path | None = None) -> Callable[[Path], ReleasedReport]:
     """Return what makes the report of a release from its database alone.
 
     without  policies to leave out, because their files are not at hand
+    cache    the folder in which regrets are kept; None keeps nothing
     """
 
     def make(database: Path) -> ReleasedReport:
         from app.release.build import ReleasedReport
-        from app.report.page import render
         from app.storage.reader import Reader
         from app.study.data import load
         from app.study.looks import LOOKS_FILE, read_looks
@@ -78,17 +79,47 @@ def released_report(study: str, without: Sequence[str]) -> Callable[[Path], Rele
         reader = Reader.open(database)
         try:
             data = replace(load(reader, study), looks=read_looks(database.parent / LOOKS_FILE))
-            kinds = [synthetic for synthetic in (False, True) if has_played(data, synthetic)]
+            if not any(has_played(data, synthetic) for synthetic in (False, True)):
+                return ReleasedReport(_report_files(build_report(data, (), False, {}), False))
             names = [name for name in compared_policies(data.protocol) if name not in without]
             seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}
-            episodes = play_compared(data, seeds, names) if kinds else ()
-            files = {}
-            for synthetic in kinds or [False]:
-                found = build_report(data, episodes, synthetic, replay_pictures(reader, data, synthetic))
-                texts = (found.to_json() + "\n", render(found))
-                files.update({name: text.encode() for name, text in zip(REPORT_FILES[synthetic], texts, strict=True)})
+            return _played_report(reader, data, names, play_compared(data, seeds, names), cache)
         finally:
             reader.close()
-        return ReleasedReport(files, episodes)
 
     return make
+
+
+def _played_report(
+    reader: Reader, data: StudyData, names: Sequence[str], episodes: tuple[PolicyEpisode, ...], cache: Path | None
+) -> ReleasedReport:
+    """Return the reports of people and scripts with everything that they are made from."""
+    from app.moves.analysis import KnownMoves, analyse_known
+    from app.moves.likeness import episode_agreements
+    from app.moves.regret import POLICY, has_regret, regret_rows
+    from app.release.build import ReleasedReport
+    from marsexplorer.evaluation.regret import RegretEstimator
+    from marsexplorer.policies import policy_hash
+
+    with progress("comparing moves with the policies'") as advance:
+        agreements = episode_agreements(reader, data, names, advance)
+    with TemporaryDirectory() as own:
+        known = KnownMoves(agreements, cache or Path(own))
+        files: dict[str, bytes] = {}
+        for synthetic in (synthetic for synthetic in REPORT_FILES if has_played(data, synthetic)):
+            moves = analyse_known(reader, data, names, synthetic, progress, known)
+            pictures = replay_pictures(reader, data, synthetic)
+            files |= _report_files(build_report(data, episodes, synthetic, pictures, moves), synthetic)
+        if not has_regret(data.protocol.env_config):
+            return ReleasedReport(files, episodes, (), agreements)
+        ranked = [each for each in data.trials if each.phase == "ranked"]
+        with progress("regret of each move") as advance:
+            regrets = tuple(regret_rows(reader, data, ranked, RegretEstimator(cache=known.cache), advance))
+    return ReleasedReport(files, episodes, regrets, agreements, policy_hash(POLICY) or "")
+
+
+def _report_files(found: Report, synthetic: bool) -> dict[str, bytes]:
+    from app.report.page import render
+
+    json_name, html_name = REPORT_FILES[synthetic]
+    return {json_name: (found.to_json() + "\n").encode(), html_name: render(found).encode()}

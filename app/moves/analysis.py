@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.moves.likeness import Likeness, find_likeness, measure_agreements
+from app.moves.likeness import EpisodeAgreements, Likeness, episode_agreements, find_likeness, player_agreements
 from app.moves.regret import RegretSummary, has_regret, regret_cache, summarize_regret
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.study_figures import primary_set
@@ -37,6 +37,18 @@ class MoveAnalysis:
         return MoveAnalysis(regret, tuple(sorted(likeness, key=lambda each: (each.participant, each.policy))))
 
 
+@dataclass(frozen=True)
+class KnownMoves:
+    """What is known before an analysis.
+
+    agreements  of every finished ranked episode, by (episode id, policy)
+    cache       the folder in which regrets are kept; None keeps nothing
+    """
+
+    agreements: EpisodeAgreements
+    cache: Path | None
+
+
 def analyse_moves(
     database: Path, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar
 ) -> dict[str, MoveAnalysis]:
@@ -45,18 +57,27 @@ def analyse_moves(
     The regret is worked out once a study is closed, and kept next to the database. Likeness is to `policies` (names or paths).
     Errors are those of `policies.load`.
     """
-    found, reader = {}, Reader.open(database)
+    reader = Reader.open(database)
     try:
-        for cohort in scripts_of(data) if synthetic else [people_of(data)]:
-            with progress("comparing moves with the policies'") as advance:
-                agreements = measure_agreements(reader, data, cohort, policies, advance)
-            regret = None
-            if data.closed_ms is not None and has_regret(data.protocol.env_config):
-                with progress("regret of each move") as advance:
-                    regret = _regret(reader, data, cohort, RegretEstimator(cache=regret_cache(database)), advance)
-            found[cohort.name] = MoveAnalysis(regret, find_likeness(agreements))
+        with progress("comparing moves with the policies'") as advance:
+            agreements = episode_agreements(reader, data, policies, advance)
+        return analyse_known(reader, data, policies, synthetic, progress, KnownMoves(agreements, regret_cache(database)))
     finally:
         reader.close()
+
+
+def analyse_known(
+    reader: Reader, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar, known: KnownMoves
+) -> dict[str, MoveAnalysis]:
+    """Return what `analyse_moves` does, from agreements that are known."""
+    found = {}
+    for cohort in scripts_of(data) if synthetic else [people_of(data)]:
+        regret = None
+        if data.closed_ms is not None and has_regret(data.protocol.env_config):
+            with progress("regret of each move") as advance:
+                regret = _regret(reader, data, cohort, RegretEstimator(cache=known.cache), advance)
+        likeness = find_likeness(player_agreements(cohort, policies, known.agreements))
+        found[cohort.name] = MoveAnalysis(regret, likeness)
     return found
 
 

@@ -38,6 +38,8 @@ NO_PLAN = "random"
 
 PlayerAgreements = Mapping[str, Mapping[str, Agreement]]
 """By player, by policy."""
+EpisodeAgreements = Mapping[tuple[str, str], Agreement]
+"""By (episode id, policy)."""
 
 
 @dataclass(frozen=True)
@@ -61,28 +63,33 @@ class Likeness:
         return self.moves >= FEWEST_MOVES and (self.share >= EXACT or is_far)
 
 
-def measure_agreements(
-    reader: Reader, data: StudyData, cohort: Cohort, policies: Sequence[str], progress: Progress | None = None
-) -> dict[str, dict[str, Agreement]]:
-    """Return each player's agreement with each policy (names or paths; `random` is left out) over their ranked episodes.
+def episode_agreements(
+    reader: Reader, data: StudyData, policies: Sequence[str], progress: Progress | None = None
+) -> dict[tuple[str, str], Agreement]:
+    """Return the agreement of every finished ranked episode with each policy (names or paths; `random` is left out).
 
     Episodes of another core version cannot be replayed and are left out. progress: (episodes compared, in all). Errors are
     those of `policies.load`.
     """
     radius = data.protocol.env_config.sensor_radius
     loaded = {name: load(name, radius) for name in dict.fromkeys(policies) if name != NO_PLAN}
-    players, done = members(cohort, {}), 0
-    total, found = sum(len(cohort.ranked[player]) for player in players), dict[str, dict[str, Agreement]]()
-    for player in players:
-        own = dict.fromkeys(loaded, Agreement())
-        for trial, record in trial_records(reader, cohort.ranked[player]):
-            if trial.core_version == CORE_VERSION:
-                own = {name: own[name] + agreement_with(policy, record) for name, policy in loaded.items()}
-            done += 1
-            if progress:
-                progress(done, total)
-        found[player] = own
+    trials = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
+    found = {}
+    for done, (trial, record) in enumerate(trial_records(reader, trials), 1):
+        if trial.core_version == CORE_VERSION:
+            found.update({(trial.episode, name): agreement_with(policy, record) for name, policy in loaded.items()})
+        if progress:
+            progress(done, len(trials))
     return found
+
+
+def player_agreements(cohort: Cohort, policies: Sequence[str], found: EpisodeAgreements) -> dict[str, dict[str, Agreement]]:
+    """Return each player's agreement with each policy over their ranked episodes, `random` left out."""
+    names, none = [name for name in dict.fromkeys(policies) if name != NO_PLAN], Agreement()
+    return {
+        player: {name: sum((found.get((trial.episode, name), none) for trial in cohort.ranked[player]), none) for name in names}
+        for player in members(cohort, {})
+    }
 
 
 def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:

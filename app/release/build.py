@@ -7,12 +7,14 @@ import secrets
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from app.moves.likeness import EpisodeAgreements
+from app.moves.regret import RegretRow
 from app.release import signing
 from app.release.arrivals import count_arrivals
 from app.release.croissant import write_croissant
@@ -69,10 +71,20 @@ class ReleaseRequest:
 
 @dataclass(frozen=True)
 class ReleasedReport:
-    """What a release holds of the study's report: its files (name -> content), and the policies' episodes that it compares."""
+    """What a release holds of the study's report.
+
+    files               name -> content
+    policy_episodes     of the policies that it compares
+    move_regrets        of every ranked episode, none where the boards are too large for it
+    move_agreements     by (episode id, policy): moves, and how many of them the policy would have made
+    regret_policy_hash  SHA-256 (hex) of the policy that regrets are relative to; "" without them
+    """
 
     files: Mapping[str, bytes]
     policy_episodes: tuple[PolicyEpisode, ...] = ()
+    move_regrets: tuple[RegretRow, ...] = ()
+    move_agreements: EpisodeAgreements = field(default_factory=dict)
+    regret_policy_hash: str = ""
 
 
 Reporter = Callable[[Path], ReleasedReport]
@@ -193,7 +205,9 @@ def _write_files(
     """Write everything but the manifest; return the header with its counts, and the rows by file."""
     for name, content in report.files.items():
         (folder / name).write_bytes(content)
-    write_derived(folder / BUNDLE_DATABASE, load(folder / BUNDLE_DATABASE, header.study), report.policy_episodes)
+    header = replace(header, regret_policy_hash=report.regret_policy_hash)
+    data = load(folder / BUNDLE_DATABASE, header.study)
+    write_derived(folder / BUNDLE_DATABASE, data, report.policy_episodes, report.move_regrets, report.move_agreements)
     (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)

@@ -150,6 +150,28 @@ trajectory_hash | text   | as in episodes
 """
 )
 
+MOVE_REGRET_TABLE = _columns(
+    """
+participant   | text     | pseudonym, as in episodes
+episode       | text     | id of the episode, a ranked one
+step          | integer  | which move, as in steps
+action        | text     | made: north, east, south or west
+regret        | integer  | moves that the best action would have saved, ppo going on (docs/evaluation.md)
+best_action   | text     | the one made where none is better, else the first best one
+kind          | text?    | of loss; absent where the regret is 0
+"""
+)
+
+MOVE_AGREEMENT_TABLE = _columns(
+    """
+participant   | text     | pseudonym, as in episodes
+episode       | text     | id of the episode, a ranked one
+policy        | text     | name or path in the protocol
+moves         | integer  | of the episode
+agreed        | integer  | how many of them the policy, shown what the rover saw, would have made too
+"""
+)
+
 SCORE_TABLE = tuple(
     column
     for column in EPISODE_TABLE
@@ -166,6 +188,8 @@ BUNDLE_COLUMNS: dict[str, tuple[Column, ...]] = {
     "steps": STEP_TABLE,
     "input_events": INPUT_EVENT_TABLE,
     "policy_episodes": POLICY_EPISODE_TABLE,
+    "move_regrets": MOVE_REGRET_TABLE,
+    "move_agreements": MOVE_AGREEMENT_TABLE,
     "scores": SCORE_TABLE,
 }
 SUMMARIES = {
@@ -174,6 +198,8 @@ SUMMARIES = {
     "steps": "one row a move",
     "input_events": "one row a key, touch, focus, visibility or pause event of the page",
     "policy_episodes": "one row an episode of a policy on a ranked terrain; the report's comparisons come from these",
+    "move_regrets": "one row a move of a ranked episode: what it cost; the report's regret comes from these",
+    "move_agreements": "one row a ranked episode and policy; the report's likeness to policies comes from these",
     "scores": "one row an episode, for a spreadsheet: who, which terrain, what it came to",
 }
 PRIMARY_KEYS: dict[str, tuple[str, ...]] = {
@@ -182,6 +208,8 @@ PRIMARY_KEYS: dict[str, tuple[str, ...]] = {
     "steps": ("episode", "step"),
     "input_events": ("episode", "number"),
     "policy_episodes": ("policy", "terrain_index"),
+    "move_regrets": ("episode", "step"),
+    "move_agreements": ("episode", "policy"),
     "scores": ("episode",),
 }
 """Table -> the columns that together name a row."""
@@ -190,6 +218,8 @@ FOREIGN_KEYS: dict[str, dict[str, str]] = {
     "episodes": {"participant": "participants"},
     "steps": {"participant": "participants", "episode": "episodes"},
     "input_events": {"participant": "participants", "episode": "episodes"},
+    "move_regrets": {"participant": "participants", "episode": "episodes"},
+    "move_agreements": {"participant": "participants", "episode": "episodes"},
     "scores": {"participant": "participants", "episode": "episodes"},
 }
 """Table -> column -> the table whose column of that name, its primary key, holds the same values."""

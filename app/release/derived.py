@@ -1,4 +1,4 @@
-"""Tables that only a bundle's database has: the policies' episodes, and what is computed from each episode's input.
+"""Tables that only a bundle's database has: the policies' episodes, and what is computed of each episode's input and moves.
 
 They are derived, so an import leaves them behind, and the next release makes them anew.
 """
@@ -8,13 +8,18 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
+from types import MappingProxyType
 
+from app.moves.likeness import EpisodeAgreements
+from app.moves.regret import RegretRow
 from app.storage.connection import rows
 from app.storage.database import transaction
 from app.study.data import StudyData
 from app.study.policy_episodes import PolicyEpisode
 from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.evaluation.agreement import Agreement
 from marsexplorer.score import steps_to_target
 
 INITIALS = "".join(name[0].upper() for name in ACTIONS)
@@ -36,14 +41,35 @@ _TABLES = (
         actions TEXT NOT NULL,
         trajectory_hash TEXT NOT NULL,
         PRIMARY KEY (policy, terrain_index)) STRICT""",
+    """CREATE TABLE move_regrets (
+        episode_id TEXT NOT NULL REFERENCES episodes(id),
+        step INTEGER NOT NULL,
+        action TEXT NOT NULL,
+        regret INTEGER NOT NULL,
+        best_action TEXT NOT NULL,
+        kind TEXT,
+        PRIMARY KEY (episode_id, step)) STRICT, WITHOUT ROWID""",
+    """CREATE TABLE move_agreements (
+        episode_id TEXT NOT NULL REFERENCES episodes(id),
+        policy TEXT NOT NULL,
+        moves INTEGER NOT NULL,
+        agreed INTEGER NOT NULL,
+        PRIMARY KEY (episode_id, policy)) STRICT, WITHOUT ROWID""",
 )
 
 
-def write_derived(database: Path, data: StudyData, episodes: Sequence[PolicyEpisode]) -> None:
-    """Write both tables into a bundle's database.
+def write_derived(
+    database: Path,
+    data: StudyData,
+    episodes: Sequence[PolicyEpisode],
+    regrets: Sequence[RegretRow] = (),
+    agreements: EpisodeAgreements = MappingProxyType({}),
+) -> None:
+    """Write the tables into a bundle's database.
 
-    data      the study as that database holds it
-    episodes  of the policies, on its ranked terrains
+    data        the study as that database holds it
+    episodes    of the policies, on its ranked terrains
+    regrets, agreements  of the moves of ranked episodes
     """
     places = {name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))}
     found = [(places[each.policy], *_row(each, data.protocol.env_config)) for each in episodes]
@@ -59,6 +85,9 @@ def write_derived(database: Path, data: StudyData, episodes: Sequence[PolicyEpis
             ]
             conn.executemany("INSERT INTO input_summaries VALUES (?, ?, ?)", summaries)
             conn.executemany(f"INSERT INTO policy_episodes VALUES ({', '.join('?' * 11)})", found)
+            conn.executemany("INSERT INTO move_regrets VALUES (?, ?, ?, ?, ?, ?)", map(astuple, regrets))
+            agreed = [(episode, policy, each.moves, each.agreed) for (episode, policy), each in agreements.items()]
+            conn.executemany("INSERT INTO move_agreements VALUES (?, ?, ?, ?)", agreed)
     finally:
         conn.close()
 
@@ -78,6 +107,22 @@ def read_policy_episodes(conn: sqlite3.Connection) -> tuple[PolicyEpisode, ...]:
         )
         for row in rows(conn, "SELECT * FROM policy_episodes ORDER BY place, terrain_index")
     )
+
+
+def read_agreements(conn: sqlite3.Connection) -> dict[tuple[str, str], Agreement]:
+    """Return the agreements of moves by (episode id, policy) that a bundle's database holds."""
+    if not rows(conn, "SELECT 1 FROM sqlite_master WHERE name = 'move_agreements'"):
+        return {}
+    found = rows(conn, "SELECT * FROM move_agreements")
+    return {(row["episode_id"], row["policy"]): Agreement(row["moves"], row["agreed"]) for row in found}
+
+
+def read_regrets(conn: sqlite3.Connection) -> tuple[RegretRow, ...]:
+    """Return the regrets of moves that a bundle's database holds, by episode and move."""
+    if not rows(conn, "SELECT 1 FROM sqlite_master WHERE name = 'move_regrets'"):
+        return ()
+    found = rows(conn, "SELECT * FROM move_regrets ORDER BY episode_id, step")
+    return tuple(RegretRow(episode=row.pop("episode_id"), **row) for row in found)
 
 
 def _row(each: PolicyEpisode, config: EnvConfig) -> tuple[str | int | float | None, ...]:

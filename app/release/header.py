@@ -29,6 +29,7 @@ class ReleaseHeader:
     attestation ranked episodes of people by level; "" stands for those that have none
     withdrawn   people who agreed and withdrew later
     frozen_at, first_came_at  ISO 8601, UTC: when the protocol was frozen, and when the first participant came ("" for nobody)
+    regret_policy_hash  SHA-256 of the policy that the regrets are relative to; "" without regrets
     without_policies  of the protocol, which the report leaves out because their files were not at hand
     """
 
@@ -49,6 +50,7 @@ class ReleaseHeader:
     chain_head: str | None = None
     chain_entries: int = 0
     without_policies: tuple[str, ...] = ()
+    regret_policy_hash: str = ""
     looks: tuple[LookTaken, ...] = ()
     arrivals: Arrivals = field(default_factory=Arrivals)
     attestation: dict[str, int] = field(default_factory=dict)
@@ -98,6 +100,7 @@ class ReleaseHeader:
             "chain_head": self.chain_head,
             "chain_entries": self.chain_entries,
             "without_policies": list(self.without_policies),
+            "regret_policy_hash": self.regret_policy_hash or None,
             "looks": [asdict(look) for look in self.looks],
             "arrivals": asdict(self.arrivals),
         }

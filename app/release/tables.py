@@ -24,7 +24,7 @@ TableRow = dict[str, Any]
 ROWS_PER_GROUP = 20_000
 """The rows of one group in a Parquet file."""
 
-PARQUET = ("participants", "episodes", "steps", "input_events", "policy_episodes")
+PARQUET = ("participants", "episodes", "steps", "input_events", "policy_episodes", "move_regrets", "move_agreements")
 """The tables that are Parquet files, and CSV files below `data`."""
 
 

@@ -7,15 +7,18 @@ agree when they are equal, apart from the software's version. Times and versions
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 NOT_COMPARED = ("made_at", "software_version")
 """Keys of a report that tell when and by what it was made."""
 
+MOVE_KEYS = ("moves", "cautions")
+"""Keys of a group that cannot be derived without the policies that its moves are compared with."""
+
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
-SECTIONS = ("figures", "metrics", "comparisons", "players", "pictures", "labels", "outcomes", "stages")
+SECTIONS = ("figures", "metrics", "comparisons", "players", "pictures", "moves", "flow", "labels", "outcomes", "stages")
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
 
@@ -45,16 +48,20 @@ class Section:
                 self.differences.append(f"{where}: {_shown(recorded)} in the release, {_shown(derived)} derived again")
 
 
-def compare_reports(recorded: Mapping[str, Any], derived: Mapping[str, Any]) -> dict[str, Section]:
+def compare_reports(
+    recorded: Mapping[str, Any], derived: Mapping[str, Any], left_out: Sequence[str] = ()
+) -> dict[str, Section]:
     """Return section -> its comparison, for two reports as `Report.to_dict` gives them.
 
     Every number and text of the recorded report is compared; what only the derived one has is a later version's, and new.
+
+    left_out  keys of groups that are not compared
     """
     found: dict[str, Section] = {}
     known = dict(_leaves(derived))
     versions = str(recorded.get("software_version")), str(derived.get("software_version"))
     for place, value in _leaves(recorded):
-        if place[0] in NOT_COMPARED:
+        if place[0] in NOT_COMPARED or (place[0] == "groups" and len(place) > 2 and place[2] in left_out):
             continue
         again = known.get(place, _ABSENT)
         section = found.setdefault(_section(place), Section())

@@ -66,10 +66,14 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
     assert found["policies' episodes, played again"] == (2 * 3, 0)
+    assert found["agreement of moves"] == (3 * 3, 0)  # of frontier-cost, which is at hand and no drawn policy
+    assert found["regret of each move"][0] > 100
+    assert found["moves"][0] > 30
     assert f"{policy} was not played again, its recorded moves were replayed" in said
     assert f"signer not checked: nothing here says whose key {signer} is" in said
     # the sections of the people's report hold as many numbers and texts as report.json does
-    extra = ("page", "policies' episodes, replayed", "policies' episodes, played again")
+    again = ("policies' episodes, replayed", "policies' episodes, played again", "agreement of moves", "regret of each move")
+    extra = ("page", *again)
     people = {name: each for name, each in found.items() if not name.startswith("scripts: ") and name not in extra}
     left_out = len(("made_at", "software_version"))
     assert sum(compared for compared, _ in people.values()) == leaves(json.loads((out / "report.json").read_text())) - left_out
@@ -91,6 +95,7 @@ def test_a_policy_that_is_back_is_played_again_and_another_file_is_not(bundle, r
         shutil.copy(find_file("ppo-paper"), policy)
         code, said, _ = reproduce(out)
         assert (code, counts(said)["policies' episodes, played again"]) == (0, (2 * 3, 0))
+        assert counts(said)["agreement of moves"] == (3 * 3, 0)
         assert "its file here has another SHA-256" in said
     finally:
         policy.unlink()
