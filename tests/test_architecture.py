@@ -68,11 +68,13 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies.network",
     },
     "app.release": {
+        "app.moves",
         "app.storage",
         "app.study",
         "marsexplorer",
         "marsexplorer.config",
         "marsexplorer.episode",
+        "marsexplorer.evaluation",
         "marsexplorer.files",
         "marsexplorer.score",
     },
