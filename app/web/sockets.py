@@ -106,7 +106,10 @@ class PlaySocket:
             else:
                 answer = self._answer(text)
             if answer is not None:
-                await self._websocket.send_text(answer)
+                with contextlib.suppress(
+                    WebSocketDisconnect, RuntimeError
+                ):  # whoever has gone: what they had sent counts still
+                    await self._websocket.send_text(answer)
 
     def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer."""
