@@ -8,6 +8,7 @@ from __future__ import annotations
 import hmac
 from datetime import UTC, datetime, timedelta
 
+from app.play.attestation import SUPERVISED_FOR_MS
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Study
@@ -21,9 +22,6 @@ _WRONG_CODE = "wrong_code"
 """Kind of the stage event of a wrong code."""
 
 _LENGTH = 8  # 40 bits
-SUPERVISED_MS = 4 * 3_600_000
-"""For how long a session counts as supervised after the operator's code was typed."""
-
 DAY_MS = 86_400_000
 
 
@@ -41,7 +39,7 @@ def valid_until_ms(now_ms: int) -> int:
 
 def supervised_until_ms(participant: Participant) -> int | None:
     """Return when the participant's supervision lapses or lapsed; None when the operator's code was never typed."""
-    return None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_MS
+    return None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_FOR_MS
 
 
 def is_code(study: Study, typed: str, now_ms: int) -> bool:

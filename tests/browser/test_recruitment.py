@@ -1,6 +1,8 @@
 """How people come into a study, in a real browser: invitations, refused links, the operator's code, the operator's list."""
 
 import json
+import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -203,3 +205,6 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
     bundle = tmp_path / "tiny-1"
     command(capsys, "release", "--study", "tiny", "--out", bundle, *database, *studies)
     command(capsys, "reproduce", bundle)
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
+        levels = dict(db.execute("SELECT attestation, count(*) FROM episodes WHERE driver = 'human' GROUP BY attestation"))
+    assert levels == {"attested": 8}, "every key that drove was matched with its own input event"

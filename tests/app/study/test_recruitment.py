@@ -9,9 +9,9 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
+from app.play.attestation import SUPERVISED_FOR_MS
 from app.storage.erasure import forget
 from app.storage.merging import merge
-from app.study import supervision
 from app.study.data import load
 from app.study.folder import Folder
 from app.study.invitations import MAX_INVITATIONS, Invitations, link_of, token_of
@@ -252,7 +252,7 @@ def test_the_operators_code_supervises_a_session_for_two_days_of_utc(invited, mo
     assert person.me()["supervised_until_ms"] is None
     code = code_of(study, now - DAY_MS)
     until = person.call("supervise", {"code": code.lower().replace("-", " ")})["supervised_until_ms"]
-    assert 0 <= until - now - supervision.SUPERVISED_MS < 60_000
+    assert 0 <= until - now - SUPERVISED_FOR_MS < 60_000
     kinds = rows(server, "SELECT kind, count(*) FROM stage_events WHERE kind IN ('wrong_code', 'supervised') GROUP BY kind")
     assert kinds == [("supervised", 1), ("wrong_code", len(wrong))]
     for _ in range(MAX_WRONG_CODES - len(wrong)):
