@@ -10,7 +10,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from app.storage import chain
 from app.storage.chain import Kind
@@ -97,11 +97,43 @@ def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
     return int(count)
 
 
-def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
-    """Return the moves of a finished episode and what is wrong with it."""
-    row = rows(conn, "SELECT * FROM episodes WHERE id = ?", ident)[0]
+class PlayedEpisode(NamedTuple):
+    """A finished episode's row, with `control` of its session, and its moves."""
+
+    row: dict[str, Any]
+    steps: list[dict[str, Any]]
+
+
+class InputOf(NamedTuple):
+    """What the attestation of an episode follows from, besides its row and moves.
+
+    events         input events that were received up to its end
+    settings       (when, JSON) of what its participant had chosen, every version
+    supervised_ms  when the operator's code was typed for its participant
+    """
+
+    events: list[dict[str, Any]]
+    settings: list[tuple[int, str]]
+    supervised_ms: list[int]
+
+
+def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[PlayedEpisode, list[Finding]]:
+    """Return a finished episode and what is wrong with it."""
+    row = rows(conn, "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?", ident)[
+        0
+    ]
     steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return len(steps), [*differences(row, steps), *check_thing(conn, "episode", ident)]
+    return PlayedEpisode(row, steps), [*differences(row, steps), *check_thing(conn, "episode", ident)]
+
+
+def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
+    """Return what the attestation of a finished episode follows from."""
+    sql = """SELECT v.* FROM input_events v JOIN episodes e ON e.id = v.episode_id
+        WHERE e.id = ? AND v.server_ms <= e.ended_ms ORDER BY v.number"""
+    of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN study_episodes t ON t.participant_id = v.participant_id
+        WHERE t.episode_id = ? AND v.kind = ? ORDER BY v.number"""
+    settings = [(row["at_ms"], row["detail"]) for row in rows(conn, of, ident, "settings")]
+    return InputOf(rows(conn, sql, ident), settings, [row["at_ms"] for row in rows(conn, of, ident, "supervised")])
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:

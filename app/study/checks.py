@@ -1,4 +1,7 @@
-"""Studies against their protocol: hashes, the revealed secret, every seed, and what each participant was given to play."""
+"""Studies against their protocol: hashes, the revealed secret, every seed, and what each participant was given to play.
+
+Episodes against their input events: the level of their attestation follows from these.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,24 @@ from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from app.storage.checks import StudyEpisodeRow, episodes_of, order_events, participants_of, studies
+from app.play.attestation import COPIED, Conditions, attest, key_map_of
+from app.storage.checks import (
+    InputOf,
+    PlayedEpisode,
+    StudyEpisodeRow,
+    episodes_of,
+    input_of,
+    order_events,
+    participants_of,
+    studies,
+)
 from app.storage.resimulation import Finding
 from app.storage.study_rows import StudyRow
 from app.study import seeds
 from app.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
+
+Level = tuple[str | None, str | None]
+"""The level of an episode's attestation, and the reason why it is not attested."""
 
 ORIGINAL_ID = re.compile(r"[0-9a-f]{32}")
 """A participant's id as a server draws it. A pseudonym is not one: the order of terrains was drawn for the id it hides."""
@@ -122,3 +138,46 @@ def _check_cause(row: StudyEpisodeRow, expected: _Expected) -> Iterator[Finding]
     if seed is not None and row.seed != seed:
         what = f"seed of {row.phase} terrain {row.terrain} (trial {row.trial})"
         yield Finding(where, what, row.seed, f"{seed} from the study's secret")
+
+
+def check_attestation(conn: sqlite3.Connection, episode: PlayedEpisode) -> Iterator[Finding]:
+    """Yield what is wrong with the level of a finished episode and with the reason for it.
+
+    `declared` is the level of episodes that an earlier version recorded: those follow from nothing, but none is of a board
+    that a cookie moves. That an episode's timing is another one's copy follows from rows that need not be here.
+    """
+    row = episode.row
+    stored: Level = (row["attestation"], row["attestation_reason"])
+    where = f"episode {row['id']}"
+    if row["driver"] != "human":
+        if stored != (None, None):
+            yield Finding(where, "attestation", _in_words(stored), f"none, since its driver is {row['driver']}")
+        return
+    if stored == ("declared", None) and row["control"] == "bearer":
+        return
+    given = input_of(conn, row["id"])
+    found = _derive_level(episode, given, row["ended_ms"])
+    if not _fits(stored, found) and not _fits(stored, _derive_level(episode, given, None)):
+        yield Finding(where, "attestation", _in_words(stored), _in_words(found))
+
+
+def _derive_level(episode: PlayedEpisode, given: InputOf, until_ms: int | None) -> Level:
+    """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
+
+    Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
+    """
+    try:
+        settings = [json.loads(detail) for at_ms, detail in given.settings if until_ms is None or at_ms <= until_ms]
+        conditions = Conditions(episode.row["started_ms"], key_map_of(settings), tuple(given.supervised_ms))
+        found = attest(episode.steps, given.events, conditions)
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        return None, f"rows that cannot be read: {error}"
+    return found.level, found.reason
+
+
+def _fits(stored: Level, found: Level) -> bool:
+    return found[0] in ("attested", "supervised") if stored == ("unattested", COPIED) else stored == found
+
+
+def _in_words(level: Level) -> str:
+    return " because: ".join(str(part) for part in level if part is not None) or "none"

@@ -20,7 +20,7 @@ from app.storage import checks
 from app.storage.chain_checks import ChainState, EarlierHead, chain_state, check_chain, find_head
 from app.storage.connection import is_copy, reading
 from app.storage.resimulation import Finding
-from app.study.checks import check_studies
+from app.study.checks import check_attestation, check_studies
 from app.study.folder import Advance
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -116,7 +116,7 @@ def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str
     """
     if len(episodes) < PARALLEL_FROM or cores() == 1 or is_copy(conn):
         for ident in episodes:
-            yield (1, *checks.check_episode(conn, ident))
+            yield (1, *_check_episode(conn, ident))
         return
     tasks = [tuple(episodes[at : at + EPISODES_PER_TASK]) for at in range(0, len(episodes), EPISODES_PER_TASK)]
     spawn = multiprocessing.get_context("spawn")
@@ -125,6 +125,12 @@ def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str
             yield from pool.map(_run_task, itertools.repeat(path), tasks)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
+    """Return the moves of a finished episode and what is wrong with it."""
+    episode, findings = checks.check_episode(conn, ident)
+    return len(episode.steps), [*findings, *check_attestation(conn, episode)]
 
 
 def _ignore_interrupts() -> None:
@@ -137,7 +143,7 @@ def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Findi
     moves, findings = 0, []
     with reading(path) as conn:
         for ident in episodes:
-            made, found = checks.check_episode(conn, ident)
+            made, found = _check_episode(conn, ident)
             moves += made
             findings += found
     return len(episodes), moves, findings

@@ -50,7 +50,7 @@ def add_steps(store: Store, row: EpisodeRow, episode: Episode, actions: Sequence
         )  # fmt: skip
         store.add_step(step)
         if episode.ended:
-            store.close_episode(row.id, episode.record(), at, "attested")
+            store.close_episode(row.id, episode.record(), at, "declared")
 
 
 def tour(episode: Episode) -> list[int]:
@@ -74,7 +74,7 @@ def play(
     add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
     if not episode.ended:
         episode.abandon()
-        store.close_episode(row.id, episode.record(), NOW + 1000, "attested")
+        store.close_episode(row.id, episode.record(), NOW + 1000, "declared")
     return row
 
 

@@ -19,6 +19,9 @@ from marsexplorer.episode import Episode
 _fields = itertools.count()
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 BEGAN = 1_790_000_000_000
+PAGE_BEGAN = BEGAN - 60_000
+KEYS = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
+"""By action: what a participant presses."""
 IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-session-{}"}
 """What must never be found in a release, by participant."""
 
@@ -115,14 +118,16 @@ class StudyRecorder:
         )  # fmt: skip
         self.insert("study_episodes", ident, participant, phase, trial, terrain)
         self._events(ident, 0, 0)
+        self.tick()
         for action in self._actions(episode, how):
+            frame, pressed_ms = episode.steps, self.page_ms()
             reward = episode.step(action)
             input_kind = "key" if driver == "human" else None
-            self._events(ident, 2 * episode.steps, episode.steps)
+            self._events(ident, 2 * episode.steps, frame, KEYS[action])
             step = StepRow(
                 episode_id=ident, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
-                server_ms=self.tick(), client_ms=self.clock / 7, key_down_ms=self.clock / 7 - 1.5,
-                key_up_ms=self.clock / 7 + 80.25, input=input_kind, driver=driver,
+                server_ms=self.tick(), client_ms=pressed_ms + 1.5, key_down_ms=pressed_ms, key_up_ms=pressed_ms + 80.25,
+                input=input_kind, driver=driver,
             )  # fmt: skip
             self.store.add_step(step)
         if episode.ended:
@@ -130,12 +135,17 @@ class StudyRecorder:
         if how in ("abandon", "dawdle", "idle") and not episode.ended:
             episode.abandon()
             self.store.close_episode(ident, episode.record(), self.tick(), "attested")
+        self.tick()
         self._events(ident, 1000, episode.steps)
         return ident
 
-    def _events(self, ident, number, step):
+    def page_ms(self):
+        """Return the time on the clock of the participant's page."""
+        return self.clock - PAGE_BEGAN + 0.25
+
+    def _events(self, ident, number, step, code="ArrowUp"):
         for extra, kind in enumerate(("keydown", "keyup")):
-            row = (ident, number + extra, kind, "ArrowUp", 0, 1, self.clock / 7 + extra, step, 12.5, self.clock)
+            row = (ident, number + extra, kind, code, 0, 1, self.page_ms() + extra, step, 12.5, self.clock)
             self.insert("input_events", *row)
         chain.append_late_events(self.conn, ident, number)
 

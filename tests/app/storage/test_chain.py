@@ -60,7 +60,7 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
     add_steps(store, row, episode, free_moves(episode)[:4])
     assert kinds(store) == ["session"]
     episode.abandon()
-    store.close_episode(row.id, episode.record(), 5)
+    store.close_episode(row.id, episode.record(), 5, "declared")
     again, second = open_episode(store, session, seed=2, number=1)
     add_steps(store, again, second, free_moves(second)[:1])
     assert kinds(store) == ["session", "episode"]
@@ -74,7 +74,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
-    store.close_episode(row.id, episode.record(), 6)
+    store.close_episode(row.id, episode.record(), 6, "declared")
     before = store.connection.execute("SELECT * FROM chain").fetchall()
     for batch in (events[2:5], events[2:5], events[5:]):
         add_input_events(store, row.id, batch, 7)

@@ -7,6 +7,7 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
+from app.play.attestation import COPIED
 from app.storage import chain
 from app.study import verification
 from app.study.verification import verify_database
@@ -247,6 +248,15 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
         ("UPDATE study_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
         ("UPDATE study_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
         ("DELETE FROM study_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
+        (f"UPDATE episodes SET attestation = 'supervised' WHERE id IN {RANKED.format(1)}", "attestation"),
+        (f"UPDATE episodes SET attestation = NULL WHERE id IN {RANKED.format(1)}", "attestation"),
+        ("UPDATE episodes SET attestation = 'attested' WHERE driver = 'script'", "attestation"),
+        ("UPDATE episodes SET attestation = 'unattested', attestation_reason = 'slow'", "attestation"),
+        ("UPDATE input_events SET trusted = 0", "attestation"),
+        ("UPDATE steps SET key_down_ms = key_down_ms + 3.5", "attestation"),
+        ("DELETE FROM input_events WHERE number = 4", "attestation"),
+        ("UPDATE stage_events SET kind = 'supervised' WHERE number = 2", "attestation"),
+        ("UPDATE stage_events SET kind = 'settings', detail = 'x' WHERE number = 2", "attestation"),
     ],
 )
 def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
@@ -256,6 +266,28 @@ def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_cau
     said = {finding.what for finding in verify_database(path).findings}
     assert not any("digest" in what for what in said)
     assert any(what.startswith(found) for what in said), said
+
+
+def test_what_comes_after_the_end_changes_no_level_and_an_earlier_versions_level_is_of_no_board_with_a_cookie(copy):
+    conn, path = copy
+    conn.execute("DELETE FROM input_events WHERE number >= 1000")
+    conn.execute("UPDATE episodes SET attestation = 'declared' WHERE driver = 'human'")
+    write_chain_anew(conn)
+    assert verify_database(path).findings == ()
+    conn.execute("UPDATE sessions SET control = 'cookie'")
+    write_chain_anew(conn)
+    found = verify_database(path).findings
+    assert {(finding.what, finding.stored) for finding in found} == {("attestation", "declared")}
+
+
+def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
+    conn, path = copy
+    conn.execute(f"UPDATE episodes SET attestation = 'unattested', attestation_reason = '{COPIED}' WHERE driver = 'human'")
+    write_chain_anew(conn)
+    assert verify_database(path).findings == ()
+    conn.execute("UPDATE input_events SET trusted = 0")
+    write_chain_anew(conn)
+    assert {finding.what for finding in verify_database(path).findings} == {"attestation"}
 
 
 def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
