@@ -5,6 +5,7 @@ import json
 import pytest
 
 from app.cli.main import main
+from app.study.folder import Folder
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -117,3 +118,37 @@ def test_the_help_teaches(capsys):
     assert not left.value.code
     assert "marsexplorer report --study pilot --html pilot.html" in said
     assert "--synthetic" in said
+
+
+def test_an_open_study_shows_no_figure_unless_an_emergency_is_logged(tmp_path, capsys):
+    play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
+
+    def run(*args):
+        where = ("--database", str(tmp_path / "play.db"), "--studies", str(tmp_path / "studies"), "--no-policies")
+        with pytest.raises(SystemExit) as left:
+            main(["report", "--study", "dunes", *where, *args])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    code, out, _ = run()
+    assert (code, "No figure is shown until the study is closed: 2 of 3 have finished." in out, "mean score" in out) == (
+        0,
+        True,
+        False,
+    )
+    assert not (tmp_path / "studies" / "dunes" / "looks.json").exists()
+    assert "SYNTHETIC" in run("--synthetic")[1]
+    code, _, err = run("--emergency-look", "why not")
+    assert (code, "needs a reason of at least 10 characters" in err) == (2, True)
+    code, out, _ = run("--emergency-look", "two people report a frozen page")
+    assert (code, "EMERGENCY LOOK, outside the plan, when 2 of 3 players had finished. 2 players" in out) == (0, True)
+    assert "two people report a frozen page" in run()[1], "every later report says so"
+    Folder(tmp_path / "studies").close("dunes")
+    code, out, _ = run()
+    assert (code, "2 players, 6 ranked episodes: mean score" in out, "two people report a frozen page" in out) == (
+        0,
+        True,
+        True,
+    )
+    code, _, err = run("--emergency-look", "two people report a frozen page")
+    assert (code, "hides no figure (it is closed)" in err) == (2, True)

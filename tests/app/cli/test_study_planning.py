@@ -41,6 +41,14 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert out.count("seen in 8") == 2
 
 
+def test_looks_are_planned_on_the_command_line(study, tmp_path):
+    assert study("new", "mine", *SHORT, "--look", 6, "--look", 12)[0] == 0
+    draft = Folder(tmp_path / "studies").draft("mine")
+    assert (draft.looks, draft.spending, draft.hides_interim) == ((6, 12), "obrien-fleming", True)
+    code, _, err = study("new", "other", *SHORT, "--look", 6, "--spending", "pocock")
+    assert (code, "looks must rise from at least 2 to the number of players, 12: got [6]" in err) == (2, True)
+
+
 def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
     study("new", "mine", *SHORT)
     edit(tmp_path, ranked=9)
