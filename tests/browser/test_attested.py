@@ -152,7 +152,7 @@ def test_remapped_keys_in_a_study(serve, open_browser, tmp_path):
     assert me.errors == []
 
 
-def test_a_page_without_events_is_told_that_its_episode_does_not_count(serve, player, tmp_path):
+def test_without_events_the_page_says_that_its_episode_does_not_count(serve, player, tmp_path):
     _, me = begun(serve, player)
     me.page.evaluate("""() => { const send = WebSocket.prototype.send;
         WebSocket.prototype.send = function (text) { if (!text.includes('"kind":"events"')) send.call(this, text); }; }""")
