@@ -4,8 +4,14 @@ import { put } from "../common/page.js";
 import { many } from "../common/words.js";
 
 /**
+ * @typedef {import("../common/game_state.js").State} State
+ * @typedef {import("../common/game_state.js").Mode} Mode
+ * @typedef {import("./terrain_dialog.js").Wish} Wish
+ */
+
+/**
  * Return whether leaving the board would abandon an episode that counts.
- * @param {import("../common/game_state.js").State} state
+ * @param {State} state
  */
 export function isUnfinished({ mode, counts, player }) {
   return mode === "ranked" && counts && player !== null && player.frame.step > 0 && player.frame.outcome === null;
@@ -13,9 +19,9 @@ export function isUnfinished({ mode, counts, player }) {
 
 /**
  * Return whether a wish asks for the very board that is being played: it goes on then.
- * @param {import("../common/game_state.js").State} state
- * @param {import("../common/game_state.js").Mode} wanted
- * @param {import("./terrain_dialog.js").Wish} wish
+ * @param {State} state
+ * @param {Mode} wanted
+ * @param {Wish} wish
  */
 export function isSameBoard({ mode, level, player }, wanted, wish) {
   const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
@@ -24,11 +30,13 @@ export function isSameBoard({ mode, level, player }, wanted, wish) {
 }
 
 /**
+ *   state  the newest state
+ *   start  begins a board
  * @param {HTMLDialogElement} dialog
  * @param {Window} view
- * @param {() => import("../common/game_state.js").State} state
+ * @param {{state: () => State, start: (mode: Mode, wish: Wish) => unknown}} how
  */
-export function createLeaving(dialog, view, state) {
+export function createLeaving(dialog, view, { state, start }) {
   const part = (/** @type {string} */ name) => /** @type {HTMLElement} */ (dialog.querySelector(`[data-part=${name}]`));
   /** @type {(() => void) | null} */
   let work = null;
@@ -40,19 +48,24 @@ export function createLeaving(dialog, view, state) {
   view.addEventListener("beforeunload", (event) => {
     if (isUnfinished(state())) event.preventDefault();
   });
+  /** @param {() => void} leave */
+  function ask(leave) {
+    work = leave;
+    dialog.returnValue = "";
+    const { step = 0, rows = 0, cols = 0 } = state().player?.frame ?? {};
+    put(part("moves"), many(step, "move"));
+    put(part("limit"), String(rows * cols));
+    dialog.showModal();
+  }
   return {
     /**
-     * Do what leaves the board, once the player has agreed where that costs something.
-     * @param {() => void} leave
+     * Begin a board, once the player has agreed where that abandons a ranked episode.
+     * @param {Mode} mode
+     * @param {Wish} wish
      */
-    ask(leave) {
-      if (!isUnfinished(state())) return leave();
-      work = leave;
-      dialog.returnValue = "";
-      const { step = 0, rows = 0, cols = 0 } = state().player?.frame ?? {};
-      put(part("moves"), many(step, "move"));
-      put(part("limit"), String(rows * cols));
-      dialog.showModal();
+    start(mode, wish) {
+      if (!isUnfinished(state()) || isSameBoard(state(), mode, wish)) start(mode, wish);
+      else ask(() => start(mode, wish));
     },
   };
 }

@@ -7,7 +7,7 @@ import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf } from "../common/page.js";
 import { announcement, notCounted } from "../common/words.js";
 import { startInput } from "./input.js";
-import { createLeaving, isSameBoard } from "./leaving.js";
+import { createLeaving } from "./leaving.js";
 import { createLosses } from "./losses.js";
 import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
@@ -47,7 +47,7 @@ const repaint = createRepaint((isWhole) => {
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
-  onStart: (wish) => setTimeout(() => start(state.mode === "spectator" ? "practice" : state.mode, wish)), // once the dialog is closed
+  onStart: (wish) => setTimeout(() => leaving.start(state.mode === "spectator" ? "practice" : state.mode, wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
   onPad: (isShown) => { localStorage.setItem("mars.pad", String(isShown)); document.body.dataset.pad = String(isShown); },
 });
@@ -63,17 +63,9 @@ const sessions = createSessions({
   },
 });
 const losses = createLosses(panels.player.part, { state: () => state, load: api.regret, tryFrom: sessions.tryFrom });
-const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, () => state);
-const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch, onPlay: () => sessions.resume() });
-/**
- * Begin a board, after asking where that abandons a ranked episode.
- * @param {Mode} mode
- * @param {import("./terrain_dialog.js").Wish} [wish]
- */
-function start(mode, wish = terrainDialog.wish()) {
-  if (isSameBoard(state, mode, wish)) sessions.start(mode, wish);
-  else leaving.ask(() => sessions.start(mode, wish));
-}
+const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
+const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch,
+  onPlay: () => sessions.resume().catch((error) => dispatch({ kind: "notice", text: error.message })) });
 const connections = createConnections({
   base: document.baseURI,
   onMessage(role, message) {
@@ -149,7 +141,7 @@ window.addEventListener("online", restart);
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
-  button.addEventListener("click", () => start(/** @type {Mode} */ (button.dataset.mode)));
+  button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), terrainDialog.wish()));
 }
 by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 panels.player.part.next.addEventListener("click", goNext);

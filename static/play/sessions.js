@@ -120,7 +120,9 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
         if (own === undefined) return;
         await this.resume(own);
       } catch (error) {
-        if (!(error instanceof ApiError) || error.status !== 0) return start("practice");
+        // never a new board for want of an answer: it would abandon a ranked episode that waits
+        if (!(error instanceof ApiError)) throw error;
+        if (error.status !== 0) dispatch({ kind: "notice", text: error.message });
         dispatch({ kind: "link", link: "lost" });
         setTimeout(() => this.restore(), 1000);
       }

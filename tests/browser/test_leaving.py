@@ -47,7 +47,7 @@ def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
 
     friend.page.goto(address)
     friend.shows("watching-text", "You are watching. This is somebody else's episode.")
-    friend.wait("window.mars.state.player.frame.step === 1")
+    friend.wait("window.mars?.state.player?.frame.step === 1")
     sent = []
     friend.page.on("request", lambda request: sent.append(request.url))
     for key in ("ArrowRight", "ArrowDown", "Enter", "KeyW"):
@@ -83,11 +83,11 @@ def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
     friend.page.goto("about:blank")
     friend.page.goto(f"{me.url}/#watch=0123456789abcdef")
     friend.page.get_by_text("leads to no episode that can be watched").wait_for()
-    friend.wait("window.mars.state.player.frame.step === 1")  # their own board again
+    friend.wait("window.mars?.state.player?.frame.step === 1")  # their own board again
     friend.page.goto("about:blank")
     friend.page.goto(f"{me.url}/#s={begun['session']}")
     friend.page.get_by_text("belongs to somebody else's board").wait_for()
-    friend.wait("window.mars.state.player.frame.step === 1")
+    friend.wait("window.mars?.state.player?.frame.step === 1")
     assert problems == []
     assert (me.errors, friend.errors) == ([], [])
 

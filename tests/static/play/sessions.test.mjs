@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { episodeInHash, sessionInHash, sessionWish } from "../../../static/play/sessions.js";
+import { ApiError } from "../../../static/common/api.js";
+import { createSessions, episodeInHash, sessionInHash, sessionWish } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
@@ -19,4 +20,43 @@ test("an address of an earlier version names a session", () => {
   assert.equal(sessionInHash("#s=ab_c-1234"), "ab_c-1234");
   assert.equal(sessionInHash("#s=<script>"), null);
   assert.equal(sessionInHash(""), null);
+});
+
+/** Sessions over an API that answers as told, and what came of it. */
+function restored({ hash = "", kept = {}, api }) {
+  const done = [];
+  const storage = { getItem: (name) => kept[name] ?? null, setItem: (name, value) => { kept[name] = value; } };
+  const sessions = createSessions({ api: { createSession: async () => { done.push("new board"); return about("new"); }, ...api }, hash: () => hash, storage,
+    wish: () => ({ level: "random", size: 21, seed: null, rival: "ppo", player: "ppo" }), setHash: (address) => done.push(address),
+    dispatch: (event) => done.push(event.kind), watch: async (episode) => { done.push(`watch ${episode}`); }, onBegun: () => {} });
+  return { sessions, done };
+}
+const about = (session) => ({ session, player: "human", counts: false, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
+const unknown = async () => { throw new ApiError("unknown", 404); };
+
+test("a reload goes on with the tab's own board, a copied address is watched, a new browser begins", async () => {
+  const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.episode": "mine" }, api: { about: async () => about("s1") } });
+  await own.sessions.restore();
+  assert.deepEqual(own.done, ["#watch=s1-episode", "begun"]);
+  const copied = restored({ hash: "#watch=theirs", api: { mySession: async () => null } });
+  await copied.sessions.restore();
+  assert.deepEqual(copied.done, ["watch theirs"]);
+  const fresh = restored({ api: { mySession: async () => null } });
+  await fresh.sessions.restore();
+  assert.deepEqual(fresh.done, ["new board", "#watch=new-episode", "begun"]);
+  const gone = restored({ kept: { "mars.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
+  await gone.sessions.restore();
+  assert.deepEqual(gone.done, ["#watch=s2-episode", "begun"]);
+});
+
+test("an answer that does not come begins no board, which would abandon a ranked episode", async () => {
+  for (const status of [0, 503]) {
+    let asked = 0;
+    const mySession = async () => { if (asked++ === 0) throw new ApiError("not now", status); return about("s1"); };
+    const { sessions, done } = restored({ api: { mySession } });
+    await sessions.restore();
+    assert.ok(done.includes("link") && !done.includes("new board"));
+    await new Promise((resolve) => { setTimeout(resolve, 1050); });
+    assert.deepEqual(done.slice(-2), ["#watch=s1-episode", "begun"]);
+  }
 });
