@@ -58,6 +58,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.evaluation",
         "marsexplorer.observation",
         "marsexplorer.policies",
+        "marsexplorer.score",
     },
     "app.play": {
         "app.storage",
@@ -251,6 +252,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.training": {
         "marsexplorer.config",
+        "marsexplorer.episode",
         "marsexplorer.evaluation",
         "marsexplorer.files",
         "marsexplorer.observation",

@@ -43,6 +43,7 @@ EXTRA_OF_COMMAND = {
     "simulate": "study",
     "report": "study",
     "regret": "study",
+    "clone": "export",
     "verify": "study",
     "release": "export",
     "reproduce": "export",

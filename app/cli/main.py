@@ -34,6 +34,7 @@ COMMANDS = {
     "simulate": "Let synthetic players take part in a study.",
     "report": "Write a study's figures with their intervals, as a page and as JSON.",
     "regret": "Show where the players of a study lose moves.",
+    "clone": "Train a policy on the moves of a release's people.",
     "verify": "Simulate every recorded episode again and compare.",
     "release": "Write a study as a citable, signed bundle.",
     "reproduce": "Derive a bundle's figures again and compare.",

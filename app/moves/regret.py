@@ -20,7 +20,8 @@ from app.storage.reader import Reader
 from app.study.data import StudyData, StudyEpisode, trial_records
 from app.study.protocol import StudyError
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Record
+from marsexplorer.evaluation.episodes import play_terrain
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import MAX_CELLS, EpisodeRegret, RegretEstimator
 from marsexplorer.evaluation.run import Progress
@@ -189,11 +190,5 @@ def _player(player: str, episodes: Sequence[EpisodeRegret]) -> PlayerRegret:
 
 def _policy_mean(records: Sequence[Record], estimator: RegretEstimator) -> float:
     """Return the mean regret of the policy's own episodes on the terrains of some records."""
-    totals, policy = [], load(POLICY, records[0].config.sensor_radius)
-    for record in records:
-        episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-        policy.reset(0)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
-        totals.append(estimator.regret(episode.record()).total)
-    return float(np.mean(totals))
+    policy = load(POLICY, records[0].config.sensor_radius)
+    return float(np.mean([estimator.regret(play_terrain(policy, record).record()).total for record in records]))

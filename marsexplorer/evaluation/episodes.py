@@ -18,7 +18,7 @@ import numpy as np
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, Record
 from marsexplorer.evaluation.informed import informed_actions
 from marsexplorer.policies import Policy
 from marsexplorer.score import steps_to_target
@@ -125,6 +125,15 @@ def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
     """Play a policy on the terrain of a seed to the end of the episode; the policy is reset with the same seed."""
     episode = Episode.begin(config, seed=seed)
     policy.reset(seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    return episode
+
+
+def play_terrain(policy: Policy, record: Record) -> Episode:
+    """Play a policy on the terrain of a recorded episode to the end; the policy is reset with 0."""
+    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    policy.reset(0)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
     return episode
