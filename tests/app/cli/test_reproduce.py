@@ -123,7 +123,7 @@ def forged(bundle, tmp_path):
     return out, manifest["signer"]
 
 
-def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(bundle, forged, reproduce):
+def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(forged, reproduce):
     out, forger = forged
     code, said, _ = reproduce(out, "--recorded")
     found = counts(said)
@@ -134,8 +134,6 @@ def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(bu
     assert "groups.0.figures.0.score.mean: " in said
     assert "none not as signed" in said
     assert f"signer not checked: nothing here says whose key {forger} is" in said
-    code, said, _ = reproduce(out, "--recorded", "--key", bundle[1])
-    assert (code, "the signing key is" in said, "signer not checked" in said) == (1, True, True)
 
 
 def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen(bundle, tmp_path, reproduce):
@@ -150,7 +148,7 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     conn.execute("UPDATE policy_episodes SET actions = substr(actions, 1, length(actions) - 1) WHERE policy = 'random'")
     conn.commit()
     conn.close()
-    code, said, _ = reproduce(out)
+    code, said, _ = reproduce(out, "--recorded")
     found = counts(said)
     assert code == 1
     assert found["page"][1] == 1

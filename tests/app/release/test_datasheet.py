@@ -62,13 +62,14 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
 
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_datasheet_says_what_is_known_and_no_more(place, name):
+    protocol = json.loads((place / name / "protocol.json").read_text())
     text = " ".join((place / name / "DATASHEET.md").read_text().split())
     for known in (
         "1 people who were erased at their own request",
         "1 people withdrew later",
         "by single-use links, of which 9 were issued, 1 revoked and 1 never opened",
         "of the people's ranked episodes 6 ",
-        "the protocol requires `declared`",
+        f"the protocol requires `{protocol['required_attestation']}`",
         "Whether the commitment was published before anybody played is unknown to the software",
         "no look at them was logged",
     ):
