@@ -28,7 +28,7 @@ def test_people_and_trials_are_as_they_were_played(place):
     assert {person.id for person in data.people} == set(people)
     assert [person.kind for person in data.people] == ["human", "human", "script"]
     assert data.people[2].script == "noisy-frontier"
-    assert [event[1] for event in data.people[0].events] == ["joined", "stage", "answers"]
+    assert [event[1] for event in data.people[0].events] == ["joined", "stage", "answers", "order"]
     assert len(data.trials) == 3 * (1 + 2 + 3)
     first = next(each for each in data.trials if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0))
     assert (first.outcome, first.steps, first.steps_to_99) == ("abandoned", 2, study.protocol.env_config.limit)
