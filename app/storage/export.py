@@ -30,8 +30,8 @@ EPISODE_COLUMNS = (
     "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
     "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
     "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
-    "return", "score", "steps_to_target", "actions", "trajectory_hash", "verified",
-    "attestation", "attestation_reason",
+    "return", "score", "steps_to_target", "actions", "trajectory_hash",
+    "attestation", "attestation_reason", "verified",
 )  # fmt: skip
 STEP_COLUMNS = (
     "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
@@ -123,7 +123,7 @@ def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTabl
     verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
-        return [(*common, *_episode_values(row, steps), verified, row["attestation"], row["attestation_reason"])]
+        return [(*common, *_episode_values(row, steps), row["attestation"], row["attestation_reason"], verified)]
     return [(*common, *_step_values(row, step, episode), verified) for step in steps]
 
 

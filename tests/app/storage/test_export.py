@@ -198,7 +198,14 @@ def test_an_export_of_an_earlier_database_is_what_it_always_was(tmp_path, folder
     export_to(path, tmp_path / "out", fmt, who, lambda done, total: None)
     for name in COLUMNS:
         was, now = (read_under_one_pseudonym(place / f"{name}.{fmt}") for place in (EXPORTS / folder, tmp_path / "out"))
-        assert now == was
+        assert without_attestation(now) == was
+
+
+def without_attestation(text):
+    """Return a table's text without the columns that came later; of these episodes nothing was compared."""
+    text = text.replace('"attestation": "declared", ', "").replace('"attestation": null, ', "")
+    text = text.replace('"attestation_reason": null, ', "").replace(",attestation,attestation_reason,verified", ",verified")
+    return re.sub(r",(?:declared)?,,(true|false)$", r",\1", text, flags=re.MULTILINE)
 
 
 def read_under_one_pseudonym(path):
