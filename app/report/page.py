@@ -54,7 +54,11 @@ def render(report: Report) -> str:
 
 def _sections(report: Report) -> list[Section]:
     """Return a section for each script of a synthetic report, else one for the people if anybody has begun to play."""
-    groups = report.groups if report.synthetic else [group for group in report.groups[:1] if group.figures[0].players or group.started]
+    groups = (
+        report.groups
+        if report.synthetic
+        else [group for group in report.groups[:1] if group.figures[0].players or group.started]
+    )
     return [Section(group, group_tables(report, group), charts(report, group)) for group in groups]
 
 
