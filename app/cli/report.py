@@ -154,6 +154,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     mark = "SYNTHETIC, script " if found.synthetic else ""
     _print_figures(mark, group)
     _print_comparisons(mark, group)
+    _print_second_analysis(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
         click.echo(f"- {line}")
@@ -167,7 +168,9 @@ def _print_figures(mark: str, group: GroupReport) -> None:
     for figure in group.figures:
         score, steps = figure.score, figure.steps
         if score and steps:
-            values = number(score.mean, 4), interval(score.interval, 4), number(steps.mean, 1), interval(steps.interval, 1)
+            mark_of = " (guaranteed)" if score.headline == "guaranteed" else ""
+            ends = interval(score.interval, 4) + mark_of, interval(steps.interval, 1) + mark_of
+            values = number(score.mean, 4), ends[0], number(steps.mean, 1), ends[1]
             levels = {level(score.confidence)}
             rows.append((figure.name, str(figure.players), str(figure.episodes), *values))
     if rows:
@@ -198,3 +201,21 @@ def _print_regret(group: GroupReport) -> None:
         shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
         mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
         click.echo(f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}")
+
+
+def _print_second_analysis(mark: str, group: GroupReport) -> None:
+    """Print the mixed model; nothing where the protocol names none."""
+    from app.statistics.formatting import interval, number
+
+    models = [metric.mixed_model for metric in group.metrics if metric.mixed_model]
+    rows = [
+        (each.metric, number(each.mean, 4), interval(each.interval, 4), number(each.slope, 5), interval(each.slope_interval, 5))
+        for each in models
+        if each.converged
+    ]
+    if rows:
+        heads = ("metric", "mean", "95 %, new terrains too", "slope a trial", "95 % interval")
+        print_table(f"{mark}{group.name}: second analysis, mixed model", heads, rows)
+    for each in models:
+        if not each.converged:
+            click.echo(f"- {each.metric}: {each.note}")

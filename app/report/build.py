@@ -24,6 +24,7 @@ from app.statistics.comparisons import PolicyComparison, compare_policy, holm, n
 from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
 from app.statistics.headline import RULES
 from app.statistics.learning import assess_learning, trial_means
+from app.statistics.mixed_model import fit_mixed_model
 from app.statistics.spread import iqm, iqm_interval, variance_components
 from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
 from app.statistics.terrain_leaks import leak_trend
@@ -156,6 +157,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
+    has_model = data.protocol.second_analysis == "mixed-model"
     return Metric(
         name=metric,
         mean=float(player_means(table).mean()),
@@ -165,6 +167,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         variance=variance_components(table),
         learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
+        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)) if has_model else None,
     )
 
 

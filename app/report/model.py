@@ -14,6 +14,7 @@ from app.statistics.attestation_summary import AttestationSummary
 from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
+from app.statistics.mixed_model import MixedModel
 from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
 from app.statistics.terrain_leaks import LeakTrend
@@ -30,6 +31,7 @@ class Metric:
     new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its interval for other players
     warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
+    mixed_model   the second analysis, where the protocol names it
     """
 
     name: str
@@ -40,6 +42,7 @@ class Metric:
     variance: VarianceComponents | None
     learning: Learning
     warm_up: tuple[TrialMean, ...] = ()
+    mixed_model: MixedModel | None = None
 
 
 @dataclass(frozen=True)

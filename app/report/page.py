@@ -16,6 +16,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
+from app.report.page_table import PageTable
+from app.report.second_analysis import second_analysis_tables
 from app.report.tables import GroupTables, checklist_table, coverage_table, group_tables
 from app.statistics.formatting import level, number
 
@@ -28,6 +30,7 @@ class Section:
 
     group: GroupReport
     tables: GroupTables
+    second_analysis: tuple[PageTable, ...]
     charts: dict[str, str]
 
 
@@ -59,7 +62,9 @@ def _sections(report: Report) -> list[Section]:
         if report.synthetic
         else [group for group in report.groups[:1] if group.figures[0].players or group.started]
     )
-    return [Section(group, group_tables(report, group), charts(report, group)) for group in groups]
+    return [
+        Section(group, group_tables(report, group), second_analysis_tables(group), charts(report, group)) for group in groups
+    ]
 
 
 @cache

@@ -20,7 +20,7 @@ from scipy import stats
 
 from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
 from app.statistics.crossed import crossed_interval
-from app.statistics.further_coverage import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_ratio
+from app.statistics.further_coverage import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_mixed_model, measure_ratio
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from app.statistics.simulated_studies import (
@@ -167,10 +167,30 @@ def _percentages(
         progress(done, len(rows))
 
 
+def _mixed_models(studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a Markdown table of the mixed model's coverage."""
+    yield ("population", "ICC", "players", "converged", "mean", "slope", "terrains")
+    yield (*("---",) * 3, *("---:",) * 4)
+    cells = [(population, icc, count) for population in SCORE_POPULATIONS for icc in ICCS for count in players]
+    for done, (population, icc, count) in enumerate(cells, 1):
+        found = measure_mixed_model(population, icc, count, studies, seed)
+        shares = (found.converged, found.mean, found.slope, found.terrains)
+        yield (population.name, f"{icc:g}", str(count), *(f"{share:.1f}" for share in shares))
+        progress(done, len(cells))
+
+
 def coverage_error(coverage: float, studies: int) -> float:
     """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
     share = coverage / 100
     return float(100 * stats.norm.ppf(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
+
+
+def _further(what: str, studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
+    """Return the rows of what is measured instead of the quoted table."""
+    if what == "mixed":
+        return _mixed_models(studies, seed, players, progress)
+    measure, iccs = FURTHER[what]
+    return _percentages(measure, iccs, studies, seed, players, progress)
 
 
 @click.command()
@@ -180,14 +200,14 @@ def coverage_error(coverage: float, studies: int) -> float:
 @click.option("--ratio", "what", flag_value="ratio", help="Measure the interval of policy / people instead.")
 @click.option("--paired", "what", flag_value="paired", help="Measure the false alarms of the test of policy - people instead.")
 @click.option("--iqm", "what", flag_value="iqm", help="Measure the interval of the interquartile mean instead.")
+@click.option("--mixed", "what", flag_value="mixed", help="Measure the mixed model's intervals instead, at minutes a row.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
 def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
     if what:
-        measure, iccs = FURTHER[what]
         with _progress_bar() as advance:
-            rows = list(_percentages(measure, iccs, studies, seed, players or PLAYERS, advance))
-        click.echo("\n".join("| " + " | ".join(row) + " |" for row in rows))
+            for row in _further(what, studies, seed, players or PLAYERS, advance):
+                click.echo("| " + " | ".join(row) + " |")
         return
     with _progress_bar() as advance:
         cells = list(measure_cells(studies, seed, players or PLAYERS, advance))

@@ -46,6 +46,15 @@ class Cohort:
                     found[row, column] = metric_value(trial, metric)
         return found
 
+    def trial_numbers(self, ids: Sequence[str]) -> Floats:
+        """Return in which trial (0..) each ranked terrain was played, float64[players, terrains], NaN where not finished."""
+        found = np.full((len(ids), self.terrains), np.nan)
+        for row, person in enumerate(ids):
+            for each in self.ranked[person]:
+                if 0 <= each.terrain < self.terrains:
+                    found[row, each.terrain] = each.trial
+        return found
+
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
         """Return float64[players, warm-up trials], NaN where not finished."""
         found = np.full((len(ids), self.practice), np.nan)

@@ -26,6 +26,7 @@ NEW_STUDIES: dict[str, Any] = {
     "orders": "latin-square",
     "hides_interim": True,
     "interval_rule": "2",
+    "second_analysis": "mixed-model",
 }
 """What a new study's protocol holds where an earlier one, without the field, meant something else."""
 
