@@ -38,6 +38,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.training",
     },
     "app.leaderboard": {
+        "app.moves",
         "app.play",
         "app.statistics",
         "app.storage",

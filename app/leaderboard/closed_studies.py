@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from app.moves.likeness import human_likeness
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.group_summaries import summarize_groups
 from app.statistics.study_figures import live_figure
@@ -58,4 +59,6 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     completed = float(np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups]))
     pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
     plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
-    return {**plain, "completed": completed, "curve": None, "visits": None, **pictures, "trials": trial_summaries(groups)}
+    likeness = human_likeness(reader, data, cohort, members(cohort, rules))
+    shown = {"completed": completed, "curve": None, "visits": None, **pictures}
+    return {**plain, **shown, "trials": trial_summaries(groups), "likeness": likeness}

@@ -49,7 +49,11 @@ class Leaderboard:
         jobs = found.jobs(sources)
         names = {source: name for name, source in sources.items()}
         states = self._evaluations.request(jobs)
-        policies = [{"name": names.get(job.policy, job.policy), **state} for job, state in zip(jobs, states, strict=True)]
+        likeness = (found.human or {}).get("likeness", {})
+        policies = [
+            {"name": (name := names.get(job.policy, job.policy)), **state, "human_likeness": likeness.get(name)}
+            for job, state in zip(jobs, states, strict=True)
+        ]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY_PLAYED}
 
     async def close(self) -> None:

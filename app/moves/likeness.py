@@ -33,6 +33,7 @@ THRESHOLD = 8.0
 LEAST_DEVIATION = 0.3
 """In logits: players who hardly differ are not told apart by less."""
 FEWEST_OTHERS = 7
+SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
 NO_PLAN = "random"
 """The policy whose moves are drawn: agreement with it says nothing."""
 
@@ -90,6 +91,30 @@ def player_agreements(cohort: Cohort, policies: Sequence[str], found: EpisodeAgr
         player: {name: sum((found.get((trial.episode, name), none) for trial in cohort.ranked[player]), none) for name in names}
         for player in members(cohort, {})
     }
+
+
+def human_likeness(reader: Reader, data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, float]:
+    """Return how much each of the protocol's policies moves like people: the mean over players of the share of moves, 0..1.
+
+    Each of the first SAMPLED_PLAYERS `ids` enters with the first SAMPLED_EPISODES ranked terrains they finished: that takes
+    seconds. A policy that cannot be loaded here is left out.
+    """
+    found = {}
+    for name in data.protocol.policies:
+        try:
+            policy = load(name, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
+        except (LookupError, ValueError, OSError):
+            policy = None
+        if policy is not None:
+            agreements = {}
+            for player in ids[:SAMPLED_PLAYERS]:
+                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain)[:SAMPLED_EPISODES]
+                own = [record for trial, record in trial_records(reader, trials) if trial.core_version == CORE_VERSION]
+                agreements[player] = {name: sum((agreement_with(policy, record) for record in own), start=Agreement())}
+            share = mean_agreement(agreements, name)
+            if share is not None:
+                found[name] = share
+    return found
 
 
 def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:

@@ -23,10 +23,13 @@ export function paintRanks(table, marks, rows, scale, measure) {
     mark.style.left = share(tick);
     return mark;
   }));
+  const hasLikeness = rows.some(({ policy }) => typeof policy?.human_likeness === "number");
+  const head = table.tHead?.querySelector("[data-testid=likeness-head]");
+  if (head) /** @type {HTMLElement} */ (head).hidden = !hasLikeness;
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
     const head = create("th", [create("i", [], { class: "swatch" }), row.name], { scope: "row" });
-    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row)];
+    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
     const line = create("tr", [head, ...cells], { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}` });
     line.style.setProperty("--mine", row.colour);
     return line;
@@ -55,7 +58,8 @@ export function paintRanks(table, marks, rows, scale, measure) {
     const completed = `${Math.round(100 * (row.figure?.completed ?? 0))} %`;
     const wide = { class: "number wide" };
     return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
-      create("td", intervalText(value, measure), wide), create("td", completed, wide), create("td", source(row), wide)];
+      create("td", intervalText(value, measure), wide), create("td", completed, wide),
+      ...(hasLikeness ? [create("td", likenessText(row.policy?.human_likeness), wide)] : []), create("td", source(row), wide)];
   }
   /**
    * @param {string} name
@@ -69,12 +73,21 @@ export function paintRanks(table, marks, rows, scale, measure) {
 }
 
 /**
+ * Return a share of people's moves as text, a dash where it is not known.
+ * @param {number | null | undefined} share
+ */
+function likenessText(share) {
+  return typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
+}
+
+/**
  * Return the row of a policy without a figure: how far it is.
  * @param {Row} row
+ * @param {number} columns
  */
-function missing({ policy }) {
+function missing({ policy }, columns) {
   const cell = document.createElement("td");
-  cell.colSpan = 5;
+  cell.colSpan = columns;
   const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {

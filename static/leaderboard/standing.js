@@ -11,7 +11,7 @@ import { many } from "../common/words.js";
  */
 /** @typedef {Figure & {players: number, trials: Trial[], set?: string, abandoned?: number}} People */
 /**
- * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null}} Policy
+ * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null, human_likeness?: number | null}} Policy
  */
 /**
  * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} BoardListing

@@ -132,6 +132,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
     assert np.shape(found["people"]["visits"]) == (7, 9)
     assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
+    assert 0 < found["policies"][0]["human_likeness"] <= 1
     own = [evaluate(["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i), workers=1) for i in range(3)]
     mean = np.mean([table.results[0].steps_to_99 for table in own])
     assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)

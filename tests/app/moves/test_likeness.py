@@ -1,15 +1,21 @@
 """A player who moves as a policy does stands out among people who do not, and people seldom do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.moves.analysis import MoveAnalysis
-from app.moves.likeness import FEWEST_MOVES, find_likeness, mean_agreement
+from app.moves.likeness import FEWEST_MOVES, find_likeness, human_likeness, mean_agreement
 from app.moves.likeness_rates import Player, agreements_of
 from app.report import build
+from app.statistics.exclusion_sets import members, people_of
+from app.storage.reader import Reader
+from app.study.data import load
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.agreement import Agreement
 from tests.support.made_studies import played, study
+from tests.support.stored_studies import freeze, play_study
 
 CONFIG = EnvConfig("random", 13, 17)
 
@@ -62,3 +68,16 @@ def test_the_report_cautions_and_leaves_nobody_out():
     (caution,) = set(group.cautions) - set(plain.cautions)
     name = next(row.name for row in group.players if row.steps == min(each.steps for each in group.players))
     assert caution.startswith(f"{name} made 100.0 % of 500 moves as the policy ppo would have")
+
+
+def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):
+    study_ = freeze(tmp_path / "studies", policies=("random", "frontier-cost"))
+    play_study(tmp_path / "play.db", study_)  # people drive as frontier-cost does
+    reader = Reader.open(tmp_path / "play.db")
+    data = load(reader, "dunes")
+    gone = data.protocol.model_copy(update={"policies": ("random", "frontier-cost", "no-such.safetensors")})
+    data, cohort = replace(data, protocol=gone), people_of(data)
+    assert human_likeness(reader, data, cohort, members(cohort, {"completed": True}))["frontier-cost"] > 0.8
+    assert set(human_likeness(reader, data, cohort, members(cohort, {}))) == {"frontier-cost"}
+    assert human_likeness(reader, data, cohort, []) == {}
+    reader.close()
