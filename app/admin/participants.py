@@ -20,10 +20,10 @@ from app.storage import study_reader
 from app.storage.reader import Reader, config_of
 from app.storage.study_rows import Stage, participant_label
 from app.study.data import StudyData, load
+from app.study.flow import REPEATED_JOIN, repeated_reasons
 from app.study.folder import Folder
 from app.study.looks import take_look
 from app.study.protocol import StudyError
-from app.study.repeats import REPEATED_JOIN, repeated_reasons
 from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)

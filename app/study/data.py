@@ -26,10 +26,9 @@ from app.storage.study_reader import (
     study_names,
 )
 from app.storage.study_rows import ParticipantKind, Phase
-from app.study.flow import Arrivals, arrivals_of, with_noted
+from app.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
 from app.study.protocol import Protocol, StudyError, parse_protocol
-from app.study.repeats import repeated_reasons
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
 
@@ -45,7 +44,7 @@ class Person:
     events        stage events: (at_ms, kind, detail), in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
-    repeated      signs that they take part more than once, in words (`app.study.repeats`); none is no proof
+    repeated      signs that they take part more than once, in words (`app.study.flow`); none is no proof
     """
 
     id: str

@@ -1,15 +1,40 @@
-"""The flow of people through a study, from invitation to the last ranked episode: how many came to each stage, and who left."""
+"""The flow of people through a study, from invitation to the last ranked episode: how many came to each stage, and who left.
+
+So that one person does not count as two, signs that somebody takes part more than once are noted, as far as they can be known
+without observing people's devices: refused joins with the participant who was there before, and with a new participant whether
+their outside id is missing or known. An open link cannot stop anybody from joining twice with another browser.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from app.study.data import Person, StudyData
     from app.study.invitations import Invitation
+
+
+REPEATED_JOIN = "repeated_join"
+"""Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
+
+MAX_NOTED = 100
+"""Further joins that are noted of one participant."""
+
+Reason = Literal["invitation", "outside id", "another invitation", "another outside id", "after leaving"]
+SIGNS_IN_WORDS: dict[str, str] = {
+    "invitation": "their invitation was opened again elsewhere",
+    "shared": "somebody else agreed with their invitation on another server",
+    "outside id": "their outside id came again elsewhere",
+    "another invitation": "another invitation was opened in their browser",
+    "another outside id": "another outside id came in their browser",
+    "after leaving": "the study was opened again after leaving it",
+    "missing": "no outside id",
+    "repeated": "an outside id that somebody had before",
+}
+"""Each reason in words."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +126,22 @@ def participant_flow(data: StudyData) -> ParticipantFlow:
         unfinished=len(late) - withdrew - completed,
         completed=completed,
     )
+
+
+def repeated_reasons(events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False) -> tuple[str, ...]:
+    """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
+
+    shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other
+
+    The order is that of SIGNS_IN_WORDS. No sign is no proof: another browser, another device and another id leave none.
+    """
+    found: set[str | None] = {"shared"} if shares_invitation else set()
+    for _, kind, detail in events:
+        if kind == REPEATED_JOIN:
+            found.add(detail.get("reason"))
+        elif kind == "joined":
+            found.add(detail.get("outside_id"))
+    return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
 
 
 def _is_undecided(person: Person) -> bool:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
+from app.study.flow import MAX_NOTED, REPEATED_JOIN, Reason
 from app.study.folder import Folder, Study
 from app.study.invitations import Invitation, Invitations
 from app.study.participation import StageError
 from app.study.protocol import StudyError
-from app.study.repeats import MAX_NOTED, REPEATED_JOIN, Reason
 
 NO_INVITATION = "this study is by invitation: open the link that you were sent"
 WRONG_INVITATION = (
