@@ -41,6 +41,8 @@ MATPLOTLIB_STYLE: Any = {
 _STYLE_LOCK = threading.Lock()
 """matplotlib's style belongs to the process, so only one chart is drawn at a time."""
 
+MAX_NAME = 18
+"""Characters of a policy's name in a chart; tables have it whole."""
 WIDTH = 5.6
 """Inches: a phone's width still shows the letters."""
 
@@ -166,7 +168,7 @@ def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -
         lines.append((policy.name, policy.pictures.get("curve"), style[0], style[1], 1.4))  # type: ignore[arg-type]
     for name, curve, colour, dash, width in lines:
         if curve:
-            axes.plot(curve["steps"], curve["mean"], color=colour, linestyle=dash, linewidth=width, label=name)
+            axes.plot(curve["steps"], curve["mean"], color=colour, linestyle=dash, linewidth=width, label=_short(name))
             if curve["low"]:
                 low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
                 axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
@@ -186,7 +188,7 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
     image = None
     for axes, (name, share) in zip(grid, shares, strict=False):
         image = axes.imshow(share, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
-        axes.set_title(name)
+        axes.set_title(_short(name))
         axes.set_xticks([])
         axes.set_yticks([])
         for spine in axes.spines.values():
@@ -212,7 +214,12 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
         "Score, normalized",
     )
     _rows(right, steps, lambda row: (row.difference, row.new), f"policy − {who}", 0.0, "Steps, difference")
-    left.set_yticks(range(len(score)), [row.policy for row in score])
+    left.set_yticks(range(len(score)), [_short(row.policy) for row in score])
+
+
+def _short(name: str) -> str:
+    """Return a policy's name as a chart has room for it: the end of a long one, such as a file's path."""
+    return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
 
 
 Valued = Callable[[PolicyComparison], tuple[float | None, tuple[float, float] | None]]

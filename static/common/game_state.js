@@ -20,7 +20,7 @@
 /**
  * What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`.
  * @typedef {{kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer} | {kind: "link", link: State["link"]}
- *   | {kind: "watched", level: string, size: State["size"], board: Board} | {kind: "replay", about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
+ *   | {kind: "watched", level: string, size: State["size"], board: Board} | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
  */
 
 /** @returns {State} */
@@ -141,7 +141,8 @@ export function apply(state, event) {
       return { ...state, mode: "spectator", level, size, counts: false, player: board, rival: null };
     }
     case "replay": {
-      const { about } = event;
+      const { about, episode } = event;
+      if (state.player?.frame.episode !== episode) return state; // the player has gone on meanwhile
       return { ...state, rival: { ...boardOf(about.session, about.player, about.frame, null), isReplay: true } };
     }
     case "received": {

@@ -51,18 +51,26 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
   let replayedEpisode = null;
 
   /**
-   * Make one request at a time, and show its failure as a sentence.
+   * Do something, and show its failure as a sentence.
+   * @template T
+   * @param {() => Promise<T>} work
+   */
+  async function attempt(work) {
+    try {
+      await work();
+    } catch (error) {
+      dispatch({ kind: "notice", text: error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}` });
+    }
+  }
+  /**
+   * Do one thing at a time that the player asked for.
    * @template T
    * @param {() => Promise<T>} work
    */
   async function once(work) {
     if (isBusy) return;
     isBusy = true;
-    try {
-      await work();
-    } catch (error) {
-      dispatch({ kind: "notice", text: error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}` });
-    }
+    await attempt(work);
     isBusy = false;
   }
   /** @param {About} about */
@@ -169,7 +177,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       for (const [step, action] of actions.slice(0, moves).entries()) await api.act(session, { episode: about.frame.episode, step, action });
     }),
     /**
-     * Show a policy on the terrain of a finished ranked episode, once unless asked again.
+     * Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.
      * @param {import("../common/game_state.js").State} state
      * @param {boolean} [isAgain]
      */
@@ -177,9 +185,9 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       const episode = player?.frame.episode;
       if (!player || !episode || (replayedEpisode === episode && !isAgain)) return;
       replayedEpisode = episode;
-      await once(async () => {
+      await attempt(async () => {
         const { seed } = await api.episode(episode);
-        dispatch({ kind: "replay", about: await api.createSession({ level, size, seed, player: wish().rival, replays: player.session }) });
+        dispatch({ kind: "replay", episode, about: await api.createSession({ level, size, seed, player: wish().rival, replays: player.session }) });
       });
     },
   };

@@ -138,6 +138,7 @@ def test_coming_back_goes_on_where_the_episode_stood(serve):
         assert (answer.status_code, answer.json()["session"], answer.json()["frame"]) == (200, ranked["session"], frame)
     server.stop()
     again = serve()
+    again.clock.skipped_ms = server.clock.skipped_ms
     back = again.page(cookies=dict(client.cookies))
     assert back.get("/api/me/session").json()["frame"] == frame
     assert begin(back, **SMALL)["session"] == ranked["session"]

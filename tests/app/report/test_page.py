@@ -113,3 +113,12 @@ def test_a_browser_asks_for_nothing_overflows_nowhere_and_axe_finds_nothing(page
             assert [(each["id"], each["nodes"][0]["target"]) for each in violations] == []
             page.close()
         browser.close()
+
+
+def test_a_long_policys_name_leaves_room_for_the_charts():
+    """matplotlib warns when nothing is left of a chart, and warnings are errors here."""
+    people, trials = played(np.full((5, 6), 0.8) + np.arange(5)[:, None] / 50)
+    path = "/a/folder/of/policies/" + "with-a-name-that-is-long-" * 4 + "mine.safetensors"
+    page = render(build(study(people, trials), [run(path, [0.9, 0.8, 0.9, 0.8, 0.9, 0.7]), run("random", [0.3] * 6)]))
+    assert "…" in page
+    assert path in page, "the tables have it whole"

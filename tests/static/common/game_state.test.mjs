@@ -75,8 +75,9 @@ test("a refusal repaints what the server holds", () => {
 
 test("a policy's run stays next to a ranked episode until the next one begins, whichever board reports that first", () => {
   const ended = receive(begun({ rival: null }), frame({ step: 1, outcome: "collided" }));
-  const replay = apply(ended, { kind: "replay", about: about({ session: "p1", player: "ppo", rival: null }) });
+  const replay = apply(ended, { kind: "replay", episode: ended.player.frame.episode, about: about({ session: "p1", player: "ppo", rival: null }) });
   assert.equal(replay.rival.isReplay, true);
+  assert.equal(apply(ended, { kind: "replay", episode: "another", about: about({ session: "p1" }) }), ended, "the player has gone on");
   assert.equal(receive(replay, frame({ step: 1, outcome: "collided" })).rival.session, "p1");
   assert.equal(receive(replay, frame({ episode: "e2" })).rival, null);
   assert.equal(apply(replay, { kind: "begun", about: about({ rival: null, frame: frame({ episode: "e2" }) }) }).rival, null);
