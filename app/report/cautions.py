@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from app.statistics import coverage_table
+from app.coverage import table as coverage_table
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate

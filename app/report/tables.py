@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.coverage.table import SCORE_POPULATIONS, Cell, nearest
 from app.play.attestation import Attestation
 from app.report.model import GroupReport, Metric, Report
 from app.report.move_tables import MoveTables, move_tables
 from app.report.page_table import PageTable
-from app.statistics.coverage_table import SCORE_POPULATIONS, Cell, nearest
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, level, number, p_value, percent
 from app.statistics.study_figures import StudyFigure

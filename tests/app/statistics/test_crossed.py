@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.coverage_table import SCORE_POPULATIONS
+from app.coverage.simulated_studies import generator, mean_score, simulate_policy, simulate_studies
+from app.coverage.table import SCORE_POPULATIONS
 from app.statistics.crossed import can_be_crossed, crossed_components, crossed_interval, crossed_mean, crossed_p
-from app.statistics.simulated_studies import generator, mean_score, simulate_policy, simulate_studies
 from tests.app.statistics.test_spread import SHROUT_FLEISS
 
 NAN = float("nan")

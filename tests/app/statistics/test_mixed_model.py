@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.coverage import coverage_error
-from app.statistics.coverage_table import SCORE_POPULATIONS
+from app.coverage.further import measure_mixed_model
+from app.coverage.intervals import coverage_error
+from app.coverage.table import SCORE_POPULATIONS
 from app.statistics.crossed import crossed_mean
-from app.statistics.further_coverage import measure_mixed_model
 from app.statistics.mixed_model import fit_mixed_model
 
 NAN = float("nan")

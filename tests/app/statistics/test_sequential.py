@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app.statistics.coverage_table import SCORE_POPULATIONS
+from app.coverage.looks import RULES, main, measure
+from app.coverage.table import SCORE_POPULATIONS
 from app.statistics.sequential import boundaries, spent_alpha
-from app.statistics.sequential_coverage import RULES, main, measure
 
 PUBLISHED = {
     # DeMets and Lan 1994, Statist. Med. 13(13-14), two-sided 0.05; the first column also from gsDesign (sfLDOF, sfLDPocock)

@@ -1,7 +1,7 @@
 """Further measurements on simulated studies: false alarms of the test, coverage of the ratio, the IQM and the mixed model.
 
 Test and ratio are the same test (`app.statistics.comparisons`): of policy - people = 0 for a policy that is as good as people
-in the mean, and of policy - ratio people = 0 for the true ratio. Run by `python -m app.statistics.coverage` with `--paired`,
+in the mean, and of policy - ratio people = 0 for the true ratio. Run by `python -m app.coverage` with `--paired`,
 `--ratio`, `--iqm` and `--mixed`.
 """
 
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.statistics.coverage_table import ScorePopulation
+from app.coverage.simulated_studies import generator, mean_score, simulate_policy, simulate_studies
+from app.coverage.table import ScorePopulation
 from app.statistics.crossed import crossed_p
 from app.statistics.intervals import TAIL, printed_interval
 from app.statistics.mixed_model import fit_mixed_model
-from app.statistics.simulated_studies import generator, mean_score, simulate_policy, simulate_studies
 from app.statistics.spread import iqm, iqm_shares
 
 PAIRED_ICCS = (0.0, 0.1, 0.3, 0.5)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.statistics.coverage import coverage_error, headline_table, markdown_table, measure_cell
-from app.statistics.coverage_table import SCORE_POPULATIONS, nearest, saved
-from app.statistics.further_coverage import measure_false_alarms, measure_iqm, measure_ratio
+from app.coverage.further import measure_false_alarms, measure_iqm, measure_ratio
+from app.coverage.intervals import coverage_error, headline_table, markdown_table, measure_cell
+from app.coverage.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
+from app.coverage.table import SCORE_POPULATIONS, nearest, saved
 from app.statistics.headline import RULES
-from app.statistics.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
 from app.statistics.spread import iqm
 
 DOCS = Path(__file__).parents[3] / "docs/report.md"

@@ -1,4 +1,4 @@
-"""What looking at an open study costs, measured: `python -m app.statistics.sequential_coverage --studies 2000 --seed 0`.
+"""What looking at an open study costs, measured: `python -m app.coverage.looks --studies 2000 --seed 0`.
 
 Each simulated study is looked at while its players finish, and stopped at the first look at which the interval leaves a value
 out. `misses`: the value is the truth itself, the worst that stopping can do, so this is the type-I error and the interval's
@@ -15,10 +15,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from app.statistics.coverage_table import SCORE_POPULATIONS, ScorePopulation
+from app.coverage.simulated_studies import generator, mean_score, simulate_studies
+from app.coverage.table import SCORE_POPULATIONS, ScorePopulation
 from app.statistics.intervals import Ends, printed_interval
 from app.statistics.sequential import Spending, boundaries
-from app.statistics.simulated_studies import generator, mean_score, simulate_studies
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
 from marsexplorer.evaluation.run import Progress
 

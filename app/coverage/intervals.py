@@ -1,4 +1,4 @@
-"""How often the printed interval covers the truth, measured: `python -m app.statistics.coverage --studies 2000 --seed 0`.
+"""How often the printed interval covers the truth, measured: `python -m app.coverage --studies 2000 --seed 0`.
 
 The truth of a simulated study (`simulated_studies`) is the mean over the population of players on its own terrains, as in a
 report; "new terrains" is judged by the mean over terrains as well. Every interval comes from the functions the report uses.
@@ -18,12 +18,8 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from scipy import stats
 
-from app.statistics.coverage_table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
-from app.statistics.crossed import crossed_interval
-from app.statistics.further_coverage import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_mixed_model, measure_ratio
-from app.statistics.headline import is_a_few_players
-from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
-from app.statistics.simulated_studies import (
+from app.coverage.further import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_mixed_model, measure_ratio
+from app.coverage.simulated_studies import (
     SCORE_BOUNDS,
     STEPS_BOUNDS,
     TERRAINS,
@@ -33,6 +29,10 @@ from app.statistics.simulated_studies import (
     simulate_studies,
     steps_of,
 )
+from app.coverage.table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
+from app.statistics.crossed import crossed_interval
+from app.statistics.headline import is_a_few_players
+from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.run import Progress
 
@@ -224,7 +224,3 @@ def _progress_bar() -> Iterator[Progress]:
     with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("simulating studies", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-if __name__ == "__main__":
-    main()
