@@ -5,7 +5,10 @@ import sqlite3
 import time
 from contextlib import closing
 
+import pytest
+
 from app.statistics.exclusion_sets import people_of
+from app.statistics.study_figures import study_figures
 from app.study.data import load as load_study
 from app.study.folder import Folder
 from app.study.invitations import Invitations, token_of
@@ -112,10 +115,11 @@ def counted(server):
     return {episode["episode"] for episode in found}
 
 
-def test_no_forger_of_the_playground_counts_and_the_person_does(server, tmp_path):
+@pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
+def test_no_forger_of_the_playground_counts_and_the_person_does(server, tmp_path, times):
     honest = honest_board(server)["episode"]
     forged = {}
-    for name, forger in forgers(presses_of(tmp_path / "playground.db", honest)).items():
+    for name, forger in times * [*forgers(presses_of(tmp_path / "playground.db", honest)).items()]:
         client = server.client(headers={"Origin": server.url})
         begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
         assert begun["counts"] is True
@@ -137,10 +141,11 @@ def play_forged(person, forger):
             forger.play(socket, person.server.clock)
 
 
-def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path):
+@pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
+def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
     small = {"size": (9, 12), "ranked": 2, "warm_up": 1, "hides_interim": False, "recruitment": "invitation"}
     study = freeze(tmp_path / "studies", **small)
-    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 9)
+    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 1 + 8 * times)
     invitations = iter([token_of(study, each.id) for each in issued])
     person = Person(server, invitation=next(invitations))
     person.to_warm_up()
@@ -148,8 +153,8 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path):
     path = tmp_path / "playground.db"
     with closing(sqlite3.connect(path)) as db:
         (copied,) = db.execute("SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 0").fetchone()
-    names = forgers(presses_of(path, copied))
-    for forger in names.values():
+    names = times * [*forgers(presses_of(path, copied))]
+    for forger in times * [*forgers(presses_of(path, copied)).values()]:
         other = Person(server, invitation=next(invitations))
         other.to_warm_up()
         play_forged(other, forger)
@@ -160,3 +165,6 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path):
             levels.setdefault(trial.participant, []).append(trial.attestation)
     assert sorted(levels.values()) == [["attested"] * 2] + [["unattested"] * 2] * len(names)
     assert sum(map(len, people_of(data).ranked.values())) == 2
+    assert [(figure.name, figure.players) for figure in study_figures(data, people_of(data))] == [
+        ("all", 1), ("protocol", 1), ("strict", 1)
+    ]  # fmt: skip
