@@ -46,8 +46,8 @@ LONGEST_HANDLING_MS = 10_000.0
 MOST_STEPS_BEHIND = 8
 """Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
 before them may not be painted yet."""
-FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 6, 2_500, 12
-"""Loads of the page that may have made an episode's moves: six at once, one more for each two and a half seconds, twelve at
+FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 4, 2_500, 12
+"""Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
 most. A load takes a person that long, so a program cannot begin a new clock with each move."""
 REST_MS = 10_000
 """A clock that is another one soon after so long a rest is not counted: that of a phone stands still in its sleep."""

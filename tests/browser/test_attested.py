@@ -85,7 +85,7 @@ def test_typing_ahead_in_bursts(serve, player, tmp_path):
 def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp_path):
     _, me = begun(serve, player)
     there, back = there_and_back(me)
-    for _ in range(3):
+    for _ in range(2):  # with the first load and the second tab four, as many as an episode may have within seconds
         me.press(there)
         me.press(back)
         me.page.reload()

@@ -16,6 +16,8 @@ from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.study import Person, codes, freeze
 
+SIZE = (15, 15)
+"""Boards that take more moves than the fewest whose timing is compared."""
 KEYS = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
 
 
@@ -98,7 +100,7 @@ def presses_of(path, episode):
 def honest_board(server):
     """Return the last frame of a person's ranked episode on the playground."""
     client = server.client(headers={"Origin": server.url})
-    begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
+    begun = client.post("/api/sessions", json={"size": SIZE}).json()
     policy = load("frontier-cost")
     policy.reset(1)
     with server.socket(begun["session"], client) as socket:
@@ -121,7 +123,7 @@ def test_no_forger_of_the_playground_counts_and_the_person_does(server, tmp_path
     forged = {}
     for name, forger in times * [*forgers(presses_of(tmp_path / "playground.db", honest)).items()]:
         client = server.client(headers={"Origin": server.url})
-        begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
+        begun = client.post("/api/sessions", json={"size": SIZE}).json()
         assert begun["counts"] is True
         with server.socket(begun["session"], client) as socket:
             forged[name] = forger.play(socket, server.clock)["episode"]
@@ -143,7 +145,7 @@ def play_forged(person, forger):
 
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
 def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
-    small = {"size": (9, 12), "ranked": 2, "warm_up": 1, "hides_interim": False, "recruitment": "invitation"}
+    small = {"size": SIZE, "ranked": 2, "warm_up": 1, "hides_interim": False, "recruitment": "invitation"}
     study = freeze(tmp_path / "studies", **small)
     issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 1 + 8 * times)
     invitations = iter([token_of(study, each.id) for each in issued])
