@@ -70,6 +70,7 @@ def test_taps_on_a_phone(serve, player, tmp_path):
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
+@pytest.mark.long
 def test_typing_ahead_in_bursts(serve, player, tmp_path):
     _, me = begun(serve, player)
     there, back = there_and_back(me)
@@ -82,6 +83,7 @@ def test_typing_ahead_in_bursts(serve, player, tmp_path):
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
+@pytest.mark.long
 def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp_path):
     _, me = begun(serve, player)
     there, back = there_and_back(me)
@@ -101,6 +103,7 @@ def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
+@pytest.mark.long
 def test_a_connection_lost_in_the_middle(spawn, player, tmp_path):
     server, me = begun(spawn, player)
     there, back = there_and_back(me)

@@ -1,5 +1,6 @@
 """The address can be given away, and a ranked episode cannot be dropped: two browsers, real keys, the database's own word."""
 
+import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
@@ -136,6 +137,7 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     assert me.errors == []
 
 
+@pytest.mark.long
 def test_coming_back_resumes_in_a_reopened_tab_and_a_second_one(serve, player):
     server = serve()
     me = player(server, PERSON)

@@ -23,7 +23,8 @@ class Wanderer:
         return int(self.rng.choice(valid_actions(codes, int(row), int(col))))
 
 
-@pytest.mark.parametrize(("width", "height"), [pytest.param(1440, 900, marks=pytest.mark.long), (390, 844)])
+@pytest.mark.long
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
 def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     server = serve()
     me = player(server, FLAGS)

@@ -87,6 +87,7 @@ def leaves(value):
     return 1
 
 
+@pytest.mark.long
 def test_a_policy_that_is_back_is_played_again_and_another_file_is_not(bundle, reproduce):
     out, _, policy, kept = bundle
     try:
@@ -136,6 +137,7 @@ def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(fo
     assert f"signer not checked: nothing here says whose key {forger} is" in said
 
 
+@pytest.mark.long
 def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen(bundle, tmp_path, reproduce):
     out = tmp_path / "changed"
     shutil.copytree(bundle[0], out)

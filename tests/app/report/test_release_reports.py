@@ -38,7 +38,7 @@ def report_of(database, studies, path, *options):
     return json.loads(path.read_text())
 
 
-@pytest.mark.parametrize("options", [(), ("--synthetic",)])
+@pytest.mark.parametrize("options", [(), pytest.param(("--synthetic",), marks=pytest.mark.long)])
 def test_every_figure_of_an_imported_release_is_the_studys(tmp_path, options):
     folder = earlier.studies(tmp_path)
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)

@@ -50,6 +50,7 @@ def test_nothing_of_an_open_study(serve, tmp_path):
     assert client.get("/api/studies/dunes/debrief/0/regret").status_code in (403, 404, 409)
 
 
+@pytest.mark.long
 def test_the_worker_says_what_the_estimator_says_and_starts_again_after_its_end(tmp_path):
     async def ask():
         regrets = Regrets(tmp_path / "play.db")
