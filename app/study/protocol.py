@@ -22,6 +22,7 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
 NEW_STUDIES: dict[str, Any] = {
+    "labels_version": "2",
     "required_attestation": "attested",
     "orders": "latin-square",
     "hides_interim": True,
