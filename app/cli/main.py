@@ -1,4 +1,4 @@
-"""The command `marsexplorer`: a group of commands, each in a module of app/cli.
+"""The command `marsexplorer`: a group of commands, each in a module of its own in app/cli or in a folder there.
 
 Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out as given or needs an extra
 that is not installed, 1 for a failure on the way, 130 for Ctrl-C. A command's module is imported when the command is called, so
@@ -42,10 +42,28 @@ COMMANDS = {
     "merge": "Join the databases of several servers.",
     "forget": "Erase a participant from a database.",
 }
-"""Name -> its line in `marsexplorer --help`. The command NAME is the object `app.cli.NAME.NAME`, with "_" for "-"."""
+"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module."""
 
-_MODULES = {"import": "import_release"}
-"""Command -> its module, where the command's name is a keyword of Python."""
+_MODULES = {
+    "export": "database.export",
+    "verify": "database.verify",
+    "merge": "database.merge",
+    "forget": "database.forget",
+    "evaluate": "training.evaluate",
+    "train": "training.train",
+    "refine": "training.refine",
+    "sweep": "training.sweep",
+    "bench": "training.bench",
+    "clone": "training.clone",
+    "study": "study.study",
+    "simulate": "study.simulate",
+    "report": "study.report",
+    "regret": "study.regret",
+    "release": "release.release",
+    "reproduce": "release.reproduce",
+    "import": "release.import_release",
+}
+"""Command -> its module below app.cli. One that is not here is app.cli.NAME."""
 
 
 class Commands(click.Group):
@@ -61,8 +79,8 @@ class Commands(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        name = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
-        command = getattr(import_module(f"app.cli.{name}"), name)
+        module = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
+        command = getattr(import_module(f"app.cli.{module}"), module.rpartition(".")[2])
         assert isinstance(command, click.Command)
         return command
 

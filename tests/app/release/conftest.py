@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.cli.study_report import released_report
+from app.cli.study.study_report import released_report
 from app.release.build import ReleaseRequest, build_release
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 

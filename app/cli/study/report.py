@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import PATH, print_table, progress, reason, settings_of
-from app.cli.study_report import build_report, has_played, play_compared, replay_pictures
+from app.cli.study.study_report import build_report, has_played, play_compared, replay_pictures
 
 if TYPE_CHECKING:
     from app.moves.analysis import MoveAnalysis

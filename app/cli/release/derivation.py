@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import progress
-from app.cli.study_report import build_report, play_compared, replay_pictures
+from app.cli.study.study_report import build_report, play_compared, replay_pictures
 
 if TYPE_CHECKING:
     from app.moves.analysis import KnownMoves

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from app.cli.console import PATH, progress, reason, settings_of
-from app.cli.study_report import released_report
+from app.cli.study.study_report import released_report
 
 
 @click.command(short_help="Write a study as a citable, signed bundle.")

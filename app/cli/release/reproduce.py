@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.console import PATH, pins_file, print_table, reason
-from app.cli.derivation import Derivation, derive, known_moves, play_again, play_at_hand, read_bundle, replay_policies
-from app.cli.report import show
-from app.cli.study_report import REPORT_FILES, has_played
+from app.cli.release.derivation import Derivation, derive, known_moves, play_again, play_at_hand, read_bundle, replay_policies
+from app.cli.study.report import show
+from app.cli.study.study_report import REPORT_FILES, has_played
 
 if TYPE_CHECKING:
     from app.moves.analysis import KnownMoves

@@ -8,7 +8,7 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.cli.study_report import released_report
+from app.cli.study.study_report import released_report
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE

@@ -8,10 +8,18 @@ from typing import Any
 
 import click
 
-from app.cli import planning, recruiting
-from app.cli.console import DATABASE, STUDIES, SizeType, env_config_of, print_table, progress, settings_of
-from app.cli.console import folder_of as _folder
-from app.cli.console import study_errors as _study_errors
+from app.cli.console import (
+    DATABASE,
+    STUDIES,
+    SizeType,
+    env_config_of,
+    folder_of,
+    print_table,
+    progress,
+    settings_of,
+    study_errors,
+)
+from app.cli.study import planning, recruiting
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
@@ -86,10 +94,10 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     if "looks" in rest:
         rest.setdefault("spending", "obrien-fleming")
-    with _study_errors():
-        _folder(studies).path(name)
+    with study_errors():
+        folder_of(studies).path(name)
         protocol = planning.with_reachable_effects(default_protocol(name, config, **rest))
-        path = _folder(studies).create(protocol)
+        path = folder_of(studies).create(protocol)
     planning.echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
@@ -108,10 +116,10 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
     """
-    folder = _folder(studies)
-    with _study_errors():
+    folder = folder_of(studies)
+    with study_errors():
         plan = planning.checked_plan(folder.draft(name), underpowered) if folder.status(name) == "draft" else None
-    with _study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
@@ -132,8 +140,8 @@ def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> 
 
     There is no way back: whoever knows the secret knows every terrain. A running server sees it at once.
     """
-    folder = _folder(studies)
-    with _study_errors():
+    folder = folder_of(studies)
+    with study_errors():
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
@@ -181,8 +189,8 @@ def show(name: str, studies: Path | None) -> None:
 
     from app.study.templates import fill
 
-    folder = _folder(studies)
-    with _study_errors():
+    folder = folder_of(studies)
+    with study_errors():
         status, protocol = folder.status(name), folder.draft(name)
         protocol = fill(protocol) if status == "draft" else protocol
         found = None if status == "draft" else folder.study(name)
@@ -198,10 +206,10 @@ def show(name: str, studies: Path | None) -> None:
 @STUDIES
 def list_(studies: Path | None) -> None:
     """Print every study in the folder with its state."""
-    folder = _folder(studies)
+    folder = folder_of(studies)
     rows = []
     for name in folder.names():
-        with _study_errors():
+        with study_errors():
             protocol = folder.draft(name)
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
@@ -261,7 +269,7 @@ def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, fl
     from app.storage.store import StoreError
     from app.study.data import load
 
-    with _study_errors():
+    with study_errors():
         try:
             return spread_of(load(database or settings_of().database, name), metric)
         except StoreError as error:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.console import PATH, interruptible, reason
-from app.cli.train import commit, measure_policy
+from app.cli.training.train import commit, measure_policy
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics

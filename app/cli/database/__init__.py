@@ -1,0 +1,1 @@
+"""Commands about what a server recorded: export, verify, merge, and forget a participant."""
