@@ -1,12 +1,12 @@
 // @ts-check
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
+import { boardColours } from "./colours.js";
 import { paintThought } from "./thoughts.js";
 
-/** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
-export const SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
-/** @typedef {{shades: typeof SHADES, edge: string, rockEdge: string}} Soil  how cells look; SOIL unless a palette says otherwise */
-/** @type {Soil} */
-export const SOIL = { shades: SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" };
+/**
+ * How cells look; `casing` is drawn round paths and left out where there is none. The page's own colours unless a palette says otherwise.
+ * @typedef {{shades: {"?": string, ".": string, "#": string}, edge: string, rockEdge: string, casing?: string}} Soil
+ */
 
 /**
  * Return the largest whole number of device pixels per cell that fits.
@@ -56,11 +56,12 @@ export function paintBoard(canvas, board, look) {
     canvas.style.height = `${height / look.dpr}px`;
   }
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
-  paintCells(context, frame, size, look.soil ?? SOIL);
-  if (look.ghost) paintTrail(context, look.ghost.trail, size, look.ghost.accent, true);
-  paintTrail(context, trail, size, look.accent);
+  const soil = look.soil ?? boardColours(canvas).soil;
+  paintCells(context, frame, size, soil);
+  if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
+  paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
   if (look.thought) paintThought(context, look.thought, frame.position, size, look);
-  paintRover(context, frame, size, look.accent);
+  paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
 }
 
 /**
@@ -90,10 +91,9 @@ function paintCells(context, frame, size, { shades, edge, rockEdge }) {
  * @param {CanvasRenderingContext2D} context
  * @param {import("./messages.js").Cell[]} trail
  * @param {number} size
- * @param {string} accent
- * @param {boolean} [isGhost]
+ * @param {{accent: string, casing?: string, isGhost?: boolean}} look
  */
-function paintTrail(context, trail, size, accent, isGhost = false) {
+function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
   if (trail.length < 2) return;
   context.beginPath();
   trail.forEach(([row, col], step) => {
@@ -102,12 +102,19 @@ function paintTrail(context, trail, size, accent, isGhost = false) {
     if (step === 0) context.moveTo(x, y);
     else context.lineTo(x, y);
   });
-  context.strokeStyle = accent;
-  context.globalAlpha = isGhost ? 0.9 : 0.8;
-  context.lineWidth = Math.max(1.5, size * 0.16);
+  const width = Math.max(1.5, size * 0.16);
   context.lineJoin = "round";
   context.lineCap = isGhost ? "butt" : "round";
   if (isGhost) context.setLineDash([Math.max(3, size * 0.4), Math.max(2, size * 0.3)]);
+  if (casing && size >= 5) {
+    context.strokeStyle = casing;
+    context.globalAlpha = 0.55;
+    context.lineWidth = width * 1.9;
+    context.stroke();
+  }
+  context.strokeStyle = accent;
+  context.globalAlpha = isGhost ? 0.9 : casing ? 1 : 0.8;
+  context.lineWidth = width;
   context.stroke();
   context.setLineDash([]);
   context.globalAlpha = 1;
@@ -119,14 +126,20 @@ const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI }
  * @param {CanvasRenderingContext2D} context
  * @param {import("./messages.js").Frame} frame
  * @param {number} size
- * @param {string} accent
+ * @param {{accent: string, casing?: string, dpr: number}} look
  */
-function paintRover(context, frame, size, accent) {
+function paintRover(context, frame, size, { accent, casing, dpr }) {
   const [row, col] = frame.position;
   context.save();
   context.translate((col + 0.5) * size, (row + 0.5) * size);
+  // On a board of many cells one cell is too small to be found, so the rover is drawn larger than its own.
+  const side = casing ? Math.max(size, 7 * dpr) : size;
+  if (casing) {
+    context.fillStyle = casing;
+    context.fillRect(-side / 2 - dpr, -side / 2 - dpr, side + 2 * dpr, side + 2 * dpr);
+  }
   context.fillStyle = accent;
-  context.fillRect(-size / 2, -size / 2, size, size);
+  context.fillRect(-side / 2, -side / 2, side, side);
   if (size >= 7) {
     context.rotate(TURN[frame.heading] ?? 0);
     context.fillStyle = "#0e0b0d";

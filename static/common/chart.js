@@ -10,8 +10,6 @@
  * @typedef {{x: number, y: number}} Point  in CSS pixels
  */
 
-/** @type {Inks} */
-export const INKS = { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" };
 /** Dashes of the line that marks 99 %. */
 const GOAL_DASHES = [2, 4];
 

@@ -1,6 +1,7 @@
 // @ts-check
 // Coverage over moves, the curves of all boards on one canvas; the step axis grows with the longest of them.
-import { drawDot, drawGoal, drawGrid, drawLabel, drawLine, INKS, openChart } from "./chart.js";
+import { drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart } from "./chart.js";
+import { chartColours } from "./colours.js";
 import { axisEnd, linearScale, sampled, span, tickStep } from "./chart_scale.js";
 
 /**
@@ -30,7 +31,7 @@ export function curveOf({ name, discovered, frame, values = [] }, { colour, isDa
  * @param {import("./chart.js").ChartSize & {inks?: Inks}} look
  */
 export function paintCoverage(canvas, curves, look) {
-  const { width_px: width, height_px: height, inks = INKS } = look;
+  const { width_px: width, height_px: height, inks = chartColours(canvas).inks } = look;
   if (width < 40 || height < 30) return;
   const context = openChart(canvas, look);
   const end = axisEnd(Math.max(0, ...curves.map((curve) => curve.discovered.length - 1)));

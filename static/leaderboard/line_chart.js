@@ -1,6 +1,7 @@
 // @ts-check
 // Lines with bands or whiskers on a canvas: coverage against moves, trials.
-import { drawBand, drawDot, drawGoal, drawGrid, drawLabel, drawLine, INKS, openChart } from "../common/chart.js";
+import { drawBand, drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart } from "../common/chart.js";
+import { chartColours } from "../common/colours.js";
 import { linearScale } from "../common/chart_scale.js";
 
 /**
@@ -19,9 +20,8 @@ export function paintLines(canvas, lines, { x, y, goal, label }) {
   canvas.setAttribute("aria-label", label);
   const { clientWidth: width_px, clientHeight: height_px } = /** @type {HTMLElement} */ (canvas.parentElement);
   if (width_px < 60 || height_px < 60) return;
-  const style = getComputedStyle(document.documentElement);
-  const inks = { ...INKS, text: style.getPropertyValue("--muted").trim() };
-  const context = openChart(canvas, { width_px, height_px, dpr: window.devicePixelRatio || 1, font: style.getPropertyValue("--figures").trim() });
+  const { inks, font } = chartColours(canvas);
+  const context = openChart(canvas, { width_px, height_px, dpr: window.devicePixelRatio || 1, font });
   const box = { left: 44, right: width_px - 12, top: 10, bottom: height_px - 34 };
   const at = linearScale(box, x, y);
   drawGrid(context, box, at, y.ticks.map((tick) => ({ at: tick, text: y.text(tick) })), { inks });

@@ -2,6 +2,7 @@
 // From the state to the page: boards first, since a key press waits for them, then numbers, chart and the rest, each only where it changed.
 import { paintBoard } from "../common/board.js";
 import { paintLegend } from "../common/chart.js";
+import { boardColours, chartColours } from "../common/colours.js";
 import { curveOf, paintCoverage } from "../common/coverage_chart.js";
 import { elementsOf, paintNotices } from "../common/page.js";
 import { ghostOf, thoughtOf } from "../common/thoughts.js";
@@ -16,9 +17,6 @@ const ROLES = /** @type {const} */ (["player", "rival"]);
  *   rivalName: () => string, showsThoughts: () => boolean, dismiss: (id: number) => void}} how
  */
 export function createPainter({ page, panels, views, rivalName, showsThoughts, dismiss }) {
-  const style = getComputedStyle(page.documentElement);
-  const read = (/** @type {string} */ name) => style.getPropertyValue(name).trim();
-  const colours = { player: read("--accent"), rival: read("--rival") };
   const by = elementsOf(page);
   const chart = by("chart", HTMLCanvasElement);
   /** @type {State | null} */
@@ -34,6 +32,8 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
    * @param {number} dpr
    */
   function paintBoards(state, before, dpr) {
+    const { soil, you, policy } = boardColours(page.documentElement);
+    const colours = { player: you, rival: policy };
     for (const role of ROLES) {
       const board = state[role];
       const { part, canvas } = panels[role];
@@ -41,7 +41,7 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
       const ghost = trail && { trail, accent: colours[role === "player" ? "rival" : "player"] };
       const thought = showsThoughts() ? thoughtOf(board) : null;
-      paintBoard(canvas, board, { accent: colours[role], ...views.size(part.matrix), dpr, ghost, thought });
+      paintBoard(canvas, board, { soil, accent: colours[role], ...views.size(part.matrix), dpr, ghost, thought });
     }
     const now_ms = performance.now();
     latencies.push(...waiting.map((move) => now_ms - move.pressed_ms));
@@ -66,12 +66,14 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
    * @param {number} dpr
    */
   function paintCurves(state, dpr) {
+    const { inks, font, you, policy } = chartColours(page.documentElement);
+    const colours = { player: you, rival: policy };
     const curves = ROLES.flatMap((role) => {
       const board = state[role];
       return board ? [curveOf(board, { colour: colours[role], isDashed: role === "rival", hasValues: showsThoughts() })] : [];
     });
     paintLegend(by("legend"), curves.map(({ name, colour, isDashed }) => ({ name, colour, dash: isDashed ? "9 4" : "" })));
-    paintCoverage(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font: read("--figures") });
+    paintCoverage(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font, inks });
     chart.setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
       `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
   }

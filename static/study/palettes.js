@@ -1,13 +1,16 @@
 // @ts-check
 // Three palettes for the page and its boards; the page's own colours stand in palettes.css under the same names.
-import { SOIL } from "../common/board.js";
-import { INKS } from "../common/chart.js";
 
 /** @typedef {import("./api.js").PaletteName} PaletteName */
 /** @typedef {{title: string, hint: string, soil: import("../common/board.js").Soil, inks: import("../common/chart.js").Inks}} Palette */
+/** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
+const MARS_SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
 /** @type {Record<PaletteName, Palette>} */
 export const PALETTES = {
-  mars: { title: "Mars", hint: "Soil and night", soil: SOIL, inks: INKS },
+  mars: {
+    title: "Mars", hint: "Soil and night", soil: { shades: MARS_SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" },
+    inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" },
+  },
   "colour-blind": {
     title: "Colour-blind", hint: "Blue and yellow, told apart by lightness too",
     soil: { shades: { "?": "#04070b", ".": "#3f5068", "#": "#f2f4f7" }, edge: "#27374c", rockEdge: "#b9c3cf" },

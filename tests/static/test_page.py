@@ -1,8 +1,10 @@
 """The page's pure modules under node's own runner, and what can be said about its files without a browser."""
 
+import json
 import re
 import shutil
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 from typing import get_args
 
@@ -100,15 +102,25 @@ def test_text_stands_out_from_its_ground(ink, ground, name, least):
 
 
 def test_the_board_reads_in_greyscale():
-    board = (STATIC / "common/board.js").read_text()
-    unknown, free, obstacle = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', board).group(1) for mark in "?.#")
     style = (STATIC / "common/base.css").read_text()
-    rover = re.search(r"--accent: (#[0-9a-f]{6})", style).group(1)
-    order = [luminance(colour) for colour in (unknown, free, rover, obstacle)]
+    names = ("unknown", "ground", "rock", "you", "policy", "casing")
+    of = {name: re.search(rf"--board-{name}: (#[0-9a-f]{{6}});", style).group(1) for name in names}
+    order = [luminance(of[name]) for name in ("unknown", "ground", "rock")]
+    assert order == sorted(order)
+    assert contrast(of["unknown"], of["ground"]) > 3
+    assert contrast(of["ground"], of["rock"]) > 2
+    for rover in ("you", "policy"):
+        assert contrast(of["ground"], of[rover]) > 2
+        assert contrast(of["casing"], of[rover]) > 7, "its casing tells a rover from a rock"
+    assert style.count("--board-unknown:") == 1, "boards show the night in every theme"
+
+
+def test_the_board_of_a_study_keeps_its_lightness():
+    shades = re.search(r"const MARS_SHADES = (\{.*\});", (STATIC / "study/palettes.js").read_text()).group(1)
+    unknown, free, rock = json.loads(shades).values()
+    order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
-    assert all(
-        contrast(dark, bright) > 1.35 for dark, bright in zip([unknown, free, rover], [free, rover, obstacle], strict=True)
-    )
+    assert all(dark / bright < 0.75 for dark, bright in pairwise(order))
 
 
 @pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])

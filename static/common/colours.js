@@ -1,0 +1,34 @@
+// @ts-check
+// The colours of boards and charts, read from the custom properties of base.css while something is painted, so that a theme may change.
+
+/** @typedef {import("./board.js").Soil} Soil */
+/** @typedef {import("./chart.js").Inks} Inks */
+
+/** @param {Element} element */
+function reader(element) {
+  const style = getComputedStyle(element);
+  return (/** @type {string} */ name) => style.getPropertyValue(name).trim();
+}
+
+/**
+ * Return the colours of a board: of its cells, of the player and of the policy. They are the same in every theme.
+ * @param {Element} element the board's canvas, or anything around it
+ * @returns {{soil: Soil, you: string, policy: string}}
+ */
+export function boardColours(element) {
+  const read = reader(element);
+  const shades = { "?": read("--board-unknown"), ".": read("--board-ground"), "#": read("--board-rock") };
+  const soil = { shades, edge: read("--board-ground-edge"), rockEdge: read("--board-rock-edge"), casing: read("--board-casing") };
+  return { soil, you: read("--board-you"), policy: read("--board-policy") };
+}
+
+/**
+ * Return the colours of a chart, which follow the theme of the page, and the face of its numbers.
+ * @param {Element} element the chart's canvas, or anything around it
+ * @returns {{inks: Inks, you: string, policy: string, font: string}}
+ */
+export function chartColours(element) {
+  const read = reader(element);
+  const inks = { text: read("--chart-text"), goal: read("--chart-goal"), base: read("--chart-base"), line: read("--chart-line") };
+  return { inks, you: read("--chart-you"), policy: read("--chart-policy"), font: read("--figures") };
+}
