@@ -68,7 +68,7 @@ export function createLive(place, base) {
     figure.dataset.outcome = frame.outcome ?? "";
     canvas.setAttribute("aria-label", `Board of ${who}, ${what}: ${percent(frame.coverage)} percent explored after ${frame.step} moves`);
     const { width } = /** @type {HTMLElement} */ (canvas.parentElement).getBoundingClientRect();
-    const accent = getComputedStyle(document.documentElement).getPropertyValue(info.kind === "script" ? "--rival" : "--accent").trim();
+    const accent = getComputedStyle(document.documentElement).getPropertyValue(info.kind === "script" ? "--board-policy" : "--board-you").trim();
     paintBoard(canvas, { frame, trail }, { accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
   }
   return {

@@ -130,5 +130,6 @@ boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, d
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
   button.addEventListener("click", () => set({ measure: /** @type {standing.Measure} */ (button.dataset.measure) }));
 }
+addEventListener("theme", () => paint());
 new ResizeObserver(() => paint()).observe(/** @type {HTMLElement} */ (by("coverage").parentElement));
 load();

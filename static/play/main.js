@@ -36,6 +36,7 @@ const views = createViews({ page: document, panels: ROLES.map((role) => panels[r
 
 const thoughts = by("show-thoughts", HTMLInputElement);
 thoughts.checked = localStorage.getItem("mars.thoughts") !== "false";
+addEventListener("theme", () => repaint(true));
 thoughts.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(thoughts.checked)); repaint(true); });
 
 const painter = createPainter({ page: document, panels, views, rivalName: () => terrainDialog.wish().rival, showsThoughts: () => thoughts.checked,

@@ -86,9 +86,46 @@ def contrast(one, other):
     return (bright + 0.05) / (dark + 0.05)
 
 
+def theme(selector):
+    """What the first block of base.css with this selector says: colours by name."""
+    block = re.search(rf"{re.escape(selector)} \{{(.*?)\}}", (STATIC / "common/base.css").read_text(), re.S).group(1)
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
+    return {
+        name: colours.get(name) or colours[other] for name, other in re.findall(r"--([a-z-]+): var\(--([a-z]+)\)", block)
+    } | colours
+
+
+DARK, LIGHT, SYSTEM = ":root, .night", ":root[data-theme=light]", ":root:not([data-theme])"
+
+
+def test_the_light_theme_is_the_same_by_choice_and_by_the_systems_wish():
+    text = (STATIC / "common/base.css").read_text()
+    chosen, wished = (
+        [line.strip() for line in text.split(f"{selector} {{")[1].split("}")[0].strip().splitlines()]
+        for selector in (LIGHT, SYSTEM)
+    )
+    assert chosen == wished
+    assert len(chosen) > 20
+
+
+@pytest.mark.parametrize("ink", ["text", "muted", "accent", "rival", "alarm", "good"])
+@pytest.mark.parametrize("ground", ["page", "page-end", "panel", "raised", "field", "notice"])
+@pytest.mark.parametrize("selector", [DARK, LIGHT])
+def test_text_stands_out_in_both_themes(ink, ground, selector):
+    colours = theme(DARK) | theme(selector)
+    assert contrast(colours[ink], colours[ground]) >= 4.5
+
+
+@pytest.mark.parametrize("selector", [DARK, LIGHT])
+def test_buttons_and_marks_stand_out_in_both_themes(selector):
+    colours = theme(DARK) | theme(selector)
+    assert all(contrast(colours["ink"], colours[fill]) >= 4.5 for fill in ("accent", "accent-over", "alarm"))
+    assert all(contrast(colours["open"], colours[ground]) >= 3 for ground in ("page", "panel"))
+
+
 def palette(name):
-    """The colours of a palette: those of base.css, and what palettes.css puts in their place."""
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", (STATIC / "common/base.css").read_text()))
+    """The colours of a palette of the study: those of the dark theme, and what palettes.css puts in their place."""
+    colours = theme(DARK)
     changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study/palettes.css").read_text(), re.S)
     return colours | dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else ""))
 
