@@ -80,6 +80,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies.files",
     },
     "app.moves": {
+        "app.play",
         "app.statistics",
         "app.storage",
         "app.study",
@@ -96,6 +97,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.episode",
         "marsexplorer.policies",
         "marsexplorer.policies.files",
+        "marsexplorer.policies.kernels",
         "marsexplorer.policies.network",
     },
     "app.release": {

@@ -36,7 +36,7 @@ class Regrets:
         self._closed = False
 
     async def of(self, record: Record) -> dict[str, Any]:
-        """Return what `worker.describe_regret` says of an episode.
+        """Return what `worker.explain` says of an episode.
 
         ValueError for a board that is too large or an episode that cannot be replayed, RegretBusyError when too many wait.
         """

@@ -1,6 +1,6 @@
 """The process that works out regrets for a server: `python -m app.moves.worker FOLDER`, episodes in, regrets out.
 
-Each line on stdin is an episode as `record_to_json` writes it; each line on stdout is what `describe_regret` says of it, or
+Each line on stdin is an episode as `record_to_json` writes it; each line on stdout is what `explain` says of it, or
 {"error": sentence}. It runs at the lowest priority and ends with its stdin.
 """
 
@@ -12,9 +12,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from app.play.messages import encode_grid
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Record
-from marsexplorer.evaluation.regret import EpisodeRegret, RegretEstimator
+from marsexplorer.evaluation.losses import Loss
+from marsexplorer.evaluation.missed import Missed
+from marsexplorer.evaluation.regret import RegretEstimator
 
 BIGGEST = 5
 """Losses that are named."""
@@ -29,7 +32,7 @@ def main() -> None:
     for line in sys.stdin:
         try:
             estimator = estimator or RegretEstimator(cache=Path(sys.argv[1]))
-            answer = describe_regret(estimator.regret(record_from_json(line)))
+            answer = explain(estimator, record_from_json(line))
         except (ValueError, LookupError, OSError, RuntimeError, ModuleNotFoundError) as error:
             answer = {"error": str(error) or type(error).__name__}
         try:
@@ -57,23 +60,36 @@ def record_from_json(text: str) -> Record:
     return Record(**fields)
 
 
-def describe_regret(found: EpisodeRegret) -> dict[str, Any]:
-    """Return what a page shows of an episode's regret; `step` is the number of moves made before the loss."""
+def explain(estimator: RegretEstimator, record: Record) -> dict[str, Any]:
+    """Return what a page shows of where an episode lost moves: its regret, and the biggest losses with what was missed."""
+    found = estimator.regret(record)
     losses = [loss for loss in found.biggest(BIGGEST) if loss.regret >= LEAST_NAMED]
+    missed = estimator.missed(record, losses)
     return {
         "total": found.total,
         "given_up": found.given_up,
         "by_kind": {str(kind): lost for kind, lost in found.by_kind().items()},
-        "losses": [
-            {
-                "step": loss.step,
-                "regret": loss.regret,
-                "action": ACTIONS[loss.action],
-                "best_action": ACTIONS[loss.best_action],
-                "kind": str(loss.kind),
-            }
-            for loss in losses
-        ],
+        "losses": [describe_loss(record, *pair) for pair in zip(losses, missed, strict=True)],
+    }
+
+
+def describe_loss(record: Record, loss: Loss, missed: Missed) -> dict[str, Any]:
+    """Return a loss for a page. `step` is the number of moves made before it, `previous` the action of the last of them.
+
+    `grid` and `discovered` are what was known then, as in a frame; the rest is `evaluation.missed.Missed`.
+    """
+    return {
+        "step": loss.step,
+        "regret": loss.regret,
+        "action": ACTIONS[loss.action],
+        "best_action": ACTIONS[loss.best_action],
+        "kind": str(loss.kind),
+        "previous": ACTIONS[record.actions[loss.step - 1]] if loss.step else None,
+        "position": list(missed.position),
+        "grid": encode_grid(missed.codes),
+        "discovered": missed.discovered,
+        "missed": missed.cells.tolist(),
+        "seen_at": missed.seen_at,
     }
 
 

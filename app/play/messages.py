@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -117,6 +119,12 @@ class Events(Message):
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 
 
+class ExpectedRequest(Message):
+    """Asks what a look from each cell of a policy's board is expected to show; the answer is `Expected`."""
+
+    kind: Literal["expected"]
+
+
 class NewEpisode(Message):
     """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
 
@@ -194,6 +202,15 @@ class Thought(BaseModel):
     value: float | None = Field(description="what it expects to earn from here on, in its own units; null when it has none")
 
 
+class Expected(BaseModel):
+    """How many unknown cells a look from each cell should show, by the map of `step` alone, on a policy's own board."""
+
+    kind: Literal["expected"]
+    episode: str
+    step: int
+    cells: list[tuple[int, int, int]] = Field(description="[row, col, unknown cells], of the cells with any")
+
+
 class Pace(BaseModel):
     """How a policy's session moves."""
 
@@ -215,11 +232,12 @@ class Kept(BaseModel):
     reason: str | None = None
 
 
-ClientMessage = Annotated[Act | HistoryRequest | Events, Field(discriminator="kind")]
-_CLIENT: TypeAdapter[Act | HistoryRequest | Events] = TypeAdapter(ClientMessage)
+FromPage = Act | HistoryRequest | Events | ExpectedRequest
+ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
+_CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
 
 
-def parse_message(text: str) -> Act | HistoryRequest | Events:
+def parse_message(text: str) -> FromPage:
     """Return the message in a socket's text; BadMessageError with one sentence when there is none."""
     size = len(text.encode())
     if size > MAX_MESSAGE_BYTES:
@@ -233,7 +251,6 @@ def parse_message(text: str) -> Act | HistoryRequest | Events:
 def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:
     """Return the frame of an episode as it stands, as JSON text; reward, return and score null where they are hidden."""
     rows, cols = episode.codes.shape
-    cells = episode.codes.tobytes().translate(CELL_CHARACTERS).decode()
     row, col = episode.position
     frame = {
         "kind": "frame",
@@ -241,7 +258,7 @@ def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) 
         "step": episode.steps,
         "rows": rows,
         "cols": cols,
-        "grid": [cells[start : start + cols] for start in range(0, rows * cols, cols)],
+        "grid": encode_grid(episode.codes),
         "position": [int(row), int(col)],
         "discovered": int(episode.discovered),
         "coverage": float(episode.coverage),
@@ -252,6 +269,13 @@ def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) 
         "outcome": episode.outcome if episode.ended else None,
     }
     return json.dumps(frame, separators=(",", ":"))
+
+
+def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    rows, cols = codes.shape
+    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
+    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
 def encode_history(episode_id: str, episode: Episode) -> str:

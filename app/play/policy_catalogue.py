@@ -6,11 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
 from marsexplorer.policies.files.imported import wrong_size
+from marsexplorer.policies.kernels.visibility import VisibilityMap
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class PolicyCatalogue:
     """The policies on offer: those that load by name, and further ones from paths.
 
     Loading each once at the start finds a file that is no policy before anybody chooses it. One decision and one move of
-    each compile the kernels and the rules.
+    each compile the kernels and the rules, and so does one answer of `ExpectedDiscoveries`.
     """
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:
@@ -42,6 +45,8 @@ class PolicyCatalogue:
             episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
             episode.step(policy.act(episode.codes.copy()))
             self._offers[policy.name] = PolicyOffer(policy.name, policies.describe(source), source, size)
+        none = np.zeros((5, 5), np.uint8)
+        VisibilityMap(none.shape, 1).expected_everywhere(none, none)
 
     def offers(self) -> list[PolicyOffer]:
         """Return what may be chosen."""

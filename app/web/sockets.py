@@ -11,11 +11,13 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
+from app.play.expected import ExpectedDiscoveries
 from app.play.lobby import UnknownSessionError
 from app.play.messages import (
     Act,
     BadMessageError,
     Events,
+    ExpectedRequest,
     Kept,
     Pace,
     encode_error,
@@ -58,6 +60,7 @@ class PlaySocket:
         self._websocket, self._session = websocket, session
         self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
         self._may_control = may_control(websocket, session)
+        self._expected = ExpectedDiscoveries()
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
@@ -122,10 +125,12 @@ class PlaySocket:
                 self._check_control()
                 session.act(as_move(message, self._driver(message)))
                 return None
+            if isinstance(message, ExpectedRequest):
+                return self._expected.of(session)
             return encode_history(session.current.id, session.episode)
         except RefusedError as refusal:
             return encode_refused(str(refusal), session.frame)
-        except (BadMessageError, StoreError) as error:
+        except (BadMessageError, PermissionError, StoreError) as error:
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:

@@ -16,7 +16,7 @@ cost is `given_up`. The loop guard begins anew with each branch, and the cells v
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +28,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.branches import concatenate, play_branches
 from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_blocked, moved
+from marsexplorer.evaluation.missed import Missed, find_missed
 from marsexplorer.evaluation.rollouts import ActionScorer, GreedyRollouts, Snapshot
 from marsexplorer.files import write_whole
 from marsexplorer.policies.files.extras import check_extra
@@ -138,6 +139,10 @@ class RegretEstimator:
             yield self.regret(record)
             on_progress(done)
 
+    def missed(self, record: Record, losses: Sequence[Loss]) -> list[Missed]:
+        """Return what the better move would soon have shown, for each of some losses of the episode."""
+        return find_missed(record, losses, self._net)
+
     def _lengths(self, record: Record) -> NDArray[np.int64]:
         if self._cache is None:
             return branch_lengths(record, self._net)
@@ -155,7 +160,10 @@ class RegretEstimator:
 def check_size(config: EnvConfig) -> None:
     """Raise ValueError when the board is too large for regrets."""
     if config.n > MAX_CELLS:
-        raise ValueError(f"regrets are worked out on boards of up to {MAX_CELLS} cells, got {config.rows}x{config.cols}")
+        raise ValueError(
+            f"moves are judged on boards of up to {MAX_CELLS} cells, such as 42x42; "
+            f"this board has {config.rows}x{config.cols}, which would take minutes"
+        )
 
 
 def _read(path: Path, moves: int) -> NDArray[np.int64] | None:

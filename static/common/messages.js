@@ -20,10 +20,14 @@
  *   value: number | null}} Thought
  */
 /**
+ * What a look from each cell of a policy's board is expected to show, by its map of `step` alone: [row, col, unknown cells].
+ * @typedef {{kind: "expected", episode: string, step: number, cells: [number, number, number][]}} Expected
+ */
+/**
  * The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again.
  * @typedef {{kind: "kept", episode: string, count: number, reason: string | null}} Kept
  */
-/** @typedef {Frame | History | Refused | Problem | Pace | Thought | Kept} FromServer */
+/** @typedef {Frame | History | Refused | Problem | Pace | Expected | Thought | Kept} FromServer */
 /**
  * @typedef {{session: string, player: string, level: string, size: number | [number, number], counts: boolean, not_attested: string | null, frame: Frame,
  *   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}}} About  what POST api/sessions answers
@@ -37,9 +41,10 @@ export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "ob
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
   "reward", "return", "score", "outcome"];
 export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];
+export const EXPECTED_FIELDS = ["kind", "episode", "step", "cells"];
 export const KEPT_FIELDS = ["kind", "episode", "count", "reason"];
-export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "thought", "kept"];
-export const TO_SERVER = ["act", "history", "events"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "expected", "thought", "kept"];
+export const TO_SERVER = ["act", "history", "events", "expected"];
 
 /**
  * Return the act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
@@ -71,6 +76,11 @@ export function events(episode, batch) {
 /** Return the request for positions and discoveries of the whole episode. */
 export function askHistory() {
   return { kind: "history" };
+}
+
+/** Return the request for what a look from each cell of a policy's board is expected to show. */
+export function askExpected() {
+  return { kind: "expected" };
 }
 
 /**

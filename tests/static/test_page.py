@@ -179,13 +179,15 @@ def listed(name):
 def test_the_page_and_the_server_name_the_same_messages():
     assert listed("FRAME_FIELDS") == [field.alias or name for name, field in messages.Frame.model_fields.items()]
     assert listed("THOUGHT_FIELDS") == list(messages.Thought.model_fields)
+    assert listed("EXPECTED_FIELDS") == list(messages.Expected.model_fields)
     assert listed("KEPT_FIELDS") == list(messages.Kept.model_fields)
-    from_server = [get_args(model.model_fields["kind"].annotation)[0] for model in (messages.Thought, messages.Kept)]
-    assert listed("FROM_SERVER")[-2:] == from_server
+    sent = (messages.Expected, messages.Thought, messages.Kept)
+    assert listed("FROM_SERVER")[-3:] == [get_args(model.model_fields["kind"].annotation)[0] for model in sent]
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
     sent = [messages.Act.model_fields["kind"].default, *get_args(messages.HistoryRequest.model_fields["kind"].annotation)]
     sent += get_args(messages.Events.model_fields["kind"].annotation)
+    sent += get_args(messages.ExpectedRequest.model_fields["kind"].annotation)
     assert listed("TO_SERVER") == sent
     act = (STATIC / "common/messages.js").read_text()
     for name in messages.Act.model_fields:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from app.play.messages import Thought
+from app.play.messages import Expected, Thought
 from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer import policies
+from marsexplorer.config import FREE, ROVER, EnvConfig
 from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.policies.network.model import Net
 from tests.support.servers import eventually
 
@@ -35,12 +37,22 @@ def codes_of(frame):
     return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
 
 
+def literally_expected(frame, visited):
+    """(row, col) -> the unknown cells that a look from it should show, one cell after the other."""
+    codes = codes_of(frame)
+    sight = VisibilityMap(codes.shape, EnvConfig.of("random", SIZE).sensor_radius)
+    sight.fill(codes)
+    free = [(int(row), int(col)) for row, col in np.argwhere((codes == FREE) | (codes == ROVER))]
+    shown = {cell: sight.expected_discoveries(*cell) for cell in free if cell not in visited}
+    return {cell: new for cell, new in shown.items() if new}
+
+
 def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation_alone(client_and_server, network_file):
     client, server = client_and_server
     session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
     client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
-    twin, frame = policies.load(network_file), None
+    twin, frame, visited = policies.load(network_file), None, set()
     with server.socket(session, client) as socket:
         while frame is None or (frame["step"] < 12 and not frame["outcome"]):
             frame, thought = socket.receive("frame"), socket.receive("thought")
@@ -54,6 +66,11 @@ def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation
             shares, value = twin.thought()
             assert thought["probabilities"] == pytest.approx(shares, abs=1e-4)
             assert thought["value"] == pytest.approx(value, abs=2e-3)
+            visited.add(tuple(frame["position"]))
+            socket.send({"kind": "expected"})
+            expected = Expected.model_validate(socket.receive("expected"), strict=False)
+            assert (expected.episode, expected.step) == (frame["episode"], frame["step"])
+            assert {(row, col): new for row, col, new in expected.cells} == literally_expected(frame, visited)
             client.post(f"/api/sessions/{session}/pace", json={"step": True})
 
 
@@ -100,7 +117,10 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
                 message = socket.receive()
                 seen.append(message["kind"])
                 frame = message if message["kind"] == "frame" else frame
+        socket.send({"kind": "expected"})
+        assert "policy's own board" in socket.receive("error")["detail"]
     assert "thought" not in seen
+    assert "expected" not in seen
     session = server.services.lobby.sessions()[0]
     with pytest.raises(RuntimeError, match="person's board"):
         session.publish_thought("{}")

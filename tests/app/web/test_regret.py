@@ -36,6 +36,13 @@ def test_an_ended_episode_and_no_running_one(server):
     worst = found["losses"][0]
     assert (worst["step"], worst["action"], worst["kind"]) == (2, "north", "ended early")
     assert found["total"] >= worst["regret"] > 50
+    assert worst["previous"] == ("west" if east else "north")
+    assert (len(worst["grid"]), len(worst["grid"][0])) == (9, 11)
+    assert worst["grid"][worst["position"][0]][worst["position"][1]] == "@"
+    assert worst["discovered"] == 99 - "".join(worst["grid"]).count("?")
+    assert worst["missed"], "the better move would have shown something"
+    assert all(worst["grid"][row][col] == "?" for row, col in worst["missed"])
+    assert worst["seen_at"] is None, "and it was never seen"
     assert client.get("/api/episodes/none/regret").status_code == 404
 
 

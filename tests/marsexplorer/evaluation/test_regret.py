@@ -6,6 +6,7 @@ import pytest
 from marsexplorer.config import FREE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.losses import LossKind, leaves_pocket
+from marsexplorer.evaluation.missed import SOON
 from marsexplorer.evaluation.regret import RegretEstimator, branch_lengths
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -149,5 +150,40 @@ def test_what_cannot_go_on_or_is_too_large_is_refused(estimator):
     with pytest.raises(PolicyFileError, match="expected the format"):
         RegretEstimator("ppo-paper")
     large = Episode.begin(EnvConfig.of("random", (43, 42)), seed=1)
-    with pytest.raises(ValueError, match="up to 1764 cells, got 43x42"):
+    with pytest.raises(ValueError, match=r"up to 1764 cells, .* has 43x42"):
         estimator.regret(large.record())
+
+
+def test_what_was_missed_is_what_the_policy_sees_soon_after_the_better_move(net, estimator):
+    record = drive(SEED + 1, 60, np.random.default_rng(8)).record()
+    terrain = record.terrain_map()
+    losses = [loss for loss in estimator.regret(record).biggest(5) if loss.regret >= 2]
+    missed = estimator.missed(record, losses)
+    assert len(losses) == 5
+    assert sum(len(each.cells) for each in missed) > 0
+    for loss, found in zip(losses, missed, strict=True):
+        # 1. The player's own way: what was known at the move, SOON moves after it, and when the rest was seen.
+        own, known = Episode.begin(CONFIG, terrain=terrain), []
+        for action in record.actions:
+            known.append(own.codes != UNKNOWN)
+            own.step(action)
+        known.append(own.codes != UNKNOWN)
+        before, soon = known[loss.step], known[min(loss.step + SOON, len(record.actions))]
+        # 2. The policy's way after the better action.
+        other, policy = Episode.begin(CONFIG, terrain=terrain), NetworkPolicy("p", net, CONFIG.sensor_radius)
+        policy.reset(0)
+        for action in record.actions[: loss.step]:
+            policy.extract_features(other.codes)
+            other.step(action)
+        assert found.position == other.position
+        assert (found.codes == other.codes).all()
+        policy.extract_features(other.codes)
+        other.step(loss.best_action)
+        policy._guard = LoopGuard(CONFIG.sensor_radius)
+        for _ in range(SOON - 1):
+            if not other.ended:
+                other.step(policy.act(other.codes))
+        cells = np.argwhere((other.codes != UNKNOWN) & ~before & ~soon)
+        assert found.cells.tolist() == cells.tolist()
+        seen = [next((step for step, each in enumerate(known) if each[tuple(cell)]), None) for cell in cells]
+        assert found.seen_at == (None if not seen or None in seen else max(seen))

@@ -1,0 +1,79 @@
+"""What a better move would soon have shown: the cells, and when the player has seen them after all.
+
+It puts a regret into a picture. Like the regret it looks at the true terrain of a finished episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.config import UNKNOWN
+from marsexplorer.episode import Episode, Record
+from marsexplorer.evaluation.losses import Loss
+from marsexplorer.evaluation.rollouts import ActionScorer, GreedyRollouts
+
+SOON = 6
+"""Moves, the better one among them, in which a cell is seen soon."""
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """A loss as it looked to the player, and what the better move would have shown.
+
+    codes     uint8[rows, cols], known before the move; discovered: their number
+    position  (row, col) of the rover before the move
+    cells     int64[num, 2], (row, col): seen within SOON moves after the better action, the policy going on, and neither known
+              before the move nor seen by the player within as many moves
+    seen_at   moves that the player had made when the last of the cells was seen; None where some never was, or there are none
+    """
+
+    codes: NDArray[np.uint8]
+    discovered: int
+    position: tuple[int, int]
+    cells: NDArray[np.int64]
+    seen_at: int | None
+
+
+def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> list[Missed]:
+    """Return what was missed by each of some losses of an episode, in their order."""
+    first_seen, player = _first_seen(record), GreedyRollouts(record.config, 1)
+    player.worlds.start_on(0, record.terrain_map(), record.start)
+    wanted = {loss.step: loss for loss in losses}
+    found: dict[int, Missed] = {}
+    for step, action in enumerate(record.actions):
+        rover = player.mark_visited()
+        if step in wanted:
+            codes = player.worlds.codes[0].copy()
+            shown = _seen_soon(player, wanted[step].best_action, net) & (codes == UNKNOWN)
+            late = np.argwhere(shown & (first_seen > step + SOON))
+            last = int(first_seen[tuple(late.T)].max(initial=0))
+            row, col = divmod(int(rover[0]), record.config.cols)
+            seen_at = last if len(late) and last <= len(record.actions) else None
+            found[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
+        player.step(np.array([action]))
+    return [found[loss.step] for loss in losses]
+
+
+def _first_seen(record: Record) -> NDArray[np.int64]:
+    """Return the moves that had been made when each cell was seen, int64[rows, cols]; more than all moves for never."""
+    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    seen = np.where(episode.codes == UNKNOWN, len(record.actions) + SOON + 1, 0)
+    for step, action in enumerate(record.actions, 1):
+        episode.step(action)
+        seen[(episode.codes != UNKNOWN) & (seen > step)] = step
+    return seen
+
+
+def _seen_soon(player: GreedyRollouts, action: int, net: ActionScorer) -> NDArray[np.bool_]:
+    """Return the cells known SOON moves later, bool[rows, cols], with `action` made first and the policy going on."""
+    branch = player.subset(np.zeros(1, np.intp))
+    branch.step(np.array([action]))
+    for _ in range(SOON - 1):
+        if branch.running[0]:
+            branch.step(branch.decide(net).actions)
+    known: NDArray[np.bool_] = branch.worlds.codes[0] != UNKNOWN
+    return known
