@@ -46,6 +46,9 @@ LONGEST_HANDLING_MS = 10_000.0
 MOST_STEPS_BEHIND = 8
 """Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
 before them may not be painted yet."""
+TYPED_AHEAD_MS = 3_000
+"""A burst may answer an older frame, where the page keeps all presses: its presses reach the server within this time after the
+first move that was not on screen yet. Both times are the server's, so nobody can make them up. It is the longest of FASTEST."""
 FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 4, 2_500, 12
 """Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
 most. A load takes a person that long, so a program cannot begin a new clock with each move."""
@@ -86,11 +89,13 @@ class Conditions:
     started_ms     when the episode began, server's clock
     key_map        of `key_map_of`
     supervised_ms  when the operator's code was typed for its player, server's clock
+    types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
     """
 
     started_ms: int
     key_map: KeyMap
     supervised_ms: tuple[int, ...] = ()
+    types_ahead: bool = False
 
 
 class _MismatchError(Exception):
@@ -132,6 +137,7 @@ def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) 
         pages, gaps = _Pages(conditions.started_ms), []
         for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
             _check_press(step, move, press)
+            _check_frame(step, moves, press, conditions.types_ahead)
             gaps.append(pages.add(moves, step, press))
         _check_pace(gaps)
     except _MismatchError as mismatch:
@@ -172,15 +178,23 @@ def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
 
 
 def _check_press(step: int, move: Row, press: Row) -> None:
-    """Check that a press can have caused its move: in time, with its frame on screen, after a round trip that can be."""
+    """Check that a press can have caused its move: in time, after a round trip that can be."""
     handling_ms = move["client_ms"] - move["key_down_ms"]
     if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
         raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
-    if press["step"] is None or not step - MOST_STEPS_BEHIND <= press["step"] <= step:
-        raise _MismatchError(f"the press answers the frame of step {press['step']}", step)
     round_trip_ms = press["round_trip_ms"]
     if round_trip_ms is not None and not 0 <= round_trip_ms <= move["client_ms"] + CLOCK_SLACK_MS:
         raise _MismatchError(f"a round trip of {round_trip_ms:.0f} ms cannot be", step)
+
+
+def _check_frame(step: int, moves: Sequence[Row], press: Row, types_ahead: bool) -> None:
+    """Check that the frame which a press answers can have been on screen then: a few moves old, or the last before a burst."""
+    shown = press["step"]
+    if shown is not None and step - MOST_STEPS_BEHIND <= shown <= step:
+        return
+    is_burst = types_ahead and shown is not None and 0 <= shown < step
+    if not is_burst or press["server_ms"] - moves[shown]["server_ms"] > TYPED_AHEAD_MS:
+        raise _MismatchError(f"the press answers the frame of step {shown}", step)
 
 
 class _Page:

@@ -286,7 +286,10 @@ class Session:
         study = self.participation
         key_map = key_map_of(study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
-        id_, conditions = self.current.id, Conditions(self.current.started_ms, key_map, supervised_ms)
+        id_, conditions = (
+            self.current.id,
+            Conditions(self.current.started_ms, key_map, supervised_ms, types_ahead=study is None),
+        )
         found = attest(self._store.steps(id_), input_events(self._store, id_), conditions)
         if found.level != "unattested" and has_copied_timing(self._store, id_):
             return Attested("unattested", COPIED)

@@ -110,11 +110,13 @@ class InputOf(NamedTuple):
     events         input events that were received up to its end
     settings       (when, JSON) of what its participant had chosen, every version
     supervised_ms  when the operator's code was typed for its participant
+    is_studys      whether a participant of a study played it
     """
 
     events: list[dict[str, Any]]
     settings: list[tuple[int, str]]
     supervised_ms: list[int]
+    is_studys: bool
 
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[PlayedEpisode, list[Finding]]:
@@ -133,7 +135,9 @@ def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
     of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN study_episodes t ON t.participant_id = v.participant_id
         WHERE t.episode_id = ? AND v.kind = ? ORDER BY v.number"""
     settings = [(row["at_ms"], row["detail"]) for row in rows(conn, of, ident, "settings")]
-    return InputOf(rows(conn, sql, ident), settings, [row["at_ms"] for row in rows(conn, of, ident, "supervised")])
+    supervised_ms = [row["at_ms"] for row in rows(conn, of, ident, "supervised")]
+    is_studys = bool(rows(conn, "SELECT 1 FROM study_episodes WHERE episode_id = ?", ident))
+    return InputOf(rows(conn, sql, ident), settings, supervised_ms, is_studys)
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:

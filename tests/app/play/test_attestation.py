@@ -96,6 +96,28 @@ def test_typing_ahead_is_no_lie():
     assert episode.level().level == "attested"
 
 
+BURSTS = Conditions(STARTED, key_map_of(), types_ahead=True)
+"""Of a board whose page keeps every press, however fast they come."""
+
+
+def burst(presses, gap_ms=65, latency_ms=150.0):
+    """An episode of a few moves with a burst at the end: all of it is typed before the page shows any answer."""
+    episode = played(6)
+    for behind in range(presses):
+        episode.press(Page(), gap_ms=gap_ms, behind=behind, latency_ms=latency_ms)
+    return episode
+
+
+def test_a_burst_while_the_screen_stands_still_is_no_lie_where_the_page_keeps_its_presses():
+    assert burst(40).level(BURSTS) == Attested("attested")
+    assert burst(30).level().reason == "step 15: the press answers the frame of step 6", "a study's page keeps four"
+    assert "the frame of step 6" in burst(60).level(BURSTS).reason, "for longer than three seconds nobody types blindly"
+    assert "presses in" in burst(30, gap_ms=30).level(BURSTS).reason, "hands are as fast as hands are"
+    late = burst(30, latency_ms=1.0)
+    late.events[-2]["server_ms"] = late.moves[-1]["server_ms"] = late.moves[6]["server_ms"] + 3_001
+    assert "the frame of step 6" in late.level(BURSTS).reason, "by the server's clock, whatever the page says"
+
+
 def test_an_hour_with_clocks_that_run_apart_is_no_lie():
     for speed in (0.9995, 1.0005):
         assert played(300, Page(speed=speed), gap_ms=12_000).level().level == "attested"
@@ -209,6 +231,13 @@ def test_one_move_that_does_not_fit_its_event_takes_the_whole_episode_down(what,
     assert found.level == "unattested"
     assert found.reason.startswith(said)
     assert found.step == int(said.split(":")[0].removeprefix("step "))
+
+
+@pytest.mark.parametrize("step", [-1, None, 31])
+def test_a_frame_that_was_never_shown_is_a_lie_in_a_burst_too(step):
+    episode = played()
+    [row for row in episode.events if row["kind"] == "keydown"][30]["step"] = step
+    assert episode.level(BURSTS).reason == f"step 30: the press answers the frame of step {step}"
 
 
 def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are_lies():
