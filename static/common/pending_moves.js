@@ -1,11 +1,12 @@
 // @ts-check
 // Moves that wait for their answer. A press made before the last answer came is sent with the step that it is due at, so that fast
-// fingers lose nothing. The server still decides on each move, and a refusal drops all that follow it.
+// fingers lose little; static/play/press_queue.js keeps what is too much. The server still decides on each move, and a refusal
+// drops all that follow it.
 import { act } from "./messages.js";
 
 /**
  * @typedef {import("./messages.js").Frame} Frame
- * @typedef {{episode: string, step: number, pressed_ms: number, sent_ms: number}} Pending
+ * @typedef {{episode: string, step: number, action: import("./messages.js").Action, pressed_ms: number, sent_ms: number}} Pending
  * @typedef {{pending: readonly Pending[], limit: number}} PendingMoves
  */
 
@@ -73,7 +74,7 @@ export function createMoveSender({ send, sendEvents, now_ms }) {
   let round_trip_ms = null;
   return {
     /**
-     * Send a move unless too many wait.
+     * Send a move unless too many wait; return whether it left.
      * @param {Frame} frame
      * @param {import("./messages.js").Action} action
      * @param {import("./messages.js").Timing} timing
@@ -81,10 +82,11 @@ export function createMoveSender({ send, sendEvents, now_ms }) {
      */
     press(frame, action, timing, pressed_ms) {
       const step = nextStep(moves, frame);
-      if (step === null) return;
+      if (step === null) return false;
       sendEvents();
-      if (!send(act(frame.episode, step, action, timing))) return;
-      moves = withMove(moves, { episode: frame.episode, step, pressed_ms, sent_ms: now_ms() });
+      if (!send(act(frame.episode, step, action, timing))) return false;
+      moves = withMove(moves, { episode: frame.episode, step, action, pressed_ms, sent_ms: now_ms() });
+      return true;
     },
     /**
      * Take the moves that a message answers off the list, and return them.
@@ -100,6 +102,10 @@ export function createMoveSender({ send, sendEvents, now_ms }) {
       return answered;
     },
     drop() { moves = withoutMoves(moves); },
+    /** Return the moves that were sent and have no answer. */
+    pending: () => moves.pending,
+    /** Return whether as many moves wait as may wait. */
+    isFull: () => moves.pending.length >= moves.limit,
     /** Return the newest round trip; null before the first answer. */
     round_trip_ms: () => round_trip_ms,
   };

@@ -1,0 +1,179 @@
+// @ts-check
+// Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
+// stops before a rock or an edge that the page knows; elsewhere each press is a move. No press acts on a terrain that it was not made for.
+import { groundAhead } from "./known_ground.js";
+
+/**
+ * @typedef {import("../common/messages.js").Action} Action
+ * @typedef {import("../common/messages.js").Frame} Frame
+ * @typedef {import("../common/messages.js").Timing} Timing
+ * @typedef {ReturnType<import("../common/pending_moves.js").createMoveSender>} Sender
+ */
+/** @typedef {"rock" | "edge" | "ended" | "lost" | "refused" | "full"} Reason  why presses were dropped */
+/** @typedef {{action: Action, timing: Timing, pressed_ms: number}} Press */
+
+/** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
+export const BURST_MS = 100;
+/** Nobody answers what they see sooner than this, so a press after it goes where its player wants, into a known rock too. */
+export const REACTION_MS = 250;
+/** Presses that may wait at one time: more than anybody types before looking. */
+export const MAX_WAITING = 400;
+
+/**
+ *   sender       sends moves, and says which wait for their answer
+ *   frame        the newest of the board that is driven here, else null
+ *   isPractice   whether presses into known rocks and edges are dropped
+ *   sendEvents   sends the input events of the presses, which go before their moves
+ *   onDropped    some presses will make no move; 0 where a held key has stopped
+ * @param {{sender: Sender, frame: () => Frame | null, isPractice: () => boolean, sendEvents: () => void, now_ms: () => number,
+ *   onDropped: (reason: Reason, count: number) => void}} how
+ */
+export function createPressQueue({ sender, frame, isPractice, sendEvents, now_ms, onDropped }) {
+  /** @type {Press[]} */
+  let queue = [];
+  let last_ms = -Infinity;
+  /**
+   * Whether the rest of a burst is dropped, and why.
+   * @type {"rock" | "edge" | null}
+   */
+  let stop = null;
+  /**
+   * The episode on the board, and since when.
+   * @type {{episode: string | null, since_ms: number}}
+   */
+  let board = { episode: null, since_ms: -Infinity };
+  const sentActions = () => sender.pending().map(({ action }) => action);
+
+  /**
+   * @param {Reason} reason
+   * @param {number} [more] moves that were sent and will have no answer
+   */
+  function dropAll(reason, more = 0) {
+    const count = queue.length + more;
+    queue = [];
+    if (count > 0) onDropped(reason, count);
+  }
+  /**
+   * Note which terrain is on the board: presses of an earlier time were made for another one.
+   * @param {Frame} on
+   * @param {number} since_ms
+   */
+  function noteBoard({ episode }, since_ms) {
+    if (episode === board.episode) return;
+    dropAll("ended");
+    stop = null;
+    board = { episode, since_ms: board.episode === null ? -Infinity : since_ms };
+  }
+  /**
+   * Return how many of the moves that were sent a frame leaves without an answer.
+   * @param {Frame} on
+   */
+  const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
+  /**
+   * Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
+   * @param {Frame} on
+   */
+  function pump(on) {
+    if (on.outcome !== null) return dropAll("ended");
+    while (queue.length > 0 && !sender.isFull()) {
+      const { action, timing, pressed_ms } = queue[0];
+      const ground = isPractice() ? groundAhead(on, sentActions(), action) : "free";
+      if (ground === "unknown" && sender.pending().length > 0) return;
+      if (ground === "rock" || ground === "edge") {
+        stop = ground;
+        return dropAll(ground);
+      }
+      if (!sender.press(on, action, { ...timing, client_ms: tenths(now_ms()) }, pressed_ms)) return dropAll("lost");
+      queue = queue.slice(1);
+    }
+  }
+  /**
+   * Return why a press in practice makes no move, or null: it belongs to a burst that has stopped, or would hit what the page knows
+   * sooner than its player can have looked.
+   * @param {Frame} on
+   * @param {Action} action
+   * @param {number} gap_ms since the press before
+   */
+  function stoppedBy(on, action, gap_ms) {
+    const isAlone = queue.length === 0 && sender.pending().length === 0;
+    if (isAlone && gap_ms >= BURST_MS) stop = null;
+    if (stop) return stop;
+    const ground = groundAhead(on, [...sentActions(), ...queue.map((press) => press.action)], action);
+    if ((ground !== "rock" && ground !== "edge") || (isAlone && gap_ms >= REACTION_MS)) return null;
+    return (stop = ground);
+  }
+  return {
+    /**
+     * Take a press: it becomes a move now or after those before it, or it is dropped.
+     * @param {Action} action
+     * @param {Timing} timing
+     * @param {number} pressed_ms
+     */
+    press(action, timing, pressed_ms) {
+      const on = frame();
+      if (!on) return;
+      noteBoard(on, -Infinity);
+      sendEvents();
+      const gap_ms = pressed_ms - last_ms;
+      last_ms = pressed_ms;
+      if (on.outcome !== null || pressed_ms < board.since_ms) return onDropped("ended", 1);
+      const reason = isPractice() ? stoppedBy(on, action, gap_ms) : null;
+      if (reason) return onDropped(reason, 1);
+      if (queue.length >= MAX_WAITING) return onDropped("full", 1);
+      const isAlone = queue.length === 0 && sender.pending().length === 0;
+      if (!isAlone) {
+        queue = [...queue, { action, timing, pressed_ms }];
+        return pump(on);
+      }
+      if (!sender.press(on, action, timing, pressed_ms)) onDropped("lost", 1);
+    },
+    /**
+     * Move once more while a key is held: never ahead of what waits, and never into what the page knows.
+     * @param {Action} action
+     * @param {Timing} timing
+     * @returns {boolean} whether the key may go on
+     */
+    repeat(action, timing) {
+      const on = frame();
+      if (!on || on.outcome !== null) return false;
+      last_ms = now_ms();
+      if (queue.length > 0 || sender.pending().length > 1) return true;
+      const ground = groundAhead(on, sentActions(), action);
+      if (ground === "unknown" && sender.pending().length > 0) return true;
+      if (ground === "rock" || ground === "edge") {
+        onDropped(ground, 0);
+        return false;
+      }
+      return sender.press(on, action, timing, now_ms());
+    },
+    /**
+     * Take the moves that a message answers off the list, send what may follow, and return them.
+     * @param {import("../common/messages.js").FromServer} message
+     */
+    receive(message) {
+      const on = message.kind === "refused" ? message.frame : message.kind === "frame" ? message : null;
+      if (!on) return sender.receive(message);
+      noteBoard(on, now_ms());
+      const lost = unanswered(on);
+      const answered = sender.receive(message);
+      if (on.outcome !== null) dropAll("ended", lost);
+      else if (message.kind === "refused") dropAll("refused", lost);
+      else pump(on);
+      return answered;
+    },
+    /**
+     * Drop all that waits, sent or not: no answer can come.
+     * @param {Reason} [reason]
+     */
+    drop(reason = "lost") {
+      const sent = sender.pending().length;
+      sender.drop();
+      dropAll(reason, sent);
+      const on = frame();
+      if (on) noteBoard(on, now_ms());
+    },
+    round_trip_ms: sender.round_trip_ms,
+  };
+}
+/** @param {number} ms */
+const tenths = (ms) => Math.round(ms * 10) / 10;
