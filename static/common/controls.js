@@ -25,11 +25,14 @@ export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
 const round = (ms) => Math.round(ms * 10) / 10;
 
 /**
+ * Start the controls, and return how another gesture presses.
+ *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
+ *   onLetGo  what came up; null where all counts as let go
  * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action, timing: Timing,
- *   pressedAt_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean,
- *   actionOf?: (code: string) => Action | undefined}} how
+ *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
+ *   actionOf?: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how
  */
-export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
+export function startControls({ page, frames, pad, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
   const isDriven = () => page.navigator.webdriver === true;
@@ -38,11 +41,20 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
    * @param {Action} action
    * @param {globalThis.Event} event
    * @param {number} at_ms
+   * @param {string} holder
    */
-  function press(input, action, event, at_ms) {
+  function press(input, action, event, at_ms, holder) {
     const previous_ms = up_ms;
     up_ms = null;
-    onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms);
+    onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms, holder);
+  }
+  /**
+   * @param {string} holder
+   * @param {number} at_ms
+   */
+  function release(holder, at_ms) {
+    up_ms = at_ms;
+    onLetGo?.(holder);
   }
   const handlers = {
     /**
@@ -50,11 +62,12 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
      * @param {KeyboardEvent} event
      * @param {number} at_ms
      */
-    onPress: (action, event, at_ms) => press("key", action, event, at_ms),
+    onPress: (action, event, at_ms) => press("key", action, event, at_ms, event.code),
     /** @param {number} at_ms */
     onRelease: (at_ms) => { up_ms = at_ms; },
     onEnter,
     actionOf,
+    onLetGo,
   };
   hookKeys(page, handlers, page);
   for (const frame of frames) {
@@ -66,16 +79,21 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf }) {
       if (!event.isPrimary || event.button !== 0) return;
       event.preventDefault();
       button.classList.add("is-down");
-      press("touch", action, event, timeOf_ms(event, page, page));
+      press("touch", action, event, timeOf_ms(event, page, page), `button ${action}`);
     });
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
       button.addEventListener(end, (event) => {
-        if (button.classList.contains("is-down")) up_ms = timeOf_ms(event, page, page);
+        if (button.classList.contains("is-down")) release(`button ${action}`, timeOf_ms(event, page, page));
         button.classList.remove("is-down");
       });
     }
     // A click without a pointer comes from a keyboard or an assistive tool.
-    button.addEventListener("click", (event) => event.detail === 0 && press("touch", action, event, timeOf_ms(event, page, page)));
+    button.addEventListener("click", (event) => {
+      if (event.detail !== 0) return;
+      press("touch", action, event, timeOf_ms(event, page, page), `button ${action}`);
+      onLetGo?.(`button ${action}`);
+    });
     button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
+  return { press, release };
 }

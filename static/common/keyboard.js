@@ -55,10 +55,13 @@ export function timeOf_ms(event, view, page) {
  *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own ms
  *   onRelease  it came up again
  *   onEnter    Enter outside fields; true when it was used
+ *   onLetGo    any key came up, wherever the focus was: its code; null when all count as let go, because the window lost the focus
+ *              or a chord began, after which some systems report no key that comes up
  *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
  * @param {Window & typeof globalThis} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
- *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined}} handlers
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined,
+ *   onLetGo?: (code: string | null) => void}} handlers
  * @param {Window & typeof globalThis} page with the clock that counts
  */
 export function hookKeys(view, handlers, page) {
@@ -66,6 +69,8 @@ export function hookKeys(view, handlers, page) {
   const at_ms = (event) => timeOf_ms(event, view, page);
   /** @param {KeyboardEvent} event */
   function handle(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey) handlers.onLetGo?.(null);
+    else if (event.type === "keyup") handlers.onLetGo?.(event.code);
     if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(keyOrigin(event))) return;
     if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
       if (handlers.onEnter(event)) swallow(event);
@@ -79,6 +84,7 @@ export function hookKeys(view, handlers, page) {
   }
   view.addEventListener("keydown", handle, true);
   view.addEventListener("keyup", handle, true);
+  if (handlers.onLetGo) view.addEventListener("blur", (event) => event.target === view && handlers.onLetGo?.(null));
 }
 
 /** @param {KeyboardEvent} event */

@@ -6,6 +6,7 @@ import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf } from "../common/page.js";
 import { announcement, notCounted } from "../common/words.js";
+import { createDropMark } from "./drop_mark.js";
 import { startInput } from "./input.js";
 import { createLeaving } from "./leaving.js";
 import { createLosses } from "./losses.js";
@@ -92,10 +93,12 @@ const connections = createConnections({
     }
   },
 });
+const dropMark = createDropMark(panels.player.root, (text) => { by("announcer").textContent = text; });
 const { moves, telemetry } = startInput({
   page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
   send: (message) => connections.send("player", message), painted: painter.playersFrame,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
+  isPractice: () => state.mode === "practice", onDropped: dropMark.show,
 });
 
 /**
@@ -106,7 +109,7 @@ function dispatch(event) {
   const before = state;
   state = apply(state, event);
   if (state === before) return;
-  if (event.kind === "begun") moves.drop();
+  if (event.kind === "begun") moves.drop("ended");
   connections.sync(state.mode === "spectator" ? { ...state, player: null } : state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {

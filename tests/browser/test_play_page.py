@@ -106,11 +106,11 @@ def test_a_rival_follows_the_player_and_keeps_its_own_pace_when_asked_to(serve, 
     assert me.errors == []
 
 
-def test_holding_a_key_moves_once_and_typing_moves_never(serve, player):
+def test_holding_a_key_in_ranked_play_moves_once_and_typing_moves_never(serve, player):
     server = serve()
     me = player(server, NO_3D)
     me.goto()
-    me.begin(size=[15, 21], seed=3, rival="frontier-cost")
+    me.begin(size=[15, 21], seed=3)
     for _ in range(4):
         me.page.keyboard.down(KEY_OF["east"])
     me.page.keyboard.up(KEY_OF["east"])

@@ -1,0 +1,63 @@
+"""Every press is answered or dropped in sight: bursts without pauses, a key that is held, presses at the end of an episode."""
+
+import re
+import time
+
+from tests.browser.test_attested import ATTESTED, level_of, there_and_back
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D
+from tests.support.servers import eventually
+
+PRESSES = 40
+FASTEST_GAP_S = 0.065
+"""As fast as a hand keeps up for three seconds (`app.play.attestation.FASTEST`)."""
+
+
+def dropped(me):
+    """The number of presses that the mark on the board says were dropped."""
+    found = re.search(r"(\d+) press", me.page.get_by_test_id("dropped").text_content())
+    return int(found[1]) if found else 0
+
+
+def burst(me, actions, gap_s=0.0):
+    """Press keys without waiting for any answer."""
+    for action in actions:
+        pressed_s = time.monotonic()
+        me.page.keyboard.press(KEY_OF[action])
+        time.sleep(max(0.0, pressed_s + gap_s - time.monotonic()))
+
+
+def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
+    me = player(serve(), [*NO_3D, *AS_A_PERSON])
+    me.goto()
+
+    # in practice: to the first rock or edge that comes into sight, and the rest is dropped in sight
+    me.begin(size=[9, 12], seed=3, rival="frontier-cost")
+    there, back = there_and_back(me)
+    burst(me, [there] * PRESSES)
+    eventually(lambda: me.state()["step"] + dropped(me) == PRESSES)
+    stopped = me.state()
+    assert stopped["outcome"] is None
+    assert stopped["step"] > 2
+    me.wait("document.getElementById('announcer').textContent.startsWith('Stopped before')")
+
+    # a key that is held repeats, and stops before the edge by itself
+    me.page.keyboard.down(KEY_OF[back])
+    me.wait("window.mars.state.player.frame.position.join() === '0,0'")
+    eventually(lambda: "Stopped before the edge" in me.page.get_by_test_id("dropped").text_content())
+    assert me.state()["outcome"] is None
+    assert me.state()["step"] == 2 * stopped["step"]
+    me.page.keyboard.up(KEY_OF[back])
+
+    # in ranked play each press is a move with an event of its own
+    me.begin(size=[9, 12])
+    there, back = there_and_back(me)
+    burst(me, [there, back] * (PRESSES // 2), FASTEST_GAP_S)
+    me.wait(f"window.mars.state.player.frame.step === {PRESSES}")
+
+    # what comes after the end of an episode is dropped in sight
+    burst(me, ["north"] * 5, FASTEST_GAP_S)
+    eventually(lambda: "The episode has ended: 4 presses dropped." in me.page.get_by_test_id("dropped").text_content())
+    assert me.state()["outcome"] == "out_of_bounds"
+    assert me.state()["step"] == PRESSES + 1
+    assert level_of(tmp_path, me.state()["episode"]) == ATTESTED
+    assert me.errors == []
