@@ -24,6 +24,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
+from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
 from app.storage.store import Store
@@ -33,7 +34,7 @@ from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
-from app.web import admin, api, api_docs, leaderboard, pages, results, sockets, study, viewer, watch
+from app.web import admin, api, api_docs, leaderboard, pages, replay, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
 from app.web.middleware import SecurityHeaders
@@ -86,7 +87,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     )  # fmt: skip
     app.add_middleware(SecurityHeaders)
     add_error_handlers(app)
-    for module in (api, watch, results, study, sockets, leaderboard, viewer, pages):
+    for module in (api, watch, results, replay, study, sockets, leaderboard, viewer, pages):
         app.include_router(module.router)
     if login is not None:
         app.include_router(admin.router)
@@ -123,6 +124,7 @@ def _services(
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, policies.offers()),
         regrets=Regrets(store.path),
+        replays=Replays(store.path, policies.offers()),
         admin=None if login is None else AdminServices(login, progress, settings.studies),
     )
 

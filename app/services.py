@@ -11,6 +11,7 @@ from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.ranked import PageBoards
 from app.play.spectators import Spectators
+from app.replay.service import Replays
 from app.storage.store import Store
 from app.study.debrief import Debriefs
 from app.study.progress import ParticipantProgress
@@ -31,6 +32,7 @@ class Services:
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
     regrets        where moves were lost in finished episodes
+    replays        finished episodes as they went, and policies on their terrains
     admin          the operator's part; None on a server without an operator's page
     """
 
@@ -44,12 +46,14 @@ class Services:
     debriefs: Debriefs
     leaderboard: Leaderboard
     regrets: Regrets
+    replays: Replays
     admin: AdminServices | None = None
 
     async def aclose(self) -> None:
         """End everything but the store, which whoever opened it closes."""
         await self.leaderboard.close()
         await self.regrets.close()
+        self.replays.close()
         if self.admin is not None:
             await self.admin.close()
         self.lobby.close()

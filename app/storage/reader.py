@@ -102,6 +102,11 @@ class Reader:
             return {**_described(row, steps), "moves": moves}
         return None
 
+    def ids_beginning(self, prefix: str, limit: int) -> list[str]:
+        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
+        sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
+
     def load_record(self, episode_id: str) -> Record:
         """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
         for row in list(self._db.query("SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id])):

@@ -1,0 +1,123 @@
+"""The course of a finished episode: when each cell became known, and where the rover was after each move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import floor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN, EnvConfig
+from marsexplorer.episode import Episode, Record, replay
+
+CHARACTERS = "?.@#"
+"""Code of a cell -> its character, as in a frame's grid."""
+NEVER = -1
+"""The move at which a cell became known that never did."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What a replay draws of one episode; index k of each sequence is the board after k moves.
+
+    name        who drove
+    config      of the episode
+    actions     codes of config.ACTIONS, one a move
+    path        (row, col) of the rover, one more than actions
+    discovered  cells known, one more than actions
+    codes       uint8[rows, cols], what was known at the end, the rover's cell as FREE
+    known_since int32[rows, cols], after how many moves each cell was known; NEVER for one that was not
+    outcome     in words
+    score       normalized, at the end
+    """
+
+    name: str
+    config: EnvConfig
+    actions: bytes
+    path: tuple[tuple[int, int], ...]
+    discovered: tuple[int, ...]
+    codes: NDArray[np.uint8]
+    known_since: NDArray[np.int32]
+    outcome: str
+    score: float
+
+    @property
+    def moves(self) -> int:
+        """Moves in all."""
+        return len(self.actions)
+
+    def coverage(self, step: int) -> float:
+        """Return the share of the cells known after some moves, 0..1; a course that has ended stays at its end."""
+        return self.discovered[min(step, self.moves)] / self.config.n
+
+    @property
+    def headline(self) -> str:
+        """Who did what: `A person mapped 99 % of the ground in 75 moves`."""
+        return f"{self.name} {sentence(self)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the course as the page reads it."""
+        return {
+            "name": self.name,
+            "actions": [ACTIONS[action] for action in self.actions],
+            "positions": [list(cell) for cell in self.path],
+            "discovered": list(self.discovered),
+            "grid": ["".join(CHARACTERS[code] for code in row) for row in self.codes],
+            "known_since": self.known_since.tolist(),
+            "outcome": self.outcome,
+            "score": self.score,
+            "sentence": sentence(self),
+        }
+
+
+def course_of(name: str, record: Record) -> Course:
+    """Return the course of a finished episode; ValueError when this version's rules cannot replay it."""
+    ended = replay(record)
+    actions = iter(record.actions)
+    again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    return _course(name, again, lambda _: next(actions, None), ended)
+
+
+def course_of_policy(name: str, record: Record, act: Callable[[NDArray[np.uint8]], int]) -> Course:
+    """Return the course of a policy on the terrain of a record, from its start to the end of its own episode.
+
+    act  the policy's action for uint8[rows, cols]; what it raises ends the work
+    """
+    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    return _course(name, episode, lambda codes: None if episode.ended else act(codes), episode)
+
+
+def _course(name: str, episode: Episode, next_action: Callable[[NDArray[np.uint8]], int | None], ended: Episode) -> Course:
+    """Return the course of an episode from its start on, made move by move until `next_action` returns None."""
+    known_since = np.where(episode.codes != UNKNOWN, 0, NEVER).astype(np.int32)
+    while (action := next_action(episode.codes)) is not None:
+        episode.step(action)
+        known_since[(episode.codes != UNKNOWN) & (known_since == NEVER)] = episode.steps
+    codes = episode.codes.copy()
+    codes[codes == ROVER] = FREE
+    return Course(
+        name=name,
+        config=episode.config,
+        actions=bytes(episode.actions),
+        path=tuple((int(row), int(col)) for row, col in episode.path),
+        discovered=tuple(int(count) for count in episode.discoveries),
+        codes=codes,
+        known_since=known_since,
+        outcome=ended.outcome,
+        score=float(ended.score),
+    )
+
+
+def sentence(course: Course) -> str:
+    """Return what a course came to, after the name: `mapped 99 % of the ground in 75 moves`."""
+    share, moves = f"{floor(100 * course.coverage(course.moves) + 1e-9)} %", course.moves
+    count = f"{moves} move" if moves == 1 else f"{moves} moves"
+    return {
+        "explored": f"mapped {share} of the ground in {count}",
+        "collided": f"crashed into a rock at {share} after {count}",
+        "out_of_bounds": f"drove off the map at {share} after {count}",
+        "timed_out": f"ran out of moves at {share} after {count}",
+    }.get(course.outcome, f"left at {share} after {count}")

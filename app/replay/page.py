@@ -1,0 +1,47 @@
+"""The page of a replay, from the template `static/replay/index.html`: as the server gives it, or whole in one file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from app.replay.course import Course
+from app.settings import STATIC
+
+_ENVIRONMENT = Environment(
+    loader=FileSystemLoader(STATIC / "replay"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+)
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Absolute addresses for whoever shows a preview of the link: of the page, and of its picture."""
+
+    page: str
+    picture: str
+
+
+@dataclass(frozen=True)
+class Inlined:
+    """What a page that stands in one file holds itself: its styles, its modules by name, and its icon as a data URL."""
+
+    style: Markup
+    modules: dict[str, dict[str, str]]
+    entry: str
+    icon: str
+
+
+def render(data: dict[str, Any], course: Course, addresses: Addresses | None = None, inlined: Inlined | None = None) -> str:
+    """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself."""
+    text: str = _ENVIRONMENT.get_template("index.html").render(
+        data=data, headline=course.headline, terrain=terrain_in_words(course), addresses=addresses, inlined=inlined
+    )
+    return text
+
+
+def terrain_in_words(course: Course) -> str:
+    """Return level and size: `level random, 21 x 21 cells`."""
+    return f"level {course.config.level}, {course.config.rows} \u00d7 {course.config.cols} cells"

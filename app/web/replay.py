@@ -1,0 +1,69 @@
+"""Replays over HTTP: the page, the picture that a preview of the link shows, files to keep, and a policy's course."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+
+from app.replay.episodes import UnknownReplayError
+from app.replay.page import Addresses, render
+from app.replay.service import ReplayBusyError
+from app.storage.boards import watchable_session
+from app.web.access import services_of
+from app.web.cookies import is_secure
+
+router = APIRouter()
+PolicyName = Annotated[str, Query(max_length=200)]
+
+
+@contextmanager
+def _replay_errors() -> Iterator[None]:
+    """Answer 404 for what has no replay, 503 when too many ask, 422 for what cannot be worked out."""
+    try:
+        yield
+    except UnknownReplayError as error:
+        raise HTTPException(404, str(error)) from error
+    except ReplayBusyError as error:
+        raise HTTPException(503, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+@router.get("/api/episodes/{episode_id}/replay", tags=["results"], summary="The course of a finished episode")
+async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
+    with _replay_errors():
+        return (await services_of(request).replays.replay(episode_id)).document()
+
+
+@router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
+async def get_ghost(request: Request, episode_id: str, policy: PolicyName) -> dict[str, Any]:
+    """Return the course of a policy from the same start on the same terrain, as the call before; 404 as for the episode."""
+    with _replay_errors():
+        return (await services_of(request).replays.ghost(episode_id, policy)).to_dict()
+
+
+@router.get("/replay/{episode_id}", include_in_schema=False)
+async def replay_page(request: Request, episode_id: str) -> Response:
+    """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
+    try:
+        with _replay_errors():
+            replay = await services_of(request).replays.replay(episode_id)
+    except HTTPException as error:
+        if error.status_code == 404 and watchable_session(services_of(request).store, episode_id) is not None:
+            return RedirectResponse(f"../#watch={episode_id}", 303)
+        raise
+    page = absolute_address(request)
+    return HTMLResponse(render(replay.document(), replay.course, Addresses(page, f"{page}.png")))
+
+
+def absolute_address(request: Request) -> str:
+    """Return the address that was asked for, without its query, as the browser of whoever asked wrote it."""
+    headers = request.headers
+    host = headers.get("x-forwarded-host", "").split(",")[0].strip() or headers.get("host", "")
+    prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
+    return f"{'https' if is_secure(request) else 'http'}://{host}{prefix}{request.url.path}"

@@ -1,0 +1,107 @@
+// @ts-check
+// Paints one run of a replay: its board, what the last move has shown, a crash, and its numbers.
+import { cellSize, paintBoard } from "../common/board.js";
+import { create, put } from "../common/page.js";
+import { describeBoard, percent } from "../common/words.js";
+import { boardAt, crashAt, hasEnded, newCells } from "./course.js";
+
+/** @typedef {import("./course.js").Course} Course */
+
+/** Colours of the ground on every replay, in both themes: a board shows night. */
+export const GROUND = { shades: { "?": "#0e0b0d", ".": "#a8623c", "#": "#dccbb8" }, edge: "#935231", rockEdge: "#bda98f" };
+/** Colours of the rovers on a board. */
+export const ROVERS = { run: "#ffb347", ghost: "#5fd0c5" };
+const SHOWN_NOW = "rgba(255, 222, 170, 0.38)";
+const CRASH = "#ff5c45";
+/** CSS pixels a cell below which the rover wears a ring. */
+const SMALL = 8;
+
+/**
+ * Return the elements of a run's section by their `data-part`.
+ * @param {HTMLElement} root
+ * @returns {Record<string, HTMLElement>}
+ */
+export function partsOf(root) {
+  return Object.fromEntries(Array.from(root.querySelectorAll("[data-part]"), (each) => [/** @type {HTMLElement} */ (each).dataset.part, each]));
+}
+
+/**
+ * Paint a run as it stood after `step` moves.
+ * @param {Record<string, HTMLElement>} part
+ * @param {Course} course
+ * @param {number} step
+ * @param {{accent: string, other: {course: Course, accent: string} | null, dpr: number}} look other: the run whose path is drawn dashed
+ */
+export function paintRun(part, course, step, { accent, other, dpr }) {
+  const board = boardAt(course, step);
+  const canvas = /** @type {HTMLCanvasElement} */ (part.canvas);
+  const width_px = part.ground.clientWidth;
+  const height_px = part.ground.clientHeight;
+  if (width_px > 0 && height_px > 0) {
+    const ghost = other && { trail: boardAt(other.course, step).trail, accent: other.accent };
+    paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil: GROUND, ghost });
+    const size = cellSize(width_px, height_px, board.frame.rows, board.frame.cols, dpr);
+    paintEvents(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), course, step, size);
+    if (size < SMALL * dpr) paintRing(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), board.frame.position, size, accent, dpr);
+  }
+  canvas.setAttribute("aria-label", describeBoard(board.frame, course.name));
+  put(part.moves, String(board.frame.step));
+  put(part.noun, board.frame.step === 1 ? "move" : "moves");
+  put(part.coverage, percent(board.frame.coverage));
+  put(part.outcome, hasEnded(course, step) ? course.sentence : "exploring");
+  part.outcome.dataset.outcome = hasEnded(course, step) ? course.outcome : "";
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {Course} course
+ * @param {number} step
+ * @param {number} size of a cell in device pixels
+ */
+function paintEvents(context, course, step, size) {
+  const at = course.positions[Math.min(step, course.positions.length - 1)];
+  context.fillStyle = SHOWN_NOW;
+  for (const [row, col] of newCells(course, step)) {
+    if (row !== at[0] || col !== at[1]) context.fillRect(col * size, row * size, size, size);
+  }
+  const crash = crashAt(course, step);
+  if (!crash) return;
+  const x = Math.max(0.5, Math.min(crash[1] + 0.5, course.grid[0].length - 0.5)) * size;
+  const y = Math.max(0.5, Math.min(crash[0] + 0.5, course.grid.length - 0.5)) * size;
+  context.strokeStyle = CRASH;
+  context.lineWidth = Math.max(2, size * 0.18);
+  context.lineCap = "round";
+  context.beginPath();
+  for (const slope of [-1, 1]) {
+    context.moveTo(x - size * 0.34, y - slope * size * 0.34);
+    context.lineTo(x + size * 0.34, y + slope * size * 0.34);
+  }
+  context.stroke();
+}
+
+/**
+ * Draw a ring round a rover that is too small to be found at once.
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("../common/messages.js").Cell} position
+ * @param {number} size of a cell in device pixels
+ * @param {string} accent
+ * @param {number} dpr
+ */
+function paintRing(context, [row, col], size, accent, dpr) {
+  context.beginPath();
+  context.arc((col + 0.5) * size, (row + 0.5) * size, 8 * dpr, 0, 2 * Math.PI);
+  context.strokeStyle = accent;
+  context.lineWidth = 2 * dpr;
+  context.stroke();
+}
+
+/**
+ * Fill the choice of policies; the last one shows none.
+ * @param {HTMLSelectElement} select
+ * @param {string[]} names
+ * @param {string | null} chosen
+ */
+export function offerGhosts(select, names, chosen) {
+  select.replaceChildren(...names.map((name) => create("option", name, { value: name })), create("option", "no policy", { value: "" }));
+  select.value = chosen ?? "";
+}

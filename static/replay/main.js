@@ -1,0 +1,150 @@
+// @ts-check
+// Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
+import { ApiError, createRequest } from "../common/api.js";
+import { paintLegend } from "../common/chart.js";
+import { ownsKeys } from "../common/keyboard.js";
+import { create, createRepaint, elementsOf, put } from "../common/page.js";
+import { percent } from "../common/words.js";
+import { offerGhosts, paintRun, partsOf, ROVERS } from "./boards.js";
+import { coverageAt, movesOf } from "./course.js";
+import { paintCurve } from "./curve.js";
+import { begun, keyed, later, movedTo, SPEEDS, stepOf, withLast } from "./playback.js";
+import { startScrubber } from "./scrubber.js";
+import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
+
+/** @typedef {import("./course.js").Course} Course */
+const by = elementsOf(document);
+const data = /** @type {import("./course.js").ReplayData} */ (JSON.parse(by("replay-data", HTMLScriptElement).textContent ?? ""));
+const request = createRequest((path, options) => fetch(path, options), "../");
+const rootOf = (/** @type {string} */ name) => /** @type {HTMLElement} */ (document.querySelector(`[data-run=${name}]`));
+const parts = { run: partsOf(rootOf("run")), ghost: partsOf(rootOf("ghost")) };
+const select = by("ghost", HTMLSelectElement);
+const scrubber = by("scrubber");
+const speed = by("speed", HTMLSelectElement);
+
+let playback = begun(movesOf(data.run));
+/** @type {Course | null} */
+let ghost = data.ghost ?? null;
+const asked = ghostInSearch(location.search);
+/** @type {string | null} */
+let chosen = asked === undefined ? data.preferred : asked;
+
+Object.defineProperty(window, "replay", { value: Object.freeze({ get step() { return stepOf(playback); }, get playback() { return playback; }, get ghost() { return ghost; } }) });
+
+const repaint = createRepaint(() => paint());
+/** @param {import("./playback.js").Playback} next */
+function show(next) {
+  const wasPlaying = playback.isPlaying;
+  playback = next;
+  if (playback.isPlaying && !wasPlaying) requestAnimationFrame((now_ms) => { shownAt_ms = now_ms; requestAnimationFrame(tick); });
+  if (wasPlaying && !playback.isPlaying) put(by("announcer"), inWords());
+  repaint();
+}
+let shownAt_ms = 0;
+/** @param {number} now_ms */
+function tick(now_ms) {
+  if (!playback.isPlaying) return;
+  show(later(playback, Math.min(0.25, (now_ms - shownAt_ms) / 1000)));
+  shownAt_ms = now_ms;
+  if (playback.isPlaying) requestAnimationFrame(tick);
+}
+
+const runs = () => [{ course: data.run, colour: colourOf("--accent"), isDashed: false }, ...(ghost ? [{ course: ghost, colour: colourOf("--rival"), isDashed: true }] : [])];
+const colourOf = (/** @type {string} */ name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const inWords = () => `Move ${stepOf(playback)} of ${playback.last}: ${runs().map(({ course }) => `${course.name} ${percent(coverageAt(course, stepOf(playback)))} percent`).join(", ")}`;
+
+function paint() {
+  const step = stepOf(playback);
+  const dpr = window.devicePixelRatio || 1;
+  paintRun(parts.run, data.run, step, { accent: ROVERS.run, other: ghost && { course: ghost, accent: ROVERS.ghost }, dpr });
+  if (ghost) paintRun(parts.ghost, ghost, step, { accent: ROVERS.ghost, other: { course: data.run, accent: ROVERS.run }, dpr });
+  const inks = { text: colourOf("--muted"), goal: colourOf("--text"), base: colourOf("--line"), line: colourOf("--grid") };
+  paintCurve(by("curve", HTMLCanvasElement), runs(), { step, last: playback.last },
+    { width_px: scrubber.clientWidth, height_px: scrubber.clientHeight, dpr, font: colourOf("--figures"), inks });
+  paintLegend(by("legend"), runs().map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
+  put(by("play"), playback.isPlaying ? "Pause" : step >= playback.last ? "Again" : "Play");
+  put(by("at"), `move ${step} of ${playback.last}`);
+  put(by("run-tab-share"), `${percent(coverageAt(data.run, step))} %`);
+  put(by("ghost-tab-share"), ghost ? `${percent(coverageAt(ghost, step))} %` : "");
+  speed.value = String(playback.speed);
+  scrubber.setAttribute("aria-valuemax", String(playback.last));
+  scrubber.setAttribute("aria-valuenow", String(step));
+  scrubber.setAttribute("aria-valuetext", inWords());
+}
+
+/**
+ * Show a policy's course, or none.
+ * @param {Course | null} course
+ */
+function showGhost(course) {
+  ghost = course;
+  document.body.dataset.ghost = String(chosen !== null);
+  by("tabs").hidden = chosen === null;
+  put(by("ghost-tab-name"), chosen ?? "");
+  put(by("compared"), course ? `${course.name} ${course.sentence} on the same terrain.` : "");
+  show(withLast(playback, Math.max(movesOf(data.run), course ? movesOf(course) : 0)));
+}
+/** @param {string | null} name */
+async function choose(name) {
+  chosen = name;
+  for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("[data-format]"))) link.href = fileAddress(data.episode, link.dataset.format ?? "", name);
+  if (name === null || data.ghost) return showGhost(name === null ? null : data.ghost ?? null);
+  const waiting = by("waiting");
+  parts.ghost.canvas.hidden = true;
+  waiting.hidden = false;
+  put(waiting, `${name} is exploring the same terrain\u2026`);
+  showGhost(null);
+  try {
+    const course = /** @type {Course} */ (await request(`episodes/${encodeURIComponent(data.episode)}/ghost?${new URLSearchParams({ policy: name })}`, undefined, 60_000));
+    if (chosen !== name) return;
+    waiting.hidden = true;
+    parts.ghost.canvas.hidden = false;
+    showGhost(course);
+  } catch (error) {
+    if (chosen === name) put(waiting, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+  }
+}
+
+offerGhosts(select, data.ghost ? [data.ghost.name] : data.ghosts, chosen);
+select.addEventListener("change", () => choose(select.value || null));
+speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));
+speed.addEventListener("change", () => show({ ...playback, speed: Number(speed.value) }));
+for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-key]"))) {
+  button.addEventListener("click", () => show(keyed(playback, button.dataset.key ?? "") ?? playback));
+}
+window.addEventListener("keydown", (event) => {
+  const target = /** @type {HTMLElement | null} */ (event.target);
+  if (event.ctrlKey || event.metaKey || event.altKey || (target !== scrubber && ownsKeys(target))) return;
+  if (event.key === " " && target?.matches("button, a, summary")) return; // the button's own
+  const next = keyed(playback, event.key, event.shiftKey);
+  if (!next) return;
+  event.preventDefault();
+  show(next);
+});
+startScrubber(scrubber, { last: () => playback.last, onMove: (step) => show(movedTo(playback, step)),
+  onHover: (hovered) => { if (!playback.isPlaying) show({ ...playback, hovered }); } });
+for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-tab]"))) {
+  button.addEventListener("click", () => {
+    document.body.dataset.tab = button.dataset.tab;
+    for (const each of document.querySelectorAll("[data-tab][aria-pressed]")) each.setAttribute("aria-pressed", String(each === button));
+    repaint();
+  });
+}
+const copy = document.getElementById("copy-link");
+copy?.addEventListener("click", async () => {
+  const link = linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: stepOf(playback), last: playback.last });
+  const isCopied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
+  if (!isCopied) window.prompt("Copy this link:", link);
+  put(copy, "Link copied");
+  put(by("announcer"), "Link copied");
+  setTimeout(() => put(copy, "Copy link"), 2000);
+});
+const sizes = new ResizeObserver(() => repaint());
+for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.observe(each);
+matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => repaint());
+
+document.body.dataset.tab = "run";
+const wanted = moveInHash(location.hash);
+await choose(chosen);
+if (wanted !== null) show(movedTo(playback, wanted));
+else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) show(keyed(playback, " ") ?? playback);

@@ -1,0 +1,88 @@
+"""The course of an episode against its frames, and a policy on its terrain against the policy's own episode."""
+
+import numpy as np
+import pytest
+
+from app.play.messages import CELL_CHARACTERS
+from app.play.policy_catalogue import PolicyOffer
+from app.replay.course import course_of, sentence
+from app.replay.ghosts import GhostError, play_ghost, preferred
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import play_terrain
+from marsexplorer.policies import load
+from tests.support.recorded import free_moves, tour
+
+CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
+OFFER = PolicyOffer("frontier-cost", "", "frontier-cost", None)
+
+
+def played(actions=tour, seed=4):
+    episode = Episode.begin(CONFIG, seed=seed)
+    for action in actions(episode):
+        if not episode.ended:
+            episode.step(action)
+    return episode
+
+
+def test_a_course_shows_at_each_move_what_was_known_then():
+    record = played().record()
+    course, again = course_of("A person", record), Episode.begin(CONFIG, seed=4)
+    for step in range(course.moves + 1):
+        shown = np.where((course.known_since >= 0) & (course.known_since <= step), course.codes, 0)
+        shown[again.position] = 2
+        assert (shown == again.codes).all(), step
+        assert (course.path[step], course.discovered[step]) == (again.position, again.discovered)
+        if step < course.moves:
+            again.step(course.actions[step])
+    assert (course.outcome, course.score) == ("explored", again.score)
+    answer = course.to_dict()
+    text = "".join(answer["grid"]).encode()
+    assert text == course.codes.tobytes().translate(CELL_CHARACTERS)
+    assert b"@" not in text
+    assert answer["sentence"] == f"mapped 99 % of the ground in {course.moves} moves"
+    assert record.seed is not None
+    assert str(record.terrain.hex()) not in str(answer)
+
+
+@pytest.mark.parametrize(
+    ("actions", "words"),
+    [
+        (lambda episode: [0], "drove off the map at {} % after 1 move"),
+        (lambda episode: [*free_moves(episode)[:2], 0], "drove off the map at {} % after 3 moves"),
+    ],
+)
+def test_an_ending_in_words(actions, words):
+    episode = played(actions)
+    course = course_of("A person", episode.record())
+    assert sentence(course) == words.format(int(100 * episode.coverage))
+
+
+def test_an_abandoned_episode_was_left():
+    episode = played(lambda episode: free_moves(episode)[:4])
+    episode.abandon()
+    course = course_of("A person", episode.record())
+    assert (course.outcome, course.score) == ("abandoned", episode.score)
+    assert course.headline == f"A person left at {int(100 * episode.coverage)} % after 4 moves"
+
+
+def test_a_ghost_is_the_policys_own_episode_on_that_terrain():
+    record = played(free_moves).record()
+    ghost, own = play_ghost(OFFER, record), play_terrain(load("frontier-cost", 3), record)
+    assert (ghost.actions, ghost.outcome, ghost.score) == (bytes(own.actions), own.outcome, own.score)
+
+
+def test_a_ghost_that_cannot_be_had_says_why():
+    record = played(free_moves).record()
+    with pytest.raises(GhostError, match="plays no boards of 9x13"):
+        play_ghost(PolicyOffer("small", "", "frontier-cost", (9, 9)), record)
+    with pytest.raises(GhostError, match="takes more than 0 s"):
+        play_ghost(OFFER, record, longest_s=0)
+    with pytest.raises(GhostError, match="cannot be loaded"):
+        play_ghost(PolicyOffer("gone", "", "/nowhere/gone.onnx", None), record)
+
+
+def test_a_policy_is_compared_with_another_one():
+    names = ["frontier-cost", "random", "ppo"]
+    assert [preferred(names, driver) for driver in ("A person", "ppo", "random")] == ["ppo", "frontier-cost", "ppo"]
+    assert preferred(["own"], "own") is None

@@ -1,0 +1,72 @@
+"""Replays over HTTP: the page of an ended episode with the preview of its link, and a policy on its terrain."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+from app.storage.store import Store
+from tests.support.recorded import add_session, open_episode, play
+
+
+class Page(HTMLParser):
+    """The parts of a page that these tests read: meta tags by name, and the data in it."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.metas, self.data, self._is_data = {}, "", False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if tag == "meta":
+            self.metas[values.get("property") or values.get("name")] = values.get("content")
+        self._is_data = values.get("id") == "replay-data"
+
+    def handle_data(self, data):
+        if self._is_data:
+            self.data += data
+
+    def handle_endtag(self, tag):
+        self._is_data = False
+
+
+def recorded(path, **rest):
+    """The ids of an episode that has been explored, and of one that runs."""
+    store = Store(path)
+    ended = play(store, 3, explore=True, **rest)
+    running, _ = open_episode(store, add_session(store), 5)
+    store.close()
+    return ended.id, running.id
+
+
+def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolute_addresses(serve, tmp_path):
+    ended, running = recorded(tmp_path / "playground.db")
+    client = serve().client()
+    answer = client.get(f"/replay/{ended}", headers={"Host": "mars.example", "X-Forwarded-Proto": "https"})
+    page = Page(answer.text)
+    data = json.loads(page.data)
+    assert data == client.get(f"/api/episodes/{ended}/replay").json()
+    moves = len(data["run"]["actions"])
+    assert page.metas["og:title"] == f"A person mapped 100 % of the ground in {moves} moves"
+    assert page.metas["og:url"] == f"https://mars.example/replay/{ended}"
+    assert page.metas["og:image"] == f"https://mars.example/replay/{ended}.png"
+    assert data["preferred"] == "ppo"
+    ghost = client.get(f"/api/episodes/{ended}/ghost", params={"policy": "frontier-cost"}).json()
+    assert ghost["name"] == "frontier-cost"
+    assert ghost["positions"][0] == data["run"]["positions"][0]
+    assert client.get(f"/api/episodes/{ended}/ghost", params={"policy": "nobody"}).status_code == 422
+    for id_ in (running, "none", "..%2F..%2Fetc"):
+        assert client.get(f"/api/episodes/{id_}/replay").status_code == 404
+        assert client.get(f"/api/episodes/{id_}/ghost", params={"policy": "random"}).status_code == 404
+    assert client.get("/replay/none").status_code == 404
+    assert client.get(f"/replay/{running}").headers["location"] == f"../#watch={running}"
+
+
+def test_a_name_from_outside_is_text_in_the_page_and_nothing_else(serve, tmp_path):
+    script = "</script><script>alert(1)</script><b title=\"x'"
+    ended, _ = recorded(tmp_path / "playground.db", driver=f"policy:{script}")
+    answer = serve().client().get(f"/replay/{ended}", headers={"Host": 'mars"><script>alert(2)</script>'})
+    page = Page(answer.text)
+    assert json.loads(page.data)["run"]["name"] == script
+    assert page.metas["og:title"].startswith(script)
+    assert not re.search(r"<script>alert", answer.text)
