@@ -86,7 +86,7 @@ class PageBoards:
 
     async def with_episode(self, player_id: str, episode_id: str) -> Session | None:
         """Return a player's board on which an episode, theirs or their rival's, is the current one; None when there is none."""
-        found = watchable_session(self._lobby.store, episode_id)
+        found = watchable_session(self._lobby.store, episode_id, self._lobby.sources.clock_ms(), player_id)
         with suppress(UnknownSessionError):
             session = None if found is None else await self._lobby.get(found[0])
             if session is not None and session.current.id == episode_id:

@@ -138,7 +138,7 @@ class Session:
         """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
         is_persons = self.is_human and self.participation is None and self.takes_persons_moves
-        is_known = is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen
+        is_known = is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen and row.daily is None
         return is_known and (self.attested is None or level_reaches(self.attested.level, "declared"))
 
     @property

@@ -37,9 +37,12 @@ class Spectators:
     def __init__(self, lobby: Lobby) -> None:
         self._lobby = lobby
 
-    async def describe(self, episode_id: str) -> dict[str, Any]:
-        """Return an episode as it stands, with every frame once it has ended; UnwatchableError for any other id."""
-        found, episode = await self._stored(episode_id)
+    async def describe(self, episode_id: str, viewer: str | None = None) -> dict[str, Any]:
+        """Return an episode as it stands, with every frame once it has ended; UnwatchableError for any other id.
+
+        viewer  the player who asks: a daily episode is shown to its own player alone until its day is over
+        """
+        found, episode = await self._stored(episode_id, viewer)
         config, driver = found.episode.config, found.episode.driver
         whole = await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
         return {
@@ -52,22 +55,22 @@ class Spectators:
             "frames": whole,
         }
 
-    async def messages(self, episode_id: str) -> AsyncGenerator[str, None]:
+    async def messages(self, episode_id: str, viewer: str | None = None) -> AsyncGenerator[str, None]:
         """Yield the newest frame whenever it changes, and the history wherever frames were missed, until the episode ends.
 
-        UnwatchableError for an id that cannot be watched.
+        UnwatchableError for an id that cannot be watched. `viewer` as for `describe`.
         """
         newest, steps, woken = "", -2, asyncio.Event()
         board: Session | None = None
         with ExitStack() as listening:
             while True:
                 woken.clear()
-                if (now := self._board(episode_id)) is not board:
+                if (now := self._board(episode_id, viewer)) is not board:
                     listening.close()
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                episode = (await self._stored(episode_id))[1] if board is None else board.episode
+                episode = (await self._stored(episode_id, viewer))[1] if board is None else board.episode
                 frame = encode_frame(episode_id, episode) if board is None else board.frame
                 has_ended, is_behind = episode.ended, episode.steps > steps + 1
                 if frame != newest:
@@ -82,16 +85,21 @@ class Spectators:
                     async with asyncio.timeout(LOOK_S):
                         await woken.wait()
 
-    def _board(self, episode_id: str) -> Session | None:
+    def _session_of(self, episode_id: str, viewer: str | None) -> str | None:
+        """Return the id of the session of an episode that the viewer may watch."""
+        found = watchable_session(self._lobby.store, episode_id, self._lobby.sources.clock_ms(), viewer)
+        return None if found is None else found[0]
+
+    def _board(self, episode_id: str, viewer: str | None) -> Session | None:
         """Return the board in memory on which an episode is the current one."""
-        found = watchable_session(self._lobby.store, episode_id)
-        board = None if found is None else self._lobby.in_memory(found[0])
+        found = self._session_of(episode_id, viewer)
+        board = None if found is None else self._lobby.in_memory(found)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str) -> tuple[Resumable, Episode]:
+    async def _stored(self, episode_id: str, viewer: str | None) -> tuple[Resumable, Episode]:
         """Return an episode as the store holds it; UnwatchableError for others, and where the rules have changed."""
         store = self._lobby.store
-        found = store.find_episode(episode_id) if watchable_session(store, episode_id) else None
+        found = store.find_episode(episode_id) if self._session_of(episode_id, viewer) else None
         if found is None:
             raise UnwatchableError(episode_id)
         try:

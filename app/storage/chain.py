@@ -24,8 +24,8 @@ from typing import Any, Literal, NamedTuple
 Kind = Literal["study", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
-VERSION = 1
-"""The version of the columns that new entries cover."""
+VERSION = 2
+"""The version of the columns that new entries cover; since version 2 those of an episode cover the daily terrain it is of."""
 
 UNSOUND = 0
 """The version of an entry whose `hash` was found not to fit the rows: when an earlier schema was upgraded, on a merge, or when
@@ -104,6 +104,15 @@ _PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
         _Part("players", "id, created_ms", "id = (SELECT player_id FROM participants WHERE id = :id)"),
     ),
 }  # fmt: skip
+_PARTS |= {(2, kind): parts for (_, kind), parts in _PARTS.items()}
+_PARTS[2, "episode"] += (
+    _Part("daily_attempts", "day, player_id, commitment", "episode_id = :id"),
+    _Part(
+        "daily_terrains",
+        "commitment, day, key, config",
+        "commitment = (SELECT commitment FROM daily_attempts WHERE episode_id = :id)",
+    ),
+)
 
 OWNERS: dict[Kind, str] = {
     "study": "SELECT name FROM studies",

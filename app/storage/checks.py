@@ -36,6 +36,8 @@ _WITHOUT_OWNER = {
     "steps": "episode_id NOT IN (SELECT id FROM episodes)",
     "input_events": "episode_id NOT IN (SELECT id FROM episodes)",
     "study_episodes": "episode_id NOT IN (SELECT id FROM episodes) OR participant_id NOT IN (SELECT id FROM participants)",
+    "daily_attempts": "episode_id NOT IN (SELECT id FROM episodes) OR player_id NOT IN (SELECT id FROM players) "
+    "OR commitment NOT IN (SELECT commitment FROM daily_terrains)",
     "stage_events": "participant_id NOT IN (SELECT id FROM participants)",
     "identities": "participant_id NOT IN (SELECT id FROM participants)",
     "participants": "study NOT IN (SELECT name FROM studies) OR player_id NOT IN (SELECT id FROM players) "

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from app.storage.reader import Reader, Who, config_of
+from app.storage.reader import Reader, Who, config_of, now_ms
 from app.storage.resimulation import simulate
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
@@ -31,7 +31,7 @@ EPISODE_COLUMNS = (
     "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
     "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
     "return", "score", "steps_to_target", "actions", "trajectory_hash",
-    "attestation", "attestation_reason", "verified",
+    "attestation", "attestation_reason", "daily", "verified",
 )  # fmt: skip
 STEP_COLUMNS = (
     "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
@@ -52,15 +52,17 @@ def export_table(
     who: Who = "all",
     key: bytes | None = None,
     public: bool = False,
+    at_ms: int | None = None,
 ) -> Iterator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
     who      "all", or "human" for the episodes that count
     public   True leaves out the episodes of studies that are not closed
+    at_ms    when the export is made (None: now): daily terrains whose day is not over are left out
     """
-    columns = _checked(table, fmt, who)
-    reader = Reader.open(source.path if isinstance(source, Reader) else source, public)
+    columns, at_ms = _checked(table, fmt, who), now_ms() if at_ms is None else at_ms
+    reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
     return _stream(reader, table, fmt, who, columns, key or new_key())
 
 
@@ -69,7 +71,7 @@ def export_to(database: Path, folder: Path, fmt: ExportFormat, who: Who, advance
 
     advance  called with (episodes written, of how many), both tables counted
     """
-    reader = Reader.open(database)
+    reader = Reader.open(database, at_ms=now_ms())
     total = 2 * reader.count(who)
     reader.close()
     folder.mkdir(parents=True, exist_ok=True)
@@ -123,7 +125,7 @@ def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTabl
     verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
-        return [(*common, *_episode_values(row, steps), row["attestation"], row["attestation_reason"], verified)]
+        return [(*common, *_episode_values(row, steps), row["attestation"], row["attestation_reason"], row["daily"], verified)]
     return [(*common, *_step_values(row, step, episode), verified) for step in steps]
 
 

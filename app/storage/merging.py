@@ -20,10 +20,10 @@ from marsexplorer.files import replace_whole
 
 MERGED_TABLES = (
     "players", "sessions", "episodes", "steps", "participants", "identities", "stage_events", "study_episodes",
-    "input_events", "releases",
+    "input_events", "releases", "daily_terrains", "daily_attempts",
 )  # fmt: skip
-"""What is merged, besides `studies`. The key that signs cookies stays where it is, and so does the chain: two of them cannot be
-one, so the target's own goes on, with an entry that holds the heads of the sources."""
+"""What is merged, besides `studies`. The key that signs cookies and the secret of daily terrains stay where they are, as does
+the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the sources."""
 
 ROWS_AT_A_TIME = 2_000
 _REFERENCED = {"id": None, "session_id": "sessions", "episode_id": "episodes", "participant_id": "participants"}
@@ -33,6 +33,7 @@ _PARTS: dict[str, tuple[Kind, str]] = {
     "steps": ("episode", "episode_id"),
     "input_events": ("episode", "episode_id"),
     "study_episodes": ("episode", "episode_id"),
+    "daily_attempts": ("episode", "episode_id"),
     "stage_events": ("participant", "participant_id"),
     "identities": ("participant", "participant_id"),
 }

@@ -239,11 +239,32 @@ def _unsound_in_schema_4(conn: sqlite3.Connection) -> dict[tuple[str, str], str]
     }
 
 
+def _create_daily_tables(conn: sqlite3.Connection) -> None:
+    for statement in (
+        # the terrain of a day (UTC): the key is told to nobody before the day is over; the config is JSON
+        """CREATE TABLE daily_terrains (
+            commitment TEXT PRIMARY KEY, -- SHA-256 (hex) of the key, shown from the start of the day on
+            day TEXT NOT NULL CHECK (day GLOB '[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]'),
+            key TEXT NOT NULL,
+            config TEXT NOT NULL) STRICT""",
+        # who has played which day's terrain: each player once
+        """CREATE TABLE daily_attempts (
+            episode_id TEXT PRIMARY KEY REFERENCES episodes(id),
+            day TEXT NOT NULL,
+            player_id TEXT NOT NULL REFERENCES players(id),
+            commitment TEXT NOT NULL REFERENCES daily_terrains(commitment),
+            UNIQUE (day, player_id)) STRICT""",
+        "CREATE INDEX daily_terrains_by_day ON daily_terrains (day)",
+    ):
+        conn.execute(statement)
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     _create_tables,
     _create_indexes,
     _create_study_tables,
     _create_release_tables,
     _add_attestation_and_chain,
+    _create_daily_tables,
 )
 """Migration k (from 1) leads from schema k - 1 to schema k."""

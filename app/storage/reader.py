@@ -7,8 +7,10 @@ holds a player's or a session's id, because a session's id is all that is needed
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,10 +25,11 @@ Who = Literal["all", "human"]
 
 HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
     AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('declared', 'attested', 'supervised')
-    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id))"""
+    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
+    AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id))"""
 """The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it,
 nor does one with a move that fits no input event of its own (`app.play.attestation`); a study's episodes do not count either,
-since they make a figure of their own."""
+since they make a figure of their own, nor do daily ones: everybody plays the same terrain."""
 
 _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
     JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
@@ -35,24 +38,47 @@ _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participan
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
-_SELECT = f"""SELECT e.*, s.owner_id, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e JOIN sessions s ON s.id = e.session_id
+_SELECT = f"""SELECT e.*, s.owner_id, {HUMAN_SCORE_CONDITION} AS counts,
+    (SELECT day FROM daily_attempts d WHERE d.episode_id = e.id) AS daily FROM episodes e JOIN sessions s ON s.id = e.session_id
     WHERE {FINISHED_CONDITION}"""
 _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
 
-class Reader:
-    """Queries over finished episodes; a public one sees nothing of a study before it is closed."""
+def now_ms() -> int:
+    """Return milliseconds since 1970."""
+    return time.time_ns() // 1_000_000
 
-    def __init__(self, db: Database, path: Path, public: bool = False) -> None:
+
+def utc_day(at_ms: int) -> str:
+    """Return the date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
+    return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+
+
+def _not_of_running_day(at_ms: int | None) -> str:
+    """Return the condition (SQL) that an episode is of no daily terrain whose day is not over."""
+    today = utc_day(now_ms() if at_ms is None else at_ms)
+    return f"NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id AND d.day >= '{today}')"
+
+
+class Reader:
+    """Queries over finished episodes.
+
+    A public one sees nothing of a study before it is closed, and nothing of a daily terrain before its day is over; the latter
+    holds for one that is told when it reads, too (`at_ms`; None: now).
+    """
+
+    def __init__(self, db: Database, path: Path, public: bool = False, at_ms: int | None = None) -> None:
         self._db = db
         self.path = path
-        self._select = _SELECT + (_NOT_SECRET if public else "")
+        self._daily = _not_of_running_day(at_ms) if public or at_ms is not None else "1"
+        self._select_own = _SELECT + (_NOT_SECRET if public else "")
+        self._select = f"{self._select_own} AND {self._daily}"
         self._release = hold(path)
 
     @classmethod
-    def open(cls, path: Path | str, public: bool = False) -> Reader:
+    def open(cls, path: Path | str, public: bool = False, at_ms: int | None = None) -> Reader:
         """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
-        return cls(open_read_only(Path(path)), Path(path), public)
+        return cls(open_read_only(Path(path)), Path(path), public, at_ms)
 
     def close(self) -> None:
         """Close the connection."""
@@ -94,9 +120,13 @@ class Reader:
         sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
         return [_described(row, self.steps(row["id"])) for row in list(self._db.query(sql, [limit, offset]))]
 
-    def episode(self, episode_id: str) -> dict[str, Any] | None:
-        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
-        for row in list(self._db.query(f"{self._select} AND e.id = ?", [episode_id])):
+    def episode(self, episode_id: str, viewer: str | None = None) -> dict[str, Any] | None:
+        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None.
+
+        viewer  the player who asks: they see their own daily episode before its day is over
+        """
+        sql = f"{self._select_own} AND e.id = ? AND ({self._daily} OR s.owner_id = ?)"
+        for row in list(self._db.query(sql, [episode_id, viewer])):
             steps = self.steps(episode_id)
             moves = [_move(step) for step in steps]
             return {**_described(row, steps), "moves": moves}
@@ -154,6 +184,7 @@ def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, An
         "cols": config.cols,
         "config": config.to_dict(),
         "seed": row["seed"],
+        "daily": row["daily"],
         "start": [row["start_row"], row["start_col"]],
         "driver": row["driver"],
         **{name: bool(row[name]) for name in flags},

@@ -25,7 +25,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.score import score
 
-__all__ = ["Closing", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
+__all__ = ["Closing", "DailyDay", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
 
 PaceMode = Literal["follow", "timed", "paused"]
 Control = Literal["cookie", "bearer"]
@@ -49,8 +49,20 @@ class SessionRow:
 
 
 @dataclass(frozen=True)
+class DailyDay:
+    """The daily terrain that an episode is an attempt at: its day and the commitment to its key."""
+
+    day: str
+    commitment: str
+
+
+@dataclass(frozen=True)
 class EpisodeRow:
-    """What fixes an episode before its first move; `driver` is "human", "script" or "policy:NAME"."""
+    """What fixes an episode before its first move.
+
+    driver  "human", "script" or "policy:NAME"
+    daily   of a player's attempt at a daily terrain, else None
+    """
 
     id: str
     session_id: str
@@ -64,6 +76,7 @@ class EpisodeRow:
     driver: str
     assisted: bool
     started_ms: int
+    daily: DailyDay | None = None
 
 
 @dataclass(frozen=True)
@@ -113,10 +126,13 @@ _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discove
     trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
     attestation_reason = CASE WHEN driver = 'human' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
     AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
+_ADD_ATTEMPT = "INSERT INTO daily_attempts SELECT ?1, ?2, owner_id, ?3 FROM sessions WHERE id = ?4"
 _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
-_LATEST = """SELECT e.*, (e.ended_ms IS NOT NULL) AS ended FROM sessions s
+_EPISODE = """e.*, (e.ended_ms IS NOT NULL) AS ended, d.day AS daily_day, d.commitment AS daily_commitment"""
+_LATEST = f"""SELECT {_EPISODE} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
+    LEFT JOIN daily_attempts d ON d.episode_id = e.id
     WHERE (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
 
 
@@ -248,7 +264,7 @@ class Store(Reader):
 
     def find_episode(self, episode_id: str) -> Resumable | None:
         """Return an episode as it stands now, open or ended, and its session; None when there is none."""
-        sql = "SELECT e.*, (e.ended_ms IS NOT NULL) AS ended FROM episodes e WHERE e.id = ?"
+        sql = f"SELECT {_EPISODE} FROM episodes e LEFT JOIN daily_attempts d ON d.episode_id = e.id WHERE e.id = ?"
         return next((self._resumable(row) for row in list(self._db.query(sql, [episode_id]))), None)
 
     def _latest(self, extra: str, values: dict[str, Any], now_ms: int | None) -> list[dict[str, Any]]:
@@ -264,6 +280,7 @@ class Store(Reader):
             start=(row["start_row"], row["start_col"]),
             seed_chosen=bool(row["seed_chosen"]),
             assisted=bool(row["assisted"]),
+            daily=None if row["daily_day"] is None else DailyDay(row["daily_day"], row["daily_commitment"]),
             **{name: row[name] for name in kept},
         )
         actions = bytes(step["action"] for step in self.steps(row["id"]))
@@ -288,6 +305,8 @@ class Store(Reader):
                 "core_version": CORE_VERSION,
             }
         )
+        if row.daily is not None:
+            self._conn.execute(_ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id))
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason = closing

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.play.daily_terrain import check_daily
 from app.storage import checks
 from app.storage.chain_checks import ChainState, EarlierHead, chain_state, check_chain, find_head
 from app.storage.connection import is_copy, reading
@@ -102,7 +103,7 @@ def verify_moment(
     findings += check_studies(conn, secrets or {}, study)
     findings += check_chain(conn)
     if study is None:
-        findings += checks.check_owners(conn)
+        findings += [*checks.check_owners(conn), *check_daily(conn)]
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
     return Verification(len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn))

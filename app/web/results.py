@@ -15,7 +15,7 @@ from app.moves.service import RegretBusyError
 from app.statistics.human_level import human_level
 from app.storage.export import export_table
 from app.storage.reader import Reader
-from app.web.access import services_of
+from app.web.access import player_of, services_of
 from marsexplorer.episode import Record
 
 router = APIRouter(prefix="/api")
@@ -25,7 +25,8 @@ Who = Literal["all", "human"]
 @contextmanager
 def _reader(request: Request) -> Iterator[Reader]:
     """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
-    with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
+    services = services_of(request)
+    with closing(Reader.open(services.store.path, public=True, at_ms=services.lobby.sources.clock_ms())) as reader:
         yield reader
 
 
@@ -54,9 +55,12 @@ def get_episodes(
 
 @router.get("/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times")
 def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
-    """Return a finished episode; 404 while it runs, because its seed gives the terrain away."""
+    """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
+
+    One of a daily terrain is its own player's alone before the day is over.
+    """
     with _reader(request) as reader:
-        found = reader.episode(episode_id)
+        found = reader.episode(episode_id, player_of(request))
     if found is None:
         raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
     return found
@@ -84,9 +88,9 @@ async def regret_of(request: Request, record: Record) -> dict[str, Any]:
 
 
 def _public_record(request: Request, episode_id: str) -> Record:
-    """Return the cause of a finished episode that anybody may see; HTTPException 404 otherwise."""
+    """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
     with _reader(request) as reader:
-        if reader.episode(episode_id) is None:
+        if reader.episode(episode_id, player_of(request)) is None:
             raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
         return reader.load_record(episode_id)
 
@@ -98,5 +102,6 @@ async def export(
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
     headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
-    pieces = export_table(services_of(request).store, table, fmt, who, public=True)
+    services = services_of(request)
+    pieces = export_table(services.store, table, fmt, who, public=True, at_ms=services.lobby.sources.clock_ms())
     return StreamingResponse(pieces, media_type=kind, headers=headers)

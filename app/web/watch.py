@@ -11,7 +11,7 @@ from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisco
 
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
-from app.web.access import has_own_origin, services_of
+from app.web.access import has_own_origin, player_of, services_of
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
 router = APIRouter()
@@ -21,10 +21,11 @@ router = APIRouter()
 async def get_watched(request: Request, episode_id: str) -> dict[str, Any]:
     """Return an episode by the id in its frames: the newest frame, the path so far, and once it has ended every frame.
 
-    `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched.
+    `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
+    only by its own player before the day is over.
     """
     try:
-        return await services_of(request).spectators.describe(episode_id)
+        return await services_of(request).spectators.describe(episode_id, player_of(request))
     except UnwatchableError as error:
         raise HTTPException(404, str(error)) from error
 
@@ -36,7 +37,7 @@ async def watch_socket(websocket: WebSocket, episode_id: str) -> None:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
         return
     await websocket.accept()
-    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(episode_id)))
+    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(episode_id, player_of(websocket))))
     try:
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass

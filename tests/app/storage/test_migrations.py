@@ -6,6 +6,7 @@ from contextlib import closing
 
 import pytest
 
+from app.play.session import restore_episode
 from app.storage import chain, database
 from app.storage.database import StoreError, open_database
 from app.storage.migrations import MIGRATIONS
@@ -49,21 +50,26 @@ def test_an_old_database_has_the_newest_schema_afterwards_and_every_row_it_had(o
         assert conn.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
         after = count_rows(conn)
         entries = len(chain.things(conn))
-    assert (after.pop("chain"), after.pop("chain_salts")) == (entries, entries)
+    for name in ("chain", "chain_salts"):
+        assert after[name] == expected["rows"].get(name, entries)
+    assert [after.pop(name) for name in ("daily_attempts", "daily_terrains")] == [0, 0]
     for rows in (expected["rows"], expected["upgraded"]["rows"]):
         kept = {name: count for name, count in rows.items() if name != "digests"}
         assert {name: after[name] for name in kept} == kept
-    assert after.keys() | {"digests"} == expected["upgraded"]["rows"].keys()
+    before_the_chain = after.keys() - {"chain", "chain_salts"} | {"digests"}
+    assert expected["upgraded"]["rows"].keys() in (after.keys(), before_the_chain)
 
 
-def test_an_old_database_gets_the_digests_it_always_got(old):
-    path, expected = old
+@pytest.mark.parametrize("schema", earlier.SCHEMAS[:4])
+def test_an_old_database_gets_the_digests_it_always_got(schema, tmp_path):
+    path, expected = earlier.database(schema, tmp_path)
     with closing(open_database(path, migrations=MIGRATIONS[:4]).conn) as conn:
         assert read_digests(conn) == expected["upgraded"]["digests"]
 
 
-def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(old):
-    path, _ = old
+@pytest.mark.parametrize("schema", earlier.SCHEMAS[:4])
+def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(schema, tmp_path):
+    path, _ = earlier.database(schema, tmp_path)
     with closing(open_database(path).conn) as conn:
         found = conn.execute("SELECT c.*, s.id, s.salt, s.parts FROM chain c JOIN chain_salts s USING (number)").fetchall()
         before = ""
@@ -73,6 +79,23 @@ def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(o
             assert entry[5] == chain.combine(made)
             assert head == (before := chain.link(before, entry))
         assert {chain.Thing(row[2], row[-3]) for row in found} == chain.things(conn)
+
+
+def test_a_chain_of_an_earlier_schema_keeps_its_head_and_goes_on_with_entries_of_the_newest_version(tmp_path):
+    path, expected = earlier.database(5, tmp_path)
+    was = expected["upgraded"]["chain"]
+    with closing(Store(path)) as store:
+        assert tuple(chain.head(store.connection)) == (was["entries"], was["head"])
+        store.add_player("somebody-new", 1)
+        (running, *_) = (found for found in store.sessions_to_resume(0) if not found.ended)
+        episode = restore_episode(running.episode, running.actions)
+        episode.abandon()
+        store.close_episode(running.episode.id, episode.record(), running.episode.started_ms + 1, "unattested", "given up")
+        versions = store.query("SELECT version, count(*) AS n FROM chain GROUP BY version ORDER BY version")
+    assert [tuple(row.values()) for row in versions] == [(1, was["entries"]), (chain.VERSION, 1)]
+    verified = verify_database(path, head=was["head"])
+    assert [finding.what for finding in verified.findings] == ["attestation"]  # which this test made up
+    assert verified.since.entry == was["entries"]
 
 
 HARMED_BEFORE = [

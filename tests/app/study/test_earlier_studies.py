@@ -49,7 +49,7 @@ def test_an_earlier_studys_participants_and_episodes_are_read_as_they_were(studi
             assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, trial.score)
 
 
-@pytest.mark.parametrize("schema", [3, 4])
+@pytest.mark.parametrize("schema", [3, 4, 5])
 def test_a_participant_of_an_earlier_database_plays_on_to_the_end(studies, tmp_path, serve, schema):
     path, _ = earlier.database(schema, tmp_path)
     sql = """SELECT p.player_id, e.id, (SELECT count(*) FROM steps WHERE episode_id = e.id) FROM participants p

@@ -1,0 +1,142 @@
+"""Daily attempts in the database: one a day and player, hidden until the day is over, in no human figure, checked, merged."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.play.daily_terrain import commitment_of
+from app.statistics.human_level import human_level
+from app.storage.daily import attempts_of, daily_secret, find_attempt, find_terrain, keep_terrain
+from app.storage.erasure import forget
+from app.storage.export import export_table
+from app.storage.merging import MergeError, merge
+from app.storage.reader import Reader
+from app.storage.store import Store, StoreError
+from app.study.verification import verify_database
+from tests.support import earlier
+from tests.support.recorded import play
+from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
+from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study
+
+
+@pytest.fixture
+def store(tmp_path):
+    with closing(Store(tmp_path / "play.db")) as store:
+        yield store
+
+
+def change(path, *statements):
+    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+        for statement in statements:
+            conn.execute(statement)
+
+
+def test_the_secret_and_the_terrain_of_a_day_stay_as_they_were_made(store):
+    assert daily_secret(store) == daily_secret(store)
+    terrain = small_terrain(store)
+    keep_terrain(store, terrain)
+    assert find_terrain(store, DAY) == terrain
+    assert find_terrain(store, "2026-11-23") is None
+    assert terrain.commitment == commitment_of(terrain.key)
+    assert terrain.key.hex() not in repr(terrain)
+
+
+def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
+    row = play_daily(store)
+    attempt = find_attempt(store, "ada", DAY)
+    assert (attempt.episode_id, attempt.outcome, attempt.moves) == (row.id, "abandoned", 2)
+    assert store.find_episode(row.id).episode.daily == row.daily
+    with pytest.raises(StoreError, match="did not take the write"):
+        play_daily(store)
+    assert play_daily(store, "bob").terrain == row.terrain
+    assert play_daily(store, day="2026-11-23").terrain != row.terrain
+    assert [each.day for each in attempts_of(store, "ada")] == ["2026-11-23", DAY]
+    assert verify_database(store.path).findings == ()
+
+
+def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_players_own(store):
+    daily, ranked = play_daily(store).id, play(store, seed=7).id
+    for at_ms, shown in ((DURING_MS, {ranked}), (AFTER_MS - 1, {ranked}), (AFTER_MS, {daily, ranked})):
+        with closing(Reader.open(store.path, public=True, at_ms=at_ms)) as reader:
+            assert {row["episode"] for row in reader.episodes()} == shown
+            assert {row["id"] for row in reader.finished()} == shown
+            assert (reader.count(), len(reader.totals())) == (len(shown), len(shown))
+            assert (reader.episode(daily) is None) == (daily not in shown)
+            assert reader.episode(daily, viewer="bob") == reader.episode(daily)
+            assert reader.episode(daily, viewer="ada")["daily"] == DAY
+            assert reader.episode(ranked)["daily"] is None
+        for public in (True, False):
+            text = b"".join(export_table(store, "episodes", "csv", public=public, at_ms=at_ms)).decode()
+            assert (daily in text, ranked in text) == (daily in shown, True)
+            assert (f",{DAY},true\n" in text) == (daily in shown)
+
+
+def test_a_daily_episode_enters_no_human_figure(store):
+    play_daily(store)
+    ranked = play(store, seed=7).id
+    with closing(Reader.open(store.path, public=True, at_ms=AFTER_MS)) as reader:
+        assert [row["episode"] for row in reader.episodes(who="human")] == [ranked]
+        assert [figure["episodes"] for figure in human_level(reader)["figures"]] == [1]
+        assert len(reader.totals("human")) == 1
+    assert b"".join(export_table(store, "episodes", "jsonl", "human", at_ms=AFTER_MS)).count(b"\n") == 1
+
+
+OTHER_KEY = "00" * 32
+HARMS = [
+    ("UPDATE daily_terrains SET key = '" + OTHER_KEY + "'", {"commitment", "seed of a daily attempt", "digest"}),
+    ("UPDATE daily_terrains SET config = replace(config, '13', '14')", {"config of a daily attempt", "digest"}),
+    ("UPDATE daily_terrains SET day = '2026-11-21'", {"day of a daily attempt", "digest"}),
+    ("UPDATE daily_attempts SET day = '2026-11-20'", {"day of a daily attempt", "start of a daily attempt", "digest"}),
+    ("UPDATE daily_attempts SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
+    ("DELETE FROM daily_attempts", {"digest"}),
+    ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted of a daily attempt", "digest"}),
+    ("DELETE FROM daily_terrains", {"rows", "digest"}),
+]
+
+
+@pytest.mark.parametrize(("harm", "found"), HARMS)
+def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, found):
+    play_daily(store)
+    store.add_player("bob", 1)
+    change(store.path, "PRAGMA foreign_keys = OFF", harm)
+    findings = verify_database(store.path).findings
+    assert {"digest" if "digest" in each.what else each.what for each in findings} == found
+
+
+def test_an_episode_of_before_there_were_any_cannot_be_made_a_daily_one(tmp_path):
+    path, _ = earlier.database(5, tmp_path)
+    with closing(Store(path)) as store:
+        terrain = small_terrain(store)
+        (row, *_) = store.query(
+            "SELECT e.id, s.owner_id FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE seed = 11"
+        )
+    assert verify_database(path).findings == ()
+    change(path, f"INSERT INTO daily_attempts VALUES ('{row['id']}', '{DAY}', '{row['owner_id']}', '{terrain.commitment}')")
+    assert "daily attempt" in {finding.what for finding in verify_database(path).findings}
+
+
+def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
+    for name, player in (("a.db", "ada"), ("b.db", "bob")):
+        with closing(Store(tmp_path / name)) as store:
+            play_daily(store, player)
+    counts, _ = merge([tmp_path / "a.db", tmp_path / "b.db", tmp_path / "a.db"], tmp_path / "c.db")
+    assert (counts.added["daily_attempts"], counts.equal["daily_attempts"], counts.added["daily_terrains"]) == (2, 1, 2)
+    assert verify_database(tmp_path / "c.db").findings == ()
+    change(tmp_path / "b.db", "DELETE FROM daily_attempts")
+    with pytest.raises(MergeError, match="has other rows"):
+        merge([tmp_path / "c.db", tmp_path / "b.db"], tmp_path / "d.db")
+
+
+def test_whoever_is_forgotten_leaves_no_daily_attempt(tmp_path):
+    study = freeze(tmp_path / "studies")
+    people = play_study(tmp_path / "play.db", study, ("human", "human"))
+    with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
+        (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
+        mine, theirs = play_daily(recorder.store, player), play_daily(recorder.store, "bob")
+        assert mine.config != CONFIG
+    assert forget(tmp_path / "play.db", people[0]).episodes == 7
+    with closing(Store(tmp_path / "play.db")) as store:
+        assert store.query("SELECT episode_id FROM daily_attempts") == [{"episode_id": theirs.id}]
+        assert find_terrain(store, DAY) is not None
+    assert verify_database(tmp_path / "play.db").findings == ()
