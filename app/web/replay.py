@@ -13,7 +13,7 @@ from app.replay.episodes import UnknownReplayError
 from app.replay.page import Addresses, render
 from app.replay.service import ReplayBusyError
 from app.storage.boards import watchable_session
-from app.web.access import services_of
+from app.web.access import player_of, services_of
 from app.web.cookies import is_secure
 
 router = APIRouter()
@@ -54,7 +54,9 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         with _replay_errors():
             replay = await services_of(request).replays.replay(episode_id)
     except HTTPException as error:
-        if error.status_code == 404 and watchable_session(services_of(request).store, episode_id) is not None:
+        services = services_of(request)
+        watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), player_of(request))
+        if error.status_code == 404 and watchable is not None and not watchable[1]:
             return RedirectResponse(f"../#watch={episode_id}", 303)
         raise
     page = absolute_address(request)
