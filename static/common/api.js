@@ -25,7 +25,8 @@ export function readDetail(detail, status) {
 }
 
 /**
- * @typedef {{name: string, summary: string}} Choice  a level or a policy
+ * @typedef {{name: string, summary: string}} Choice  a policy
+ * @typedef {Choice & {pays_bonus?: boolean}} Level  pays_bonus: an episode pays for finishing and fines a failure
  * @typedef {{mean: number, low: number | null, high: number | null}} Interval  low and high are null for a single player
  * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval, steps: Interval}} HumanFigure
  * @typedef {{figures: HumanFigure[], sentence: string}} HumanLevel
@@ -72,7 +73,7 @@ export function createApi(fetcher, root = "") {
   return {
     /** @returns {Promise<unknown>} */
     health: () => request("health", undefined, 1000),
-    /** @returns {Promise<Choice[]>} */
+    /** @returns {Promise<Level[]>} */
     levels: () => request("levels"),
     /** @returns {Promise<Choice[]>} */
     policies: () => request("policies"),

@@ -38,20 +38,6 @@ export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${si
  */
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
-/** Said of a board whose terrain is no fresh draw. */
-const DOES_NOT_COUNT = "This episode does not count: its terrain was chosen or met before, or a script has moved.";
-
-/**
- * Return what stands in the place of the rival's board.
- * @param {{player: object | null, counts: boolean}} state
- * @param {string} rival
- */
-export function emptyBoardText({ player, counts }, rival) {
-  if (!player) return "Preparing a terrain.";
-  const standing = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned." : DOES_NOT_COUNT;
-  return `${standing} After the end, ${rival || "a policy"} explores the same terrain here.`;
-}
-
 /**
  * Return the volunteers' figure of one configuration, in short.
  * @param {{score: {mean: number}, steps: {mean: number}}} figure

@@ -5,18 +5,21 @@ import { createConnections } from "../common/connections.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf } from "../common/page.js";
-import { announcement, notCounted } from "../common/words.js";
+import { startHelp, startTabs } from "./bar.js";
 import { createDropMark } from "./drop_mark.js";
+import { createFirstVisit } from "./first_visit.js";
 import { startInput } from "./input.js";
 import { createLeaving } from "./leaving.js";
 import { createLosses } from "./losses.js";
 import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
-import { createPanel, offerPolicies, paintHumanLevel } from "./panels.js";
+import { createPanel, offerPolicies } from "./panels.js";
 import { createSessions } from "./sessions.js";
 import { createTerrainDialog } from "./terrain_dialog.js";
 import { createViews } from "./views.js";
+import { createVolunteers } from "./volunteers.js";
 import { createWatching } from "./watching.js";
+import { announcement } from "./words.js";
 
 /**
  * @typedef {import("../common/game_state.js").Event} Event
@@ -31,7 +34,7 @@ Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { ret
 
 const template = by("board-template", HTMLTemplateElement);
 const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
-const panels = { player: createPanel(rootOf("player"), template), rival: createPanel(rootOf("rival"), template) };
+const panels = { player: createPanel(rootOf("player"), template, [by("end-card")]), rival: createPanel(rootOf("rival"), template) };
 const api = createApi((path, options) => fetch(path, options));
 const views = createViews({ page: document, panels: ROLES.map((role) => panels[role]), storage: localStorage, onChange: () => repaint(true) });
 
@@ -40,8 +43,12 @@ thoughts.checked = localStorage.getItem("mars.thoughts") !== "false";
 addEventListener("theme", () => repaint(true));
 thoughts.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(thoughts.checked)); repaint(true); });
 
-const painter = createPainter({ page: document, panels, views, rivalName: () => terrainDialog.wish().rival, showsThoughts: () => thoughts.checked,
-  dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+const visit = createFirstVisit({ page: document, part: panels.player.part, storage: localStorage, isTouch: matchMedia("(pointer: coarse)").matches,
+  onEnded: () => repaint(true) });
+const painter = createPainter({ page: document, panels, views, visit, rivalName: () => terrainDialog.wish().rival, paysBonus: (level) => terrainDialog.paysBonus(level),
+  showsThoughts: () => thoughts.checked, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+const showTab = startTabs(document);
+const volunteers = createVolunteers({ page: document, api, state: () => state, dispatch });
 const repaint = createRepaint((isWhole) => {
   if (isWhole) painter.forget();
   painter.paint(state);
@@ -56,12 +63,12 @@ const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement
 const sessions = createSessions({
   api, dispatch, wish: terrainDialog.wish, hash: () => location.hash, storage: sessionStorage,
   setHash: (hash) => history.replaceState(null, "", hash),
-  watch: (episode) => watching.begin(episode).then(() => { loadHumanLevel(); }),
+  watch: (episode) => watching.begin(episode).then(() => { volunteers.load(); }),
   onBegun(about) {
     watching.stop();
     terrainDialog.show(about);
     terrainDialog.forgetSeed();
-    loadHumanLevel();
+    volunteers.load();
   },
 });
 const losses = createLosses(panels.player.part, { state: () => state, load: api.regret, tryFrom: sessions.tryFrom });
@@ -109,7 +116,11 @@ function dispatch(event) {
   const before = state;
   state = apply(state, event);
   if (state === before) return;
-  if (event.kind === "begun") moves.drop("ended");
+  if (event.kind === "begun") {
+    moves.drop("ended");
+    if (before.player?.frame.episode !== state.player?.frame.episode) showTab("player");
+  }
+  visit.follow(before, state);
   connections.sync(state.mode === "spectator" ? { ...state, player: null } : state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
@@ -117,7 +128,7 @@ function dispatch(event) {
     if (said) by("announcer").textContent = said;
     if (event.kind === "received" && state.mode !== "spectator" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
     if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
-    if (frame.outcome && !before.player?.frame.outcome) ended();
+    if (frame.outcome && !before.player?.frame.outcome) volunteers.ended();
   }
   repaint();
 }
@@ -144,10 +155,11 @@ window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }
 window.addEventListener("online", restart);
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 
-for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-mode]"))) {
+for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
   button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), terrainDialog.wish()));
 }
 by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
+startHelp(document);
 panels.player.part.next.addEventListener("click", goNext);
 panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 
@@ -165,23 +177,8 @@ for (const role of ROLES) {
 }
 views.watch(/** @type {HTMLElement} */ (by("chart", HTMLCanvasElement).parentElement));
 
-/** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
-async function ended() {
-  const about = state.mode === "ranked" && state.counts && state.player ? await api.about(state.player.session).catch(() => null) : null;
-  if (about?.not_attested) {
-    dispatch({ kind: "begun", about });
-    dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
-  }
-  await loadHumanLevel();
-}
-async function loadHumanLevel() {
-  const answer = await api.humanLevel().catch(() => null);
-  if (answer) paintHumanLevel(answer, state, document);
-}
 async function begin() {
-  const isPadShown = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
-  document.body.dataset.pad = isPadShown;
-  terrainDialog.showPad(isPadShown === "true");
+  terrainDialog.showPad(document.body.dataset.pad === "true");
   try {
     const [levels, policies] = await Promise.all([api.levels(), api.policies()]);
     terrainDialog.offer(levels, policies);

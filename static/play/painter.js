@@ -6,17 +6,23 @@ import { boardColours, chartColours } from "../common/colours.js";
 import { curveOf, paintCoverage } from "../common/coverage_chart.js";
 import { elementsOf, paintNotices } from "../common/page.js";
 import { ghostOf, thoughtOf } from "../common/thoughts.js";
+import { hasTwoBoards, paintBar } from "./bar.js";
+import { paintEndCard } from "./end_card.js";
 import * as panel from "./panels.js";
-import { emptyBoardText } from "../common/words.js";
 
 /** @typedef {import("../common/game_state.js").State} State */
 const ROLES = /** @type {const} */ (["player", "rival"]);
+/** The mark on the page's timeline at which the player's matrix was painted for the first time. */
+const FIRST_FRAME = "mars.first-frame";
 
 /**
+ *   visit      paints what a first visit has, and knows whether this is one
+ *   paysBonus  whether the level being played pays for finishing
  * @param {{page: Document, panels: Record<string, panel.Panel>, views: ReturnType<import("./views.js").createViews>,
- *   rivalName: () => string, showsThoughts: () => boolean, dismiss: (id: number) => void}} how
+ *   visit: Pick<ReturnType<import("./first_visit.js").createFirstVisit>, "isFirst" | "paint">, rivalName: () => string,
+ *   paysBonus: (level: string) => boolean, showsThoughts: () => boolean, dismiss: (id: number) => void}} how
  */
-export function createPainter({ page, panels, views, rivalName, showsThoughts, dismiss }) {
+export function createPainter({ page, panels, views, visit, rivalName, paysBonus, showsThoughts, dismiss }) {
   const by = elementsOf(page);
   const chart = by("chart", HTMLCanvasElement);
   /** @type {State | null} */
@@ -44,6 +50,7 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       paintBoard(canvas, board, { soil, accent: colours[role], ...views.size(part.matrix), dpr, ghost, thought });
     }
     const now_ms = performance.now();
+    if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
     latencies.push(...waiting.map((move) => now_ms - move.pressed_ms));
     latencies.splice(0, latencies.length - 1000);
     waiting = [];
@@ -53,12 +60,14 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
    * @param {State | null} before
    */
   function paintPanels(state, before) {
+    const hasTwo = hasTwoBoards(state, visit.isFirst());
     for (const role of ROLES) {
       if (before && state[role] === before[role] && state.mode === before.mode) continue;
-      panel.paintPanel(panels[role], state[role], emptyBoardText(state, rivalName()));
+      panel.paintPanel(panels[role], state[role]);
       panel.paintPick(panels[role], state[role]);
       panel.paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
-      views.load(panels[role], state.mode === "spectator" ? null : state[role]?.session ?? null);
+      const isShown = state.mode !== "spectator" && (role === "player" || hasTwo);
+      views.load(panels[role], isShown ? state[role]?.session ?? null : null);
     }
   }
   /**
@@ -68,7 +77,8 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
   function paintCurves(state, dpr) {
     const { inks, font, you, policy } = chartColours(page.documentElement);
     const colours = { player: you, rival: policy };
-    const curves = ROLES.flatMap((role) => {
+    const shown = hasTwoBoards(state, visit.isFirst()) ? ROLES : /** @type {const} */ (["player"]);
+    const curves = shown.flatMap((role) => {
       const board = state[role];
       return board ? [curveOf(board, { colour: colours[role], isDashed: role === "rival", hasValues: showsThoughts() })] : [];
     });
@@ -86,11 +96,13 @@ export function createPainter({ page, panels, views, rivalName, showsThoughts, d
       painted = state;
       const dpr = window.devicePixelRatio || 1;
       views.showMatrixOnly(state.mode === "spectator");
+      page.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
       paintBoards(state, before, dpr);
       paintPanels(state, before);
       if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state, dpr);
-      panel.paintBar(state, page);
-      const hasJustEnded = panel.paintEnd(panels.player, state);
+      visit.paint(state);
+      paintBar(state, page, rivalName());
+      const hasJustEnded = paintEndCard(panels.player.part, state, paysBonus(state.level));
       if (hasJustEnded && !page.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
       if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
     },

@@ -2,6 +2,7 @@
 // The dialog in which a terrain and the policies are chosen.
 
 /** @typedef {{level: string, size: number | [number, number], seed: number | null, rival: string, player: string}} Wish */
+/** @typedef {import("../common/api.js").Level} Level */
 export const MAX_SEED = 2 ** 53 - 1;
 
 /**
@@ -51,7 +52,7 @@ export function createTerrainDialog(dialog, handlers) {
   const side = /** @type {RadioNodeList} */ (form.elements.namedItem("side"));
   const hint = /** @type {HTMLElement} */ (form.querySelector("#level-hint"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
-  /** @type {{name: string, summary: string}[]} */
+  /** @type {Level[]} */
   let levels = [];
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   function follow() {
@@ -74,6 +75,11 @@ export function createTerrainDialog(dialog, handlers) {
   return {
     open: () => dialog.showModal(),
     /**
+     * Return whether a level pays for finishing an episode.
+     * @param {string} level
+     */
+    paysBonus: (level) => levels.find(({ name }) => name === level)?.pays_bonus ?? true,
+    /**
      * Return the wish as it stands; a form with an error counts as an untouched one.
      * @returns {Wish}
      */
@@ -90,7 +96,7 @@ export function createTerrainDialog(dialog, handlers) {
     /** Forget a chosen seed: it serves one terrain, and the server draws the next. */
     forgetSeed() { input("seed").value = ""; },
     /**
-     * @param {{name: string, summary: string}[]} found
+     * @param {Level[]} found
      * @param {{name: string, summary: string}[]} policies
      */
     offer(found, policies) {

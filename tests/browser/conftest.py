@@ -131,11 +131,13 @@ def codes_of(frame):
 
 @pytest.fixture
 def player(open_browser):
-    """`player(server, ...)` opens the page in a fresh browser profile."""
+    """`player(server, ...)` opens the page in a fresh browser profile, of somebody who has been here before unless `is_new`."""
 
-    def start(server, flags=(), width=1440, height=900, **context):
+    def start(server, flags=(), width=1440, height=900, is_new=False, **context):
         browser = open_browser(flags)
         profile = browser.new_context(viewport={"width": width, "height": height}, **context)
+        if not is_new:
+            profile.add_init_script('if (location.protocol.startsWith("http")) localStorage.setItem("mars.visited", "yes")')
         profile.set_default_timeout(1000 * PATIENCE_S)
         return Player(profile.new_page(), server if isinstance(server, str) else server.url)
 

@@ -39,12 +39,6 @@ test("a screen reader hears tenths, endings and new terrains, not every step", (
   assert.match(words.announcement(null, frame()), /^New terrain/);
 });
 
-test("an empty board says whether the episode counts and what follows", () => {
-  assert.equal(words.emptyBoardText({ player: null, counts: false }, ""), "Preparing a terrain.");
-  assert.match(words.emptyBoardText({ player: {}, counts: true }, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo explores/);
-  assert.match(words.emptyBoardText({ player: {}, counts: false }, ""), /does not count: .* a policy explores/);
-});
-
 test("the human level of a configuration is one short line", () => {
   assert.equal(words.figure({ score: { mean: 0.9391 }, steps: { mean: 81.23 } }), "81.2 steps \u00b7 score 0.939");
 });

@@ -1,0 +1,77 @@
+// @ts-check
+// What stands round the boards: the top bar, the sentence below the goal, the choice of what a small screen shows, and the help.
+import { elementsOf, paintLink, put } from "../common/page.js";
+import { sizeText } from "../common/words.js";
+import { standing } from "./words.js";
+
+/** @typedef {import("../common/game_state.js").State} State */
+
+/**
+ * Paint the mode, the badge, the terrain and the connection.
+ * @param {State} state
+ * @param {Document} page
+ * @param {string} rival the policy that will play after a ranked episode
+ */
+export function paintBar(state, page, rival) {
+  const by = elementsOf(page);
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("button[data-mode]"))) {
+    button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
+  }
+  const badge = by("badge");
+  badge.dataset.counts = String(state.counts);
+  const isWatching = state.mode === "watch" || state.mode === "spectator";
+  put(badge, state.counts ? "counts" : isWatching ? "watching" : "practice");
+  badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
+  put(by("terrain"), state.player ? `${state.level} \u00b7 ${sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
+  paintLink(by("link"), state.link, "live");
+  put(by("standing"), standing(state, rival));
+  page.body.dataset.mode = state.mode;
+  by("watching").hidden = state.mode !== "spectator";
+  page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
+}
+
+/**
+ * Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until the end.
+ * @param {State} state
+ * @param {boolean} isFirstVisit
+ */
+export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
+  if (mode === "spectator") return false;
+  if (mode === "watch") return true;
+  if (!player) return !isFirstVisit;
+  return rival !== null && !isFirstVisit;
+}
+
+/**
+ * Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the chart.
+ * @param {Document} page
+ * @returns {(name: string) => void} shows one of them
+ */
+export function startTabs(page) {
+  const buttons = /** @type {HTMLElement[]} */ ([...page.querySelectorAll("[data-show]")]);
+  /** @param {string} name */
+  function show(name) {
+    page.body.dataset.tab = name;
+    for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.show === name));
+  }
+  for (const button of buttons) button.addEventListener("click", () => show(button.dataset.show ?? "player"));
+  return show;
+}
+
+/**
+ * Open the help by its button and by the key "?", outside fields and other dialogs.
+ * @param {Document} page
+ */
+export function startHelp(page) {
+  const by = elementsOf(page);
+  const dialog = by("help-dialog", HTMLDialogElement);
+  by("open-help").addEventListener("click", () => dialog.showModal());
+  by("close-help").addEventListener("click", () => dialog.close());
+  dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
+  page.addEventListener("keydown", (event) => {
+    if (event.key !== "?" || event.ctrlKey || event.metaKey || page.querySelector("dialog[open]")) return;
+    if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
+    event.preventDefault();
+    dialog.showModal();
+  });
+}

@@ -1,0 +1,58 @@
+// @ts-check
+// The first episode of somebody who has never been here: the prompt for the first key, and the coach for the moves after it. The
+// policy's board comes once that episode has ended.
+import { put } from "../common/page.js";
+import { hintAfter } from "./coach.js";
+import { promptText } from "./words.js";
+
+/** @typedef {import("../common/game_state.js").State} State */
+const VISITED = "mars.visited";
+
+/**
+ *   part     of the player's panel
+ *   onEnded  the first episode has ended, and the page has room for two boards
+ * @param {{page: Document, part: Record<string, HTMLElement>, storage: Storage, isTouch: boolean, onEnded: () => void}} how
+ */
+export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
+  const { body } = page;
+  /** @type {Set<string>} */
+  const said = new Set();
+  /** @type {import("./coach.js").Hint | null} */
+  let hint = null;
+  let isCoaching = true;
+  const isFirst = () => body.dataset.visit === "first";
+
+  /** @param {State} state */
+  function paint({ mode, player, link }) {
+    const isDriven = isFirst() && (mode === "practice" || mode === "ranked");
+    const frame = player?.frame;
+    part.prompt.hidden = !isDriven || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
+    if (!part.prompt.hidden) put(part["prompt-text"], promptText(isTouch));
+    part.coach.hidden = !isDriven || !isCoaching || !hint || !frame || frame.step === 0;
+    put(part["coach-gain"], hint?.gain ?? "");
+    put(part["coach-line"], hint?.line ?? "");
+  }
+  part["coach-close"].addEventListener("click", () => {
+    isCoaching = false;
+    part.coach.hidden = true;
+  });
+  return {
+    isFirst,
+    /**
+     * Take note of a change of the player's board.
+     * @param {State} before
+     * @param {State} after
+     */
+    follow(before, after) {
+      const [was, is] = [before.player?.frame, after.player?.frame];
+      if (!isFirst() || !is || was === is || after.mode === "spectator" || after.mode === "watch") return;
+      if (is.step > 0) storage.setItem(VISITED, "yes");
+      hint = was ? hintAfter(was, is, said) : null;
+      if (hint?.id) said.add(hint.id);
+      if (!is.outcome || was?.episode !== is.episode) return;
+      body.dataset.visit = "again";
+      onEnded();
+    },
+    paint,
+  };
+}

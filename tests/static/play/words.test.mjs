@@ -1,0 +1,47 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { hasTwoBoards } from "../../../static/play/bar.js";
+import * as words from "../../../static/play/words.js";
+
+const frame = (changes = {}) => ({ episode: "e", step: 16, rows: 3, cols: 4, coverage: 0.2899, score: 0.281, outcome: null, ...changes });
+
+test("a crash says at what coverage and after how many moves, never a number of steps that nobody made", () => {
+  assert.equal(words.ending(frame({ outcome: "collided" })).title, "Crashed at 28 % after 16 moves");
+  assert.equal(words.ending(frame({ outcome: "out_of_bounds", step: 1, coverage: 0 })).title, "Off the map at 0 % after 1 move");
+  assert.equal(words.ending(frame({ outcome: "explored", coverage: 0.9912 })).title, "Mapped in 16 moves");
+  assert.equal(words.wholePercent(0.98999), "98 %");
+});
+
+test("the score is explained as the level pays, and nothing is said of one that is not known", () => {
+  assert.match(words.scoreWhy(frame({ outcome: "explored" }), true), /and a bonus for finishing, less a little for each move/);
+  assert.match(words.scoreWhy(frame({ outcome: "collided" }), true), /fine for the accident. Finishing would have added a bonus/);
+  assert.doesNotMatch(words.scoreWhy(frame({ outcome: "timed_out" }), true), /accident/);
+  assert.doesNotMatch(words.scoreWhy(frame({ outcome: "collided" }), false), /bonus|fine/);
+  assert.equal(words.scoreWhy(frame({ outcome: "collided", score: null }), true), "");
+});
+
+test("a screen reader hears tenths without a score, the end with it, and new terrains", () => {
+  assert.equal(words.announcement(frame({ coverage: 0.41 }), frame({ coverage: 0.44 })), "");
+  assert.equal(words.announcement(frame({ coverage: 0.39 }), frame({ coverage: 0.44 })), "40 percent mapped in 16 moves.");
+  assert.equal(words.announcement(frame(), frame({ outcome: "collided" })), "Crashed at 28 percent after 16 moves. Score 0.281.");
+  assert.match(words.announcement(null, frame()), /^New terrain, 3 by 4/);
+});
+
+test("below the goal stands what a ranked episode costs, and what follows it", () => {
+  const state = { mode: "ranked", counts: true, player: {} };
+  assert.match(words.standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo explores the same terrain/);
+  assert.match(words.standing({ ...state, counts: false }, ""), /does not count: .* a policy explores/);
+  assert.match(words.standing({ ...state, mode: "practice" }, "ppo"), /Rocks and the edge/);
+});
+
+test("the policy's board is there for whoever has played before, and in a ranked episode only after its end", () => {
+  const state = { mode: "practice", player: {}, rival: {} };
+  assert.equal(hasTwoBoards(state, false), true);
+  assert.equal(hasTwoBoards(state, true), false);
+  assert.equal(hasTwoBoards({ ...state, mode: "ranked", rival: null }, false), false);
+  assert.equal(hasTwoBoards({ ...state, mode: "ranked" }, false), true);
+  assert.equal(hasTwoBoards({ ...state, mode: "watch" }, true), true);
+  assert.equal(hasTwoBoards({ ...state, mode: "spectator" }, false), false);
+  assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, false), true, "before anything is loaded the page has its final shape");
+  assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, true), false);
+});
