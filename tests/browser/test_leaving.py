@@ -132,6 +132,7 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     assert (found["outcome"], found["steps"], found["counts"], found["steps_to_target"]) == ("abandoned", 2, True, 108)
     me.page.get_by_test_id("mode-practice").click()
     me.wait("window.mars.state.mode === 'practice'")
+    me.page.get_by_test_id("facts").locator("summary").click()
     me.page.get_by_test_id("human-level").get_by_text("1 of them abandoned").wait_for()
     assert problems == []
     assert me.errors == []

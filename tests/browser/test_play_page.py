@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import sqlite3
 
 import pytest
@@ -178,13 +179,29 @@ def test_a_second_tab_is_harmless(serve, player):
     assert me.state()["position"] == [0, 1]
 
 
-@pytest.mark.parametrize(
-    ("name", "width", "height", "flags"),
-    [("desktop", 1440, 900, ()), ("phone", 390, 844, ()), ("no-webgl", 1440, 900, NO_3D)],
-)
-def test_mid_episode_looks_like_a_product(serve, player, name, width, height, flags):
+def fits(page, test_ids, width, height):
+    """Every one of these elements is on the screen whole, without scrolling."""
+    for test_id in test_ids:
+        box = page.get_by_test_id(test_id).bounding_box()
+        assert box, test_id
+        assert box["x"] >= 0, test_id
+        assert box["x"] + box["width"] <= width + 1, test_id
+        assert box["y"] + box["height"] <= height + 1, f"{test_id} needs scrolling"
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+
+
+def apart(page, *test_ids):
+    """None of these elements covers another."""
+    boxes = [page.get_by_test_id(test_id).bounding_box() for test_id in test_ids]
+    for one, other in itertools.combinations(boxes, 2):
+        left_and_right = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
+        assert left_and_right or one["y"] + one["height"] <= other["y"] or other["y"] + other["height"] <= one["y"], test_ids
+
+
+@pytest.mark.parametrize(("name", "flags"), [("desktop", ()), ("no-webgl", NO_3D)])
+def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     server = serve()
-    me = player(server, flags, width, height, device_scale_factor=2 if width < 500 else 1, has_touch=width < 500)
+    me = player(server, flags)
     me.goto()
     me.begin(seed=11, rival=policies.names()[0])
     frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["coverage"] > 0.6)
@@ -192,13 +209,30 @@ def test_mid_episode_looks_like_a_product(serve, player, name, width, height, fl
     me.page.wait_for_timeout(2500 if flags != NO_3D else 300)
     SCREENSHOTS.mkdir(exist_ok=True)
     me.page.screenshot(path=SCREENSHOTS / f"{name}.png")
-    for test_id in ("board-player", "board-rival", "chart", "steps-player", "steps-rival"):
-        box = me.page.get_by_test_id(test_id).bounding_box()
-        assert box, test_id
-        assert box["x"] >= 0, test_id
-        assert box["x"] + box["width"] <= width + 1, test_id
-        assert box["y"] + box["height"] <= height + 1, f"{test_id} needs scrolling"
-    assert me.page.evaluate("() => document.documentElement.scrollWidth") <= width
+    fits(me.page, ("board-player", "board-rival", "chart", "steps-player", "steps-rival"), 1440, 900)
+    apart(me.page, "board-player", "board-rival", "chart")
+    board, stage = (me.page.get_by_test_id(f"{part}-player").bounding_box() for part in ("board", "stage"))
+    assert stage["width"] * stage["height"] > 0.8 * board["width"] * board["height"], "the stage fills its board"
+    assert me.errors == []
+
+
+def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
+    me = player(serve(), NO_3D, 390, 844, device_scale_factor=2, has_touch=True, reduced_motion="reduce")
+    me.goto()
+    me.begin(size=[9, 12], rival="frontier-cost")
+    page = me.page
+    fits(page, ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south"), 390, 844)
+    apart(page, "board-player", "pad-north")
+    assert page.get_by_test_id("board-rival").is_hidden()
+    page.get_by_test_id("tab-rival").click()
+    assert page.get_by_test_id("board-player").is_hidden()
+    fits(page, ("board-rival", "steps-rival", "canvas-rival", "pick-rival", "pace-paused-rival"), 390, 844)
+    page.get_by_test_id("tab-map").click()
+    fits(page, ("canvas-player", "canvas-rival", "chart", "pad-south"), 390, 844)
+    apart(page, "board-player", "board-rival", "chart", "pad-north")
+    page.set_viewport_size({"width": 820, "height": 1180})
+    fits(page, ("board-player", "board-rival", "chart", "pad-south"), 820, 1180)
+    apart(page, "board-player", "board-rival", "chart", "pad-north", "pad-east")
     assert me.errors == []
 
 

@@ -42,9 +42,9 @@ def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_
     assert me.state()["outcome"] == "out_of_bounds"
     assert asked.value.post_data_json["replays"] == about["session"], "so that the 3-D views show the paths as well"
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
-    me.page.get_by_test_id("fold-player").click()
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
-    assert me.page.get_by_test_id("end-line-player").is_hidden()
+    card, board = (me.page.get_by_test_id(each).bounding_box() for each in ("end-card", "board-player"))
+    assert card["y"] >= board["y"] + board["height"], "the end card leaves the board uncovered"
     me.page.keyboard.press("Enter")
     me.wait("window.mars.state.rival === null")
     assert me.errors == []
