@@ -18,6 +18,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),
+    "hub": ("huggingface_hub", "httpx2", "click", "rich"),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
@@ -44,6 +45,7 @@ EXTRA_OF_COMMAND = {
     "report": "study",
     "regret": "study",
     "clone": "export",
+    "policies": "hub",
     "verify": "study",
     "release": "export",
     "reproduce": "export",
