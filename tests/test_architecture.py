@@ -346,7 +346,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.server": {"fastapi"},
     "app.settings": {"pydantic", "pydantic_settings"},
     "app.simulate": {"click", "httpx", "numpy", "websockets"},
-    "app.statistics": {"click", "numpy", "scipy", "statsmodels"},
+    "app.statistics": {"click", "jax", "numpy", "numpyro", "scipy", "statsmodels"},
     "app.storage": {"numpy", "sqlite_utils"},
     "app.study": {"pydantic"},
     "app.viewer3d": {"PIL", "msgspec", "numpy", "starlette", "viser", "websockets", "zstandard"},

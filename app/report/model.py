@@ -11,6 +11,7 @@ from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
 from app.report.looks import LookSection
 from app.statistics.attestation_summary import AttestationSummary
+from app.statistics.bayesian_model import BayesianModel
 from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
@@ -75,6 +76,7 @@ class GroupReport:
     excluded    people who ended all ranked episodes and are not in the primary figure, by reason
     repeated    people who show a sign of taking part more than once, by sign
     pictures    curves and visit maps, empty where no episodes were replayed
+    bayesian    the Bayesian mixed model of the steps, where it was asked for
     """
 
     name: str
@@ -100,6 +102,7 @@ class GroupReport:
     repeated: dict[str, int] = field(default_factory=dict)
     moves: MoveAnalysis = field(default_factory=MoveAnalysis)
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+    bayesian: BayesianModel | None = None
 
     @property
     def figure(self) -> StudyFigure:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.report.bayesian import bayesian_tables, sampling_sentence
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
@@ -31,6 +32,7 @@ class Section:
     group: GroupReport
     tables: GroupTables
     second_analysis: tuple[PageTable, ...]
+    bayesian: tuple[PageTable, ...]
     charts: dict[str, str]
 
 
@@ -63,7 +65,10 @@ def _sections(report: Report) -> list[Section]:
         else [group for group in report.groups[:1] if group.figures[0].players or group.started]
     )
     return [
-        Section(group, group_tables(report, group), second_analysis_tables(group), charts(report, group)) for group in groups
+        Section(
+            group, group_tables(report, group), second_analysis_tables(group), bayesian_tables(group), charts(report, group)
+        )
+        for group in groups
     ]
 
 
@@ -79,6 +84,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["counts"] = _counts
+    environment.filters["sampling"] = sampling_sentence
     environment.filters["level"] = level
     environment.filters["number"] = partial(number, digits=4)
     return environment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,9 +31,10 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--no-policies", is_flag=True, help="Do not play the policies: no comparisons, done in a second.")
 @click.option("--no-moves", is_flag=True, help="Leave out the regret of each move and the likeness to policies: done sooner.")
+@click.option("--bayes", is_flag=True, help="Add a Bayesian mixed model of the steps, unfinished episodes censored; a minute.")
 def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
-    emergency: str | None, no_policies: bool, no_moves: bool,
+    emergency: str | None, no_policies: bool, no_moves: bool, bayes: bool,
 ) -> None:  # fmt: skip
     """Print a study's figures: the human level with its interval, and policies on the same terrains.
 
@@ -57,7 +59,7 @@ def report(
     settings = settings_of()
     try:
         where = database or settings.database, studies or settings.studies
-        found = _build_report(name, *where, synthetic, (not no_policies, not no_moves), emergency)
+        found = _build_report(name, *where, synthetic, Parts(not no_policies, not no_moves, bayes), emergency)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -72,12 +74,20 @@ def report(
     show(found)
 
 
-def _build_report(
-    name: str, database: Path, studies: Path, synthetic: bool, parts: tuple[bool, bool], emergency: str | None
-) -> Report:
-    """Return the report of a study; with policies only if somebody has finished a ranked episode, with moves once it is closed.
+@dataclass(frozen=True)
+class Parts:
+    """Which parts of a report are wanted: policies, what the single moves say, the Bayesian model."""
 
-    parts  whether policies, and whether what the single moves say, are wanted
+    policies: bool
+    moves: bool
+    bayes: bool
+
+
+def _build_report(name: str, database: Path, studies: Path, synthetic: bool, parts: Parts, emergency: str | None) -> Report:
+    """Return the report of a study.
+
+    It has policies only if somebody has finished a ranked episode, and what the moves say and the Bayesian model once the study
+    is closed.
     """
     from app.report.seeds import load_with_folder
     from app.storage.reader import Reader
@@ -88,15 +98,25 @@ def _build_report(
     try:
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
+            if parts.bayes and data.closed_ms is None:
+                raise click.UsageError(f"the Bayesian model waits until the study {name!r} is closed: leave --bayes out")
             data = data if synthetic else take_look(Folder(studies), data, emergency)
             pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
     is_played = has_played(data, synthetic)
-    with_policies, with_moves = parts
-    episodes = _policies(data, seeds) if with_policies and is_played else ()
-    moves = _moves(database, data, synthetic) if with_moves and is_played and data.closed_ms is not None else {}
-    return build_report(data, episodes, synthetic, pictures, moves)
+    episodes = _policies(data, seeds) if parts.policies and is_played else ()
+    moves = _moves(database, data, synthetic) if parts.moves and is_played and data.closed_ms is not None else {}
+    found = build_report(data, episodes, synthetic, pictures, moves)
+    return _with_bayes(found, data) if parts.bayes else found
+
+
+def _with_bayes(found: Report, data: StudyData) -> Report:
+    """Return the report with the Bayesian model, said on stderr because it takes a while."""
+    from app.report.bayesian import with_bayesian_models
+
+    click.echo("sampling the Bayesian model, a minute or so", err=True)
+    return with_bayesian_models(found, data)
 
 
 def _moves(database: Path, data: StudyData, synthetic: bool) -> dict[str, MoveAnalysis]:
@@ -155,6 +175,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     _print_figures(mark, group)
     _print_comparisons(mark, group)
     _print_second_analysis(mark, group)
+    _print_bayes(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
         click.echo(f"- {line}")
@@ -201,6 +222,18 @@ def _print_regret(group: GroupReport) -> None:
         shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
         mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
         click.echo(f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}")
+
+
+def _print_bayes(mark: str, group: GroupReport) -> None:
+    """Print the Bayesian model with what is wrong with it; nothing where it was not asked for."""
+    from app.report.bayesian import HEADS, bayesian_rows, sampling_sentence
+
+    if (model := group.bayesian) is None:
+        return
+    if rows := bayesian_rows(model):
+        print_table(f"{mark}{group.name}: Bayesian mixed model, unfinished episodes censored", HEADS, rows)
+    for line in (sampling_sentence(model), *model.priors, *model.warnings):
+        click.echo(f"- {line}")
 
 
 def _print_second_analysis(mark: str, group: GroupReport) -> None:

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from app.report import build
 from app.report.page import render
+from app.statistics.bayesian_model import BayesianModel, Posterior, TerrainFactor, priors_in_words, sampling_warnings
 from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path
 from tests.support.made_studies import CONFIG, played, run, study
@@ -122,3 +124,18 @@ def test_a_long_policys_name_leaves_room_for_the_charts():
     page = render(build(study(people, trials), [run(path, [0.9, 0.8, 0.9, 0.8, 0.9, 0.7]), run("random", [0.3] * 6)]))
     assert "…" in page
     assert path in page, "the tables have it whole"
+
+
+def test_the_bayesian_model_stands_with_its_priors_and_what_is_wrong_with_it():
+    found = build(study(*played(SCORES)))
+    one = Posterior(80.0, (70.0, 90.0))
+    model = BayesianModel(
+        episodes=24, censored=3, typical=one, mean=one, change=one, player_sd=one, terrain_sd=one, rest_sd=one,
+        terrains=(TerrainFactor(2, one),), r_hat=1.3, effective=12.0, diverging=5, chains=4, draws=500,
+        priors=priors_in_words(400), warnings=sampling_warnings(1.3, 12.0, 5), note="Sampled.",
+    )  # fmt: skip
+    page = render(replace(found, groups=tuple(replace(group, bayesian=model) for group in found.groups)))
+    Collected(page)
+    for said in ("24 episodes entered, 3 of them censored", "largest R-hat is 1.300", "5 transitions diverged", "half-normal"):
+        assert said in page
+    assert "Bayesian" not in render(found)
