@@ -2,11 +2,14 @@
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
 import { startControls } from "../common/controls.js";
 import { recordInputEvents } from "../common/input_events.js";
-import { KEYS } from "../common/keyboard.js";
+import { KEYS, timeOf_ms } from "../common/keyboard.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { createTelemetry, onScreen } from "../common/telemetry.js";
+import { createDropMark } from "./drop_mark.js";
 import { createHeldKey, paceOf } from "./held_key.js";
 import { createPressQueue } from "./press_queue.js";
+import { createSound, soundOf } from "./sound.js";
+import { startSwipes } from "./swipe.js";
 
 /** @typedef {import("../common/messages.js").Frame} Frame */
 /** @typedef {import("../common/messages.js").Timing} Timing */
@@ -17,23 +20,32 @@ export const REPEAT_SETTING = "mars.repeat";
 
 /**
  * Start the controls; return the moves and the telemetry, for the server's answers.
- *   frames      in which keys drive as well, such as the 3-D views
+ *   board       the player's: it can be swiped on, and says which presses were dropped
+ *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
+ *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
  *   send        true when the message left
  *   driven      the newest frame of a board that is driven here, else null
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before rocks that are known
- *   onDropped   some presses will make no move
+ *   announce    says a sentence to screen readers, politely
  *   onActivity  anything was pressed: the user is there
- * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, send: (message: object) => boolean,
- *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean,
- *   onDropped: (reason: import("./press_queue.js").Reason, count: number) => void, onActivity: () => void,
+ * @param {{page: Window & typeof globalThis, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
+ *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean, driven: () => Frame | null,
+ *   painted: () => Frame | null, isPractice: () => boolean, announce: (text: string) => void, onActivity: () => void,
  *   onEnter: (event: KeyboardEvent) => boolean}} how
  */
-export function startInput({ page, frames, pad, send, driven, painted, isPractice, onDropped, onActivity, onEnter }) {
+export function startInput({ page, board, frames, pad, settings, send, driven, painted, isPractice, announce, onActivity, onEnter }) {
   const now_ms = () => page.performance.now();
   const sendEvents = () => telemetry.sendAll();
-  const sender = createMoveSender({ send, now_ms, sendEvents });
-  const moves = createPressQueue({ sender, frame: driven, isPractice, sendEvents, now_ms, onDropped });
+  const mark = createDropMark(board, announce);
+  const sound = createSound(settings.sound, { storage: page.localStorage, makeContext: () => new AudioContext() });
+  const moves = createPressQueue({
+    sender: createMoveSender({ send, now_ms, sendEvents }), frame: driven, isPractice, sendEvents, now_ms,
+    onDropped(reason, count) {
+      mark.show(reason, count);
+      sound.play({ kind: "blocked" });
+    },
+  });
   const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(page.sessionStorage.getItem(KEPT) ?? "[]"),
     store: (batches) => page.sessionStorage.setItem(KEPT, JSON.stringify(batches)),
     context: () => onScreen(driven(), painted(), moves.round_trip_ms()) });
@@ -52,7 +64,7 @@ export function startInput({ page, frames, pad, send, driven, painted, isPractic
     },
   });
   recordInputEvents({ page, frames, pad, note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity, drives: (code) => code in KEYS });
-  startControls({
+  const controls = startControls({
     page, frames, pad, onEnter,
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
@@ -63,7 +75,37 @@ export function startInput({ page, frames, pad, send, driven, painted, isPractic
     },
     onLetGo: (holder) => (holder === null ? heldKey.stop() : heldKey.up(holder)),
   });
+  startSwipes({
+    page, surfaces: [...board.querySelectorAll(".stage, .matrix")].map((each) => /** @type {HTMLElement} */ (each)), frames: frames.slice(0, 1),
+    isOn: () => driven()?.outcome === null,
+    onSwipe(action, event, view) {
+      onActivity();
+      const at_ms = timeOf_ms(event, view, page);
+      telemetry.note("touchdown", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
+      controls.press("touch", action, event, at_ms, "swipe");
+    },
+    onEnd(action, event, view) {
+      const at_ms = timeOf_ms(event, view, page);
+      telemetry.note("touchup", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
+      controls.release("swipe", at_ms);
+    },
+  });
+  settings.repeat.value = String(paceOf(page.localStorage.getItem(REPEAT_SETTING)));
+  settings.repeat.addEventListener("change", () => page.localStorage.setItem(REPEAT_SETTING, settings.repeat.value));
   page.document.addEventListener("visibilitychange", heldKey.stop);
   page.setInterval(telemetry.flush, 1000);
-  return { moves, telemetry };
+  return {
+    telemetry,
+    moves: {
+      drop: moves.drop,
+      /**
+       * Take the moves that a message answers off the list, and return them.
+       * @param {import("../common/messages.js").FromServer} message
+       */
+      receive(message) {
+        if (message.kind === "frame") sound.play(soundOf(driven(), message));
+        return moves.receive(message);
+      },
+    },
+  };
 }

@@ -6,8 +6,8 @@ import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf } from "../common/page.js";
 import { startHelp, startTabs } from "./bar.js";
-import { createDropMark } from "./drop_mark.js";
 import { createFirstVisit } from "./first_visit.js";
+import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createLeaving } from "./leaving.js";
 import { createLosses } from "./losses.js";
@@ -100,12 +100,11 @@ const connections = createConnections({
     }
   },
 });
-const dropMark = createDropMark(panels.player.root, (text) => { by("announcer").textContent = text; });
 const { moves, telemetry } = startInput({
-  page: window, pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
+  page: window, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") },
+  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => state.mode === "practice", pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
   send: (message) => connections.send("player", message), painted: painter.playersFrame,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
-  isPractice: () => state.mode === "practice", onDropped: dropMark.show,
 });
 
 /**
@@ -160,6 +159,7 @@ for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelec
 }
 by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 startHelp(document);
+keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome && state.mode !== "spectator" ? panels.player.part.next : null) });
 panels.player.part.next.addEventListener("click", goNext);
 panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 

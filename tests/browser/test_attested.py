@@ -1,6 +1,7 @@
 """Whatever a person does at a real browser is attested: keys, mouse, fingers, typing ahead, reloads, lost connections."""
 
 import sqlite3
+import time
 from contextlib import closing
 
 import pytest
@@ -62,11 +63,31 @@ def test_mouse_clicks_on_the_arrows_and_enter_on_them(serve, player, tmp_path):
     assert me.errors == []
 
 
-def test_taps_on_a_phone(serve, player, tmp_path):
+def swipe(me, action, holds_s=0.0):
+    """Draw a finger over the board, as long as it takes for a page to scroll."""
+    fingers = me.page.context.new_cdp_session(me.page)
+    box = me.page.get_by_test_id("canvas-player").bounding_box()
+    down, right = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}[action]
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+    for part in range(1, 9):
+        point = {"x": x + 12 * part * right, "y": y + 12 * part * down}
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [point]})
+    time.sleep(holds_s)
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_taps_and_swipes_on_a_phone(serve, player, tmp_path):
     _, me = begun(serve, player, width=390, height=844, has_touch=True, is_mobile=True)
     there, back = there_and_back(me)
+    click(me, there, lambda arrow: arrow.tap())
+    click(me, back, lambda arrow: arrow.tap())
+    me.page.evaluate("() => { document.body.style.minHeight = '3000px'; }")
     for action in (there, back, there, back):
-        click(me, action, lambda arrow: arrow.tap())
+        step = me.state()["step"]
+        swipe(me, action)
+        me.wait(f"window.mars.state.player.frame.step === {step + 1}")
+    assert me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]") == [0, 0, 1], "the page stays where it is"
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 

@@ -1,0 +1,93 @@
+// @ts-check
+// Swipes on the board: one swipe is one move, and a finger that stays down holds it as a key is held. No document in the rules, so
+// node can test them.
+
+/** @typedef {import("../common/messages.js").Action} Action */
+/** A finger that went so far has swiped. */
+export const SWIPE_PX = 22;
+/** So many times further along one axis than along the other: what is more diagonal waits until it is clear. */
+const CLEAR = 1.25;
+
+/**
+ * Return where a finger went, or null while that is not clear.
+ * @param {number} right_px
+ * @param {number} down_px
+ * @returns {Action | null}
+ */
+export function directionOf(right_px, down_px) {
+  const [across, along] = [Math.abs(right_px), Math.abs(down_px)];
+  if (Math.max(across, along) < SWIPE_PX) return null;
+  if (across > along * CLEAR) return right_px > 0 ? "east" : "west";
+  if (along > across * CLEAR) return down_px > 0 ? "south" : "north";
+  return null;
+}
+
+/**
+ * Return what follows the fingers on one surface.
+ *   isOn     whether swipes drive now
+ *   onSwipe  a swipe, with the event that made it clear
+ *   onEnd    the finger that swiped came up
+ * @param {{isOn: () => boolean, onSwipe: (action: Action, event: PointerEvent) => void, onEnd: (action: Action, event: PointerEvent) => void}} how
+ */
+export function createSwipe({ isOn, onSwipe, onEnd }) {
+  /** @type {{id: number, x: number, y: number, action: Action | null} | null} */
+  let finger = null;
+  /**
+   * Take a pointer event; return whether it belongs to a swipe, so that nothing else is to be done with it.
+   * @param {PointerEvent} event
+   */
+  return function take(event) {
+    if (event.pointerType === "mouse") return false;
+    if (event.type === "pointerdown") {
+      if (!isOn()) return false;
+      if (event.isPrimary) finger = { id: event.pointerId, x: event.clientX, y: event.clientY, action: null };
+      return true; // a second finger swipes nothing, and zooms nothing either
+    }
+    if (event.pointerId !== finger?.id) return finger !== null;
+    if (event.type === "pointermove") {
+      const action = finger.action === null ? directionOf(event.clientX - finger.x, event.clientY - finger.y) : null;
+      if (action) {
+        finger.action = action;
+        onSwipe(action, event);
+      }
+      return true;
+    }
+    const { action } = finger;
+    finger = null;
+    if (action) onEnd(action, event);
+    return true;
+  };
+}
+
+const TYPES = /** @type {const} */ (["pointerdown", "pointermove", "pointerup", "pointercancel"]);
+
+/**
+ * Follow the swipes on elements of the page and inside frames on it, before any other listener.
+ *   onSwipe, onEnd  as of `createSwipe`, with the window in which the event happened
+ * @param {{page: Window & typeof globalThis, surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
+ *   onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void,
+ *   onEnd: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void}} how
+ */
+export function startSwipes({ page, surfaces, frames, isOn, onSwipe, onEnd }) {
+  /**
+   * @param {HTMLElement | (Window & typeof globalThis)} target
+   * @param {Window & typeof globalThis} view
+   */
+  function follow(target, view) {
+    const take = createSwipe({ isOn, onSwipe: (action, event) => onSwipe(action, event, view), onEnd: (action, event) => onEnd(action, event, view) });
+    for (const type of TYPES) {
+      target.addEventListener(type, (event) => {
+        if (!take(/** @type {PointerEvent} */ (event))) return;
+        event.stopImmediatePropagation();
+        if (event.cancelable) event.preventDefault();
+      }, true);
+    }
+    // a finger that stays down must not bring up a menu
+    target.addEventListener("contextmenu", (event) => { if (isOn() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
+  }
+  for (const surface of surfaces) follow(surface, page);
+  for (const frame of frames) {
+    frame.addEventListener("load", () => frame.contentWindow && follow(/** @type {Window & typeof globalThis} */ (frame.contentWindow),
+      /** @type {Window & typeof globalThis} */ (frame.contentWindow)));
+  }
+}
