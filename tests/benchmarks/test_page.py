@@ -11,17 +11,21 @@ from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_pa
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 
 PRESSES = 300
+"""The policy makes 385 moves on the terrain of 42x42."""
+MOST_MS = {42: 50, 84: 100}
+"""Side of the grid in cells -> what p95 is to stay under."""
 SLOW_WITHOUT_A_GPU = pytest.mark.xfail(
     reason="known miss: while the processor draws, p95 is 69 ms (p50 10 to 14 ms), its pictures and the page share two cores",
     strict=False,
 )
 
 
+@pytest.mark.parametrize("side", MOST_MS)
 @pytest.mark.parametrize(
     ("drawn", "flags"),
     [("matrix alone", NO_3D), pytest.param("matrix and 3-D by the processor", SOFTWARE_3D, marks=SLOW_WITHOUT_A_GPU)],
 )
-def test_keydown_to_repaint(spawn, drawn, flags):
+def test_keydown_to_repaint(spawn, drawn, flags, side):
     from playwright.sync_api import sync_playwright
 
     server = spawn()
@@ -29,7 +33,7 @@ def test_keydown_to_repaint(spawn, drawn, flags):
         browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto(server.url)
-        about = page.request.post(f"{server.url}/api/sessions", data={"size": 42, "seed": 3}).json()  # 385 moves for the policy
+        about = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3}).json()
         page.goto("about:blank")
         page.goto(f"{server.url}/#s={about['session']}")
         page.wait_for_function("() => window.mars?.state.player && window.mars.state.link === 'open'")
@@ -42,6 +46,6 @@ def test_keydown_to_repaint(spawn, drawn, flags):
             page.wait_for_function(f"() => window.mars.latencies.length > {number}")
         times = np.array(page.evaluate("() => window.mars.latencies"))
         browser.close()
-    print(f"\n\nkeydown to repaint over {len(times)} presses, {drawn}: ", end="")
+    print(f"\n\nkeydown to repaint over {len(times)} presses at {side}x{side}, {drawn}: ", end="")
     print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
-    assert np.percentile(times, 95) < 50
+    assert np.percentile(times, 95) < MOST_MS[side]
