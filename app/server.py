@@ -16,8 +16,10 @@ from fastapi import FastAPI
 
 from app.admin.login import AdminLogin
 from app.admin.services import AdminServices
+from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
 from app.moves.service import Regrets
+from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.policy_catalogue import PolicyCatalogue
@@ -34,7 +36,7 @@ from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
-from app.web import admin, api, api_docs, leaderboard, pages, replay, results, sockets, study, viewer, watch
+from app.web import admin, api, api_docs, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
 from app.web.middleware import SecurityHeaders
@@ -87,7 +89,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     )  # fmt: skip
     app.add_middleware(SecurityHeaders)
     add_error_handlers(app)
-    for module in (api, watch, results, replay, study, sockets, leaderboard, viewer, pages):
+    for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.include_router(module.router)
     if login is not None:
         app.include_router(admin.router)
@@ -118,6 +120,8 @@ def _services(
         lobby=lobby,
         page_boards=PageBoards(lobby, settings.abandon_after_s),
         spectators=Spectators(lobby),
+        daily_boards=DailyBoards(lobby),
+        daily_policies=DailyPolicies(store.path.with_name(store.path.name + "-daily.json"), policies.offers()),
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,

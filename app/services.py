@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.admin.services import AdminServices
+from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
 from app.moves.service import Regrets
+from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.ranked import PageBoards
@@ -26,6 +28,8 @@ class Services:
     lobby          the sessions
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
     spectators     what anybody may watch
+    daily_boards   today's terrain, and the boards on which players attempt it
+    daily_policies the shipped policies on daily terrains
     viewer         the 3-D view of the sessions
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
@@ -40,6 +44,8 @@ class Services:
     lobby: Lobby
     page_boards: PageBoards
     spectators: Spectators
+    daily_boards: DailyBoards
+    daily_policies: DailyPolicies
     viewer: Viewer
     player_tokens: PlayerTokens
     progress: ParticipantProgress
@@ -53,6 +59,7 @@ class Services:
         """End everything but the store, which whoever opened it closes."""
         await self.leaderboard.close()
         await self.regrets.close()
+        await self.daily_policies.close()
         self.replays.close()
         if self.admin is not None:
             await self.admin.close()

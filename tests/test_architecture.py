@@ -67,6 +67,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.training",
     },
     "app.coverage": {"app.statistics", "marsexplorer.evaluation"},
+    "app.daily": {"app.leaderboard", "app.play", "app.storage", "marsexplorer.config", "marsexplorer.policies"},
     "app.leaderboard": {
         "app.moves",
         "app.play",
@@ -132,6 +133,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.server": {
         "app.admin",
+        "app.daily",
         "app.leaderboard",
         "app.moves",
         "app.play",
@@ -147,6 +149,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.services": {
         "app.admin",
+        "app.daily",
         "app.leaderboard",
         "app.moves",
         "app.play",
@@ -199,6 +202,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.viewer3d": {"app.play", "marsexplorer.config", "marsexplorer.episode"},
     "app.web": {
         "app.admin",
+        "app.daily",
         "app.leaderboard",
         "app.moves",
         "app.play",

@@ -20,7 +20,7 @@ from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.session import HUMAN, Participation, Session, restore_episode
 from app.play.sources import Sources
-from app.storage.store import Control, EpisodeRow, Resumable, SessionRow, Store, StoreError
+from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store, StoreError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -102,6 +102,15 @@ class Lobby:
         if replayed is not None:
             replayed.pair_with(player)
         return player
+
+    async def create_daily(self, player_id: str, config: EnvConfig, seed: int, daily: DailyDay) -> Session:
+        """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
+        rows = self._session_rows([HUMAN], player_id, "cookie")
+        board = Session(rows[0], self.store, self.sources.clock_ms)
+        _, episodes = await self._begin_episodes(config, seed, 1)
+        adding = contextmanager(partial(self._adding, player_id, rows))
+        self._open_episodes([board], episodes, seed, False, lambda _: adding(), daily=daily)
+        return self._add_group([board]).player
 
     async def get(self, session_id: str) -> Session:
         """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
@@ -216,6 +225,7 @@ class Lobby:
         seed_chosen: bool,
         within: EpisodeTransaction | None = None,
         left: Sequence[Session] = (),
+        daily: DailyDay | None = None,
     ) -> None:
         """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
         now = self.sources.clock_ms()
@@ -233,6 +243,7 @@ class Lobby:
                 driver=board.driver,
                 assisted=len(boards) > 1,
                 started_ms=now,
+                daily=daily,
             )
             for board, episode in zip(boards, episodes, strict=True)
         ]

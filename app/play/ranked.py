@@ -78,10 +78,14 @@ class PageBoards:
         return None
 
     async def with_id(self, player_id: str, session_id: str) -> Session | None:
-        """Return the board of an id, whoever began it, where it is a player's own; None where it is not, and for a study's."""
+        """Return the board of an id, whoever began it, where it is a player's own; None elsewhere.
+
+        None as well for a study's board and one of a daily terrain: they have pages of their own.
+        """
         with suppress(UnknownSessionError):
             session = await self._lobby.get(session_id)
-            return session if session.row.player_id == player_id and session.participation is None else None
+            is_other = session.participation is not None or session.current.daily is not None
+            return session if session.row.player_id == player_id and not is_other else None
         return None
 
     async def with_episode(self, player_id: str, episode_id: str) -> Session | None:

@@ -28,13 +28,14 @@ class PublicEpisode:
     name: str
 
 
-def public_episode(database: Path, episode_id: str) -> PublicEpisode:
+def public_episode(database: Path, episode_id: str, viewer: str | None = None) -> PublicEpisode:
     """Return an ended episode by its id; UnknownReplayError for every other id, so that nothing is told of what is secret.
 
-    Secret are a running episode, one of an open study, and a policy's that ended before its player's on the same terrain.
+    Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and one
+    of a daily terrain whose day is not over, except to `viewer`, the player who asks, if it is theirs.
     """
     with closing(Reader.open(database, public=True)) as reader, reader.snapshot():
-        found = reader.episode(episode_id)
+        found = reader.episode(episode_id, viewer)
         if found is None:
             raise UnknownReplayError(f"no finished episode {episode_id!r} that can be replayed: check the link")
         driver = str(found["driver"])

@@ -66,23 +66,23 @@ class Replays:
         self._waiting = 0
         self._courses: _Kept[Course] = _Kept(MAX_KEPT)
 
-    async def replay(self, episode_id: str) -> Replay:
-        """Return the replay of an episode.
+    async def replay(self, episode_id: str, viewer: str | None = None) -> Replay:
+        """Return the replay of an episode for the player who asks, None for whoever has no cookie.
 
         UnknownReplayError where nobody may see one, ValueError where the rules that it was played by are gone.
         """
-        return await asyncio.to_thread(self._replay, episode_id)
+        return await asyncio.to_thread(self._replay, episode_id, viewer)
 
-    async def ghost(self, episode_id: str, name: str) -> Course:
+    async def ghost(self, episode_id: str, name: str, viewer: str | None = None) -> Course:
         """Return the course of a policy on the terrain of an episode; GhostError as well, see `replay`."""
-        return await self._work(lambda: self._ghost(public_episode(self._database, episode_id), name))
+        return await self._work(lambda: self._ghost(public_episode(self._database, episode_id, viewer), name))
 
     def close(self) -> None:
         """Drop what waits; what is being worked out ends by itself."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _replay(self, episode_id: str) -> Replay:
-        episode = public_episode(self._database, episode_id)
+    def _replay(self, episode_id: str, viewer: str | None) -> Replay:
+        episode = public_episode(self._database, episode_id, viewer)
         course = course_of(episode.name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)
         return Replay(episode, course, tuple(ghosts), preferred(ghosts, episode.name))

@@ -61,9 +61,17 @@ def export_table(
     public   True leaves out the episodes of studies that are not closed
     at_ms    when the export is made (None: now): daily terrains whose day is not over are left out
     """
-    columns, at_ms = _checked(table, fmt, who), now_ms() if at_ms is None else at_ms
+    _check(table, fmt, who)
+    at_ms = now_ms() if at_ms is None else at_ms
     reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
-    return _stream(reader, table, fmt, who, columns, key or new_key())
+    return _stream(reader, lambda: reader.finished(who), table, fmt, key or new_key())
+
+
+def export_own(source: Reader, table: ExportTable, fmt: ExportFormat, player: str) -> Iterator[bytes]:
+    """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
+    _check(table, fmt, "all")
+    reader = Reader.open(source.path, public=True)
+    return _stream(reader, lambda: reader.finished("all", player), table, fmt, new_key())
 
 
 def export_to(database: Path, folder: Path, fmt: ExportFormat, who: Who, advance: Callable[[int, int], None]) -> str:
@@ -94,7 +102,8 @@ def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:
+def _check(table: str, fmt: str, who: str) -> None:
+    """Raise ValueError for what is no table, format or choice of episodes."""
     for name, value, known in (
         ("table", table, tuple(COLUMNS)),
         ("format", fmt, ("csv", "jsonl")),
@@ -102,17 +111,16 @@ def _checked(table: str, fmt: str, who: str) -> tuple[str, ...]:
     ):
         if value not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
-    return COLUMNS["episodes" if table == "episodes" else "steps"]
 
 
 def _stream(
-    reader: Reader, table: ExportTable, fmt: ExportFormat, who: Who, columns: tuple[str, ...], key: bytes
+    reader: Reader, wanted: Callable[[], Iterator[dict[str, Any]]], table: ExportTable, fmt: ExportFormat, key: bytes
 ) -> Iterator[bytes]:
     try:
         if fmt == "csv":
-            yield (",".join(columns) + "\n").encode()
+            yield (",".join(COLUMNS[table]) + "\n").encode()
         with reader.snapshot():
-            for row in reader.finished(who):
+            for row in wanted():
                 found = _rows_of(row, reader.steps(row["id"]), table, key)
                 if found:
                     yield _encoded(found, fmt)

@@ -41,6 +41,7 @@ FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM ep
 _SELECT = f"""SELECT e.*, s.owner_id, {HUMAN_SCORE_CONDITION} AS counts,
     (SELECT day FROM daily_attempts d WHERE d.episode_id = e.id) AS daily FROM episodes e JOIN sessions s ON s.id = e.session_id
     WHERE {FINISHED_CONDITION}"""
+_DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
 _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
 
@@ -107,9 +108,22 @@ class Reader:
         sql = f"SELECT owner_id, config, outcome, steps, score FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
         return list(self._db.query(sql))
 
-    def finished(self, who: Who = "all") -> Iterator[dict[str, Any]]:
-        """Yield finished episodes' rows with `owner_id` and `counts`, oldest first; for export, not for the API."""
-        return self._db.query(f"{self._select}{_FILTER[who]} ORDER BY e.started_ms, e.id")
+    def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
+        """Yield finished episodes' rows with `owner_id`, `counts` and `daily`, oldest first; for export, not for the API.
+
+        player  theirs alone, whatever day it is: what they drove, not what policies did beside them
+        """
+        order = "ORDER BY e.started_ms, e.id"
+        if player is None:
+            return self._db.query(f"{self._select}{_FILTER[who]} {order}")
+        return self._db.query(f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player])
+
+    def played_by(self, player: str) -> list[dict[str, Any]]:
+        """Return the finished episodes that a player drove, newest first, for their own page; no seed is among the columns."""
+        columns = "id, config, driver, counts, daily, outcome, steps, discovered, score, ended_ms, attestation_reason, "
+        columns += "seed_chosen, assisted, terrain_met_before"
+        sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
+        return list(self._db.query(sql, [player]))
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""

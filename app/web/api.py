@@ -22,7 +22,7 @@ from app.web.access import (
     visible_session,
 )
 from app.web.sockets import as_move
-from marsexplorer.config import CORE_VERSION, LEVELS
+from marsexplorer.config import CORE_VERSION, LEVELS, EnvConfig
 
 router = APIRouter(prefix="/api")
 Id = Annotated[str | None, Query(max_length=128)]
@@ -61,6 +61,7 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "player": session.row.driver_name,
         "level": config.level,
         "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
+        "daily": None if session.current.daily is None else session.current.daily.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "not_attested": None if finished is None else finished["attestation_reason"],
         "frame": json.loads(session.frame),
@@ -115,6 +116,7 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
     wanted = wanted or NewSession()
     player_id = player_of(request) or _lobby(request).sources.player_id()
     with _bad_input():
+        services_of(request).daily_boards.check_seed(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
         if wanted.replays is not None:
             await controlled_session(request, wanted.replays)
         if has_own_origin(request):
@@ -195,7 +197,10 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
     lobby, page_boards, wanted = _lobby(request), services_of(request).page_boards, wanted or NewEpisode()
     session = await controlled_session(request, session_id)
     _check_no_study(session, "its terrains are the study's", "POST /api/studies/{name}/next begins the next episode")
+    if session.current.daily is not None:
+        raise HTTPException(409, "this board is of a daily terrain, which is played once; POST /api/sessions begins another")
     with _bad_input():
+        services_of(request).daily_boards.check_seed(next_config(session, wanted), wanted.seed)
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
         elif has_own_origin(request) and is_owner(request, session) and session.row.player_id is not None:

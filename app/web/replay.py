@@ -37,14 +37,14 @@ def _replay_errors() -> Iterator[None]:
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.replay(episode_id)).document()
+        return (await services_of(request).replays.replay(episode_id, player_of(request))).document()
 
 
 @router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
 async def get_ghost(request: Request, episode_id: str, policy: PolicyName) -> dict[str, Any]:
     """Return the course of a policy from the same start on the same terrain, as the call before; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.ghost(episode_id, policy)).to_dict()
+        return (await services_of(request).replays.ghost(episode_id, policy, player_of(request))).to_dict()
 
 
 @router.get("/replay/{episode_id}", include_in_schema=False)
@@ -52,7 +52,7 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
     try:
         with _replay_errors():
-            replay = await services_of(request).replays.replay(episode_id)
+            replay = await services_of(request).replays.replay(episode_id, player_of(request))
     except HTTPException as error:
         services = services_of(request)
         watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), player_of(request))

@@ -1,0 +1,87 @@
+"""Playing the daily terrain: one attempt a player and day, which a reload goes on with.
+
+An attempt is a board of its own beside the player's others: these do not end it, and it ends none of them. Like a ranked
+episode it is abandoned when nobody has moved it for a time, once a move is made (`app.play.ranked`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from weakref import WeakValueDictionary
+
+from app.play.daily_terrain import seed_of, terrain_of_day
+from app.play.lobby import Lobby
+from app.play.session import Session
+from app.storage.daily import DailyAttempt, DailyTerrain, daily_secret, find_attempt, find_terrain, keep_terrain
+from app.storage.reader import utc_day
+from app.storage.store import DailyDay
+from marsexplorer.config import EnvConfig
+
+
+class DailyPlayedError(Exception):
+    """The player's one attempt at today's terrain is over."""
+
+
+class DailyBoards:
+    """The daily terrains of one server, and the boards on which players attempt them."""
+
+    def __init__(self, lobby: Lobby) -> None:
+        self._lobby = lobby
+        self._today: DailyTerrain | None = None
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def day(self) -> str:
+        """Return today's date in UTC."""
+        return utc_day(self._lobby.sources.clock_ms())
+
+    def today(self) -> DailyTerrain:
+        """Return today's terrain, which is kept from the first time that somebody asks; nobody may be told its key."""
+        day = self.day()
+        if self._today is None or self._today.day != day:
+            terrain = terrain_of_day(daily_secret(self._lobby.store), day)
+            keep_terrain(self._lobby.store, terrain)
+            self._today = terrain
+        return self._today
+
+    def on(self, day: str) -> DailyTerrain | None:
+        """Return the terrain of a day up to today; None where the server showed none."""
+        today = self.today()
+        if day == today.day:
+            return today
+        return find_terrain(self._lobby.store, day) if day < today.day else None
+
+    def attempt(self, player_id: str | None, day: str) -> DailyAttempt | None:
+        """Return a player's attempt at a day's terrain; None before it."""
+        return None if player_id is None else find_attempt(self._lobby.store, player_id, day)
+
+    async def begin(self, player_id: str) -> tuple[Session, bool]:
+        """Return the board of a player's attempt at today's terrain, and whether it was open already.
+
+        DailyPlayedError when the attempt is over.
+        """
+        lock = self._locks.get(player_id)
+        if lock is None:
+            lock = self._locks[player_id] = asyncio.Lock()
+        async with lock:
+            terrain = self.today()
+            attempt = self.attempt(player_id, terrain.day)
+            if attempt is None:
+                mark = DailyDay(terrain.day, terrain.commitment)
+                return await self._lobby.create_daily(player_id, terrain.config, seed_of(terrain.key), mark), False
+            if attempt.ended_ms is not None:
+                raise DailyPlayedError(
+                    f"you have played the terrain of {terrain.day}, and it is played once; the next one comes at midnight UTC"
+                )
+            return await self._lobby.get(attempt.session_id), True
+
+    async def board(self, attempt: DailyAttempt) -> Session | None:
+        """Return the board of an attempt that is running; None once it has ended."""
+        return await self._lobby.get(attempt.session_id) if attempt.ended_ms is None else None
+
+    def check_seed(self, config: EnvConfig, seed: int | None) -> None:
+        """Raise ValueError when a seed draws today's terrain: nobody may practise it before its day is over."""
+        if seed is None:
+            return
+        terrain = self.today()
+        if config == terrain.config and seed == seed_of(terrain.key):
+            raise ValueError("this seed draws today's daily terrain, which can be practised from tomorrow (UTC) on")

@@ -1,0 +1,46 @@
+"""A player's own episodes over HTTP: by their cookie alone, so nobody sees anybody else's."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import StreamingResponse
+
+from app.statistics.personal import describe_own, personal_bests
+from app.storage.export import export_own
+from app.storage.reader import Reader
+from app.web.access import player_of, services_of
+
+router = APIRouter(prefix="/api/me", tags=["me"])
+
+
+@router.get("/history", summary="My own episodes and bests")
+def get_history(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
+) -> dict[str, Any]:
+    """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
+
+    By your cookie alone; without one everything is empty. Episodes of open studies are left out.
+    """
+    player_id = player_of(request)
+    if player_id is None:
+        return {"total": 0, "episodes": [], "bests": []}
+    with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
+        rows = reader.played_by(player_id)
+        bests = personal_bests(reader, rows)
+    return {"total": len(rows), "episodes": [describe_own(row) for row in rows[offset : offset + limit]], "bests": bests}
+
+
+@router.get("/export/{table}.{fmt}", summary="My own episodes, as CSV or JSON Lines")
+def export(request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"]) -> StreamingResponse:
+    """Export what you have driven, by your cookie alone; 404 without one."""
+    player_id = player_of(request)
+    if player_id is None:
+        raise HTTPException(404, "this browser has no player's cookie: nothing was played with it; play at / first")
+    kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
+    headers = {"Content-Disposition": f'attachment; filename="my-{table}.{fmt}"', "Cache-Control": "no-store"}
+    return StreamingResponse(export_own(services_of(request).store, table, fmt, player_id), media_type=kind, headers=headers)

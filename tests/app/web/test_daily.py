@@ -1,0 +1,218 @@
+"""The daily terrain over HTTP: one attempt, one terrain for everybody, and nothing of it before its time."""
+
+import asyncio
+import re
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from app.play import daily_terrain
+from app.play.daily_boards import DailyBoards, DailyPlayedError
+from app.play.daily_terrain import day_start_ms, seed_of
+from app.play.lobby import Lobby
+from app.play.messages import NewSession
+from app.play.policy_catalogue import PolicyCatalogue
+from app.play.ranked import PageBoards
+from app.play.session import Move
+from app.play.sources import Sources
+from app.storage.daily import find_attempt, find_terrain
+from app.storage.reader import utc_day
+from app.storage.store import DAY_MS, Store
+from app.study.verification import verify_database
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.policies import load
+from tests.support.servers import eventually
+from tests.support.study import codes
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "daily.md"
+HALF_AN_HOUR_MS = 31 * 60_000
+SMALL = EnvConfig.of("random", (7, 9))
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Daily terrains of 7x9 cells, so that an attempt takes ten moves."""
+    monkeypatch.setattr(daily_terrain, "CONFIG", SMALL)
+
+
+def at_noon(server):
+    """Set a server's clock to noon (UTC) of tomorrow, so that no test runs into midnight."""
+    tomorrow = day_start_ms(utc_day(server.clock.now_ms())) + DAY_MS
+    server.clock.skipped_ms += tomorrow + DAY_MS // 2 - server.clock.now_ms()
+    return server
+
+
+def begin(page, status=(200, 201)):
+    answer = page.post("/api/daily")
+    assert answer.status_code in status, answer.text
+    return answer.json()
+
+
+def play_to_the_end(server, page, about):
+    policy = load("frontier-cost")
+    policy.reset(1)
+    with server.socket(about["session"], page) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            frame = socket.frame_after(frame["step"])
+    return frame
+
+
+def hidden_from(client, about, terrain):
+    """Ask every route about an episode; return whatever tells of it or of its terrain."""
+    episode, seed = about["frame"]["episode"], seed_of(terrain.key)
+    tables = [f"{table}.{fmt}" for table in ("episodes", "steps") for fmt in ("csv", "jsonl")]
+    exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
+    of_episode = ("", "/regret", "/replay", "/ghost?policy=frontier-cost")
+    routes = [
+        "/", "/docs", "/api/daily", f"/api/daily/{terrain.day}", f"/api/daily/{terrain.day}/results", "/api/episodes",
+        "/api/me/history", "/api/me/session", "/api/human-level", "/api/leaderboard", "/api/health",
+        *(f"/api/episodes/{episode}{more}" for more in of_episode), f"/replay/{episode}", f"/api/watch/{episode}",
+        f"/api/me/session?episode={episode}", f"/api/me/session?session={about['session']}",
+        *(f"/api/sessions/{about['session']}{more}" for more in ("", "/about", "/history")), f"/viewer/{about['session']}/",
+        *exports,
+    ]  # fmt: skip
+    found = []
+    for route in routes:
+        text = client.get(route).text.replace(route, "").replace(episode + "' ", "").replace(f"{about['session']!r}", "")
+        secrets = {"seed": str(seed), "key": terrain.key.hex(), "terrain": about["terrain"], "day": f'"daily":"{terrain.day}"'}
+        found += [(route, name) for name, secret in secrets.items() if secret in text]
+        found += [(route, "episode")] if re.search(rf'"(episode|session)": ?"({episode}|{about["session"]})', text) else []
+    return found
+
+
+def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, small):
+    page, other = at_noon(server).page(), server.page()
+    about = begin(page)
+    day, services = about["daily"], server.services
+    terrain = find_terrain(services.store, day)
+    about["terrain"] = services.store.find_episode(about["frame"]["episode"]).episode.terrain.hex()
+    assert (about["counts"], about["size"], day) == (False, [7, 9], utc_day(server.clock.now_ms()))
+    assert page.get("/api/daily").json()["attempt"]["state"] == "open"
+    assert page.get(f"/api/daily/{day}/results").status_code == 403
+    watcher = f"/ws/watch/{about['frame']['episode']}"
+    with server.socket("", other, path=watcher) as socket:
+        assert "no episode" in socket.receive("error")["detail"]
+    frame = play_to_the_end(server, page, about)
+    assert "played once" in begin(page, (409,))["detail"]
+    begin(other)
+    with server.socket("", other, path=watcher) as socket:
+        assert "no episode" in socket.receive("error")["detail"]
+    for client in (server.client(), other):
+        assert hidden_from(client, about, terrain) == []
+        refused = client.get(f"/api/daily/{day}/results")
+        assert (refused.status_code, "your own attempt" in refused.text) == (403, True)
+    own = page.get(f"/api/episodes/{frame['episode']}").json()
+    assert (own["daily"], own["counts"], own["attestation"]) == (day, False, "attested")
+    for path in (f"/api/episodes/{frame['episode']}/replay", f"/api/watch/{frame['episode']}"):
+        assert page.get(path).status_code == 200
+    assert "terrain" not in page.get("/api/me/session").text
+    shown = page.get(f"/api/daily/{day}/results").json()
+    moves = frame["step"]
+    assert shown["people"]["you"] == {
+        "outcome": "explored",
+        "moves": moves,
+        "coverage": frame["coverage"],
+        "you": True,
+        "rank": 1,
+    }
+    assert (shown["people"]["moves"], shown["people"]["unfinished"]) == ([[moves, 1]], 0)
+    results = eventually(lambda: [each for each in page.get(f"/api/daily/{day}/results").json()["policies"] if each["moves"]])
+    assert results[0]["coverage"] > 0.98
+    history = page.get("/api/me/history").json()
+    assert [(each["kind"], each["day"], each["moves"]) for each in history["episodes"]] == [("daily", day, moves)]
+    assert server.client().get("/api/me/history").json() == {"total": 0, "episodes": [], "bests": []}
+    assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 1
+    assert server.client().get("/api/me/export/episodes.csv").status_code == 404
+
+    server.clock.skipped_ms += DAY_MS
+    stranger, tomorrow = server.client(), utc_day(server.clock.now_ms())
+    assert stranger.get(f"/api/episodes/{frame['episode']}").json()["daily"] == day
+    assert frame["episode"] in stranger.get("/api/export/episodes.csv").text
+    assert frame["episode"] not in stranger.get("/api/export/episodes.csv?who=human").text
+    assert stranger.get("/api/human-level").json()["figures"] == []
+    revealed = stranger.get(f"/api/daily/{day}").json()
+    assert (revealed["key"], revealed["seed"], revealed["commitment"]) == (terrain.key.hex(), own["seed"], terrain.commitment)
+    assert stranger.get("/api/daily").json()["yesterday"] == revealed
+    assert stranger.get(f"/api/daily/{day}/results").json()["people"]["table"][0]["episode"] == frame["episode"]
+    assert begin(page)["daily"] == tomorrow
+    assert page.get("/api/daily").json()["streak"] == 1
+    assert stranger.get("/api/daily/2020-01-01").status_code == 404
+    assert verify_database(services.store.path).findings == ()
+
+
+def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):
+    page, script = at_noon(server).page(), server.client()
+    seed = seed_of(server.services.daily_boards.today().key)
+    about = begin(page)
+    for client in (page, script, server.page()):
+        for body in ({"seed": seed}, {"seed": seed, "player": "frontier-cost"}, {"seed": seed, "rival": "frontier-cost"}):
+            refused = client.post("/api/sessions", json=body | {"size": [7, 9]})
+            assert (refused.status_code, "today's daily terrain" in refused.text) == (422, True)
+        board = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
+        assert client.post(f"/api/sessions/{board}/episodes", json={"seed": seed}).status_code == 422
+        assert client.post("/api/sessions", json={"seed": seed, "size": [9, 7]}).status_code == 201
+    assert page.post(f"/api/sessions/{about['session']}/episodes", json={}).status_code == 409
+    assert script.post("/api/daily").status_code == 403
+
+
+def test_a_reload_a_second_tab_and_a_restart_go_on_with_the_attempt(serve, small):
+    first = at_noon(serve())
+    page = first.page()
+    about = begin(page, (201,))
+    with first.socket(about["session"], page) as socket:
+        frame = socket.receive("frame")
+        socket.act(frame, "north" if frame["grid"][0] == "?" else "south", input="key")
+        step = socket.frame_after(0)["step"]
+    assert begin(page, (200,))["frame"]["step"] == step
+    first.stop()
+    second = at_noon(serve())
+    page = second.client(headers={"Origin": second.url}, cookies=dict(page.cookies))
+    again = begin(page, (200,))
+    assert (again["frame"]["episode"], again["frame"]["step"]) == (about["frame"]["episode"], step)
+
+
+def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_abandons_it(tmp_path, small):
+    now = [day_start_ms("2026-11-22") + DAY_MS // 2]
+
+    async def scenario(store):
+        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: now[0]), 600.0)
+        daily, boards = DailyBoards(lobby), PageBoards(lobby, abandon_after_s=1800)
+        mine, still = await daily.begin("me"), (await daily.begin("still"))[0]
+        ranked, was_open = await boards.begin(NewSession(size=(7, 9)), "me")
+        assert (was_open, ranked is mine[0]) == (False, False)
+        assert await boards.newest("me") is ranked
+        assert await boards.with_id("me", mine[0].id) is None
+        away = next(a for a in range(4) if _stays(mine[0].episode, a))
+        mine[0].act(Move(mine[0].current.id, 0, away, "human"))
+        await boards.begin(NewSession(size=(7, 9), seed=7), "me")
+        assert not mine[0].episode.ended
+        now[0] += HALF_AN_HOUR_MS
+        await boards.abandon_left()
+        assert (mine[0].episode.outcome, still.episode.ended) == ("abandoned", False)
+        with pytest.raises(DailyPlayedError, match="played once"):
+            await daily.begin("me")
+        lobby.close()
+
+    with closing(Store(tmp_path / "play.db")) as store:
+        asyncio.run(scenario(store))
+        assert find_attempt(store, "me", "2026-11-22").outcome == "abandoned"
+
+
+def _stays(episode, action):
+    """Whether a move leads neither off the grid nor into a rock."""
+    row, col = (episode.start[0] + (action == 2) - (action == 0), episode.start[1] + (action == 1) - (action == 3))
+    return 0 <= row < 7 and 0 <= col < 9 and not episode.terrain[row, col]
+
+
+def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
+    about = begin(at_noon(server).page())
+    terrain = find_terrain(server.services.store, about["daily"])
+    (recipe,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
+    names = {"key": terrain.key.hex(), "commitment": terrain.commitment}
+    exec(recipe, names)
+    played = server.services.store.find_episode(about["frame"]["episode"]).episode
+    assert (names["seed"], played.config) == (played.seed, EnvConfig.of("random", 21))
+    assert (names["terrain"] == server.services.lobby.in_memory(about["session"]).episode.terrain).all()
