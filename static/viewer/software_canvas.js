@@ -31,6 +31,7 @@
   /** @param {number} now_ms */
   function runFrame(now_ms) {
     isScheduled = false;
+    isBusy = true; // what is asked for from here on waits until this picture is complete
     [running, waiting] = [waiting, new Map()];
     for (const callback of running.values()) {
       try {
@@ -39,8 +40,7 @@
         reportError(error);
       }
     }
-    isBusy = overlay?.fetch((took_ms) => setTimeout(resume, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms)))) ?? false;
-    schedule();
+    if (!overlay?.fetch((took_ms) => setTimeout(resume, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms))))) resume();
   }
   function resume() {
     isBusy = false;
@@ -72,14 +72,20 @@
     canvas.style.visibility = "hidden";
     canvas.after(shown);
     const target = /** @type {CanvasRenderingContext2D} */ (open.call(shown, "2d", { alpha: false }));
-    const buffer = gl.createBuffer();
     let picture = new ImageData(1, 1);
+    let buffer = gl.createBuffer();
     let isDrawn = false;
+    let losses = 0;
     const clear = gl.clear.bind(gl);
     gl.clear = (mask) => {
       isDrawn = true;
       clear(mask);
     };
+    canvas.addEventListener("webglcontextlost", () => { losses += 1; });
+    canvas.addEventListener("webglcontextrestored", () => {
+      buffer = gl.createBuffer();
+      picture = new ImageData(1, 1);
+    });
 
     function copyPicture() {
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
@@ -90,7 +96,8 @@
     }
     return {
       /**
-       * Ask for what was drawn since the last time; return false when nothing was.
+       * Ask for what was drawn since the last time; return false when nothing was. Not while a picture is under way: a buffer that
+       * changes its size then costs the browser its whole context.
        * @param {(took_ms: number) => void} onDone
        */
       fetch(onDone) {
@@ -110,11 +117,14 @@
         gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
         const fence = /** @type {WebGLSync} */ (gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0));
         gl.flush();
+        const before = losses;
         function poll() {
-          const isLost = gl.isContextLost();
+          const isLost = losses !== before || gl.isContextLost();
           if (!isLost && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return void setTimeout(poll, POLL_MS);
-          gl.deleteSync(fence);
-          if (!isLost) copyPicture();
+          if (!isLost) {
+            gl.deleteSync(fence);
+            copyPicture();
+          }
           onDone(performance.now() - began_ms);
         }
         setTimeout(poll, POLL_MS);

@@ -11,6 +11,32 @@ CANVAS = "[data-testid=viewer-player]"
 HIDDEN = """() => [...document.querySelectorAll('canvas')]
   .filter((each) => getComputedStyle(each).visibility === 'hidden').length"""
 
+LOSE_CONTEXT = """() => {
+  const canvases = [...document.querySelectorAll('canvas')];
+  const context = canvases.find((each) => getComputedStyle(each).visibility === 'hidden').getContext('webgl2');
+  const loss = context.getExtension('WEBGL_lose_context');
+  loss.loseContext();
+  return new Promise((restored) => {
+    context.canvas.addEventListener('webglcontextrestored', () => restored(true));
+    setTimeout(() => loss.restoreContext());
+  });
+}"""
+COUNT_PICTURES = """() => {
+  const { fenceSync, getBufferSubData } = WebGL2RenderingContext.prototype;
+  let underWay = 0;
+  window.mostUnderWay = 0;
+  WebGL2RenderingContext.prototype.fenceSync = function (...rest) {
+    underWay += 1;
+    window.mostUnderWay = Math.max(window.mostUnderWay, underWay);
+    return fenceSync.apply(this, rest);
+  };
+  WebGL2RenderingContext.prototype.getBufferSubData = function (...rest) {
+    underWay -= 1;
+    return getBufferSubData.apply(this, rest);
+  };
+}"""
+"""Counts pictures that were asked for and not yet copied: a change of size while one is under way costs its context."""
+
 
 def view_of(me):
     """The frame of the player's 3-D view, once its canvas is there."""
@@ -30,8 +56,9 @@ def colours(picture):
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
 
-def test_the_overlay_shows_the_board_upright_follows_a_move_and_turns_with_the_mouse(serve, player):
+def test_the_overlay_shows_the_board_upright_follows_a_move_turns_with_the_mouse_and_outlives_its_context(serve, player):
     me = player(serve())
+    me.page.add_init_script(f"({COUNT_PICTURES})()")
     me.goto()
     me.begin(size=[9, 12], seed=3)
     view = view_of(me)
@@ -53,7 +80,11 @@ def test_the_overlay_shows_the_board_upright_follows_a_move_and_turns_with_the_m
     me.page.mouse.move(x + 90, y, steps=4)
     me.page.mouse.up()
     me.changes("stage-player", before)
+    assert view.evaluate("() => window.mostUnderWay") == 1
+    assert view.evaluate(LOSE_CONTEXT)
     me.page.set_viewport_size({"width": 390, "height": 844})
+    shape = "() => { const all = document.querySelectorAll('canvas'); return all[2].width / all[2].height; }"
+    eventually(lambda: abs(view.evaluate(shape) / view.evaluate("() => innerWidth / innerHeight") - 1) < 0.05)
     eventually(lambda: colours(me.picture("stage-player"))[0] > 300)
     assert me.errors == []
 
