@@ -10,7 +10,7 @@ DEV     := $(VENV)/.dev
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on --constraint constraints.txt --editable
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long check format bench clean browser
+.PHONY: help play test test-long check format docs bench clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -38,6 +38,9 @@ check: $(DEV) ## format, lint, types, layers and names
 format: $(DEV) ## reformat and mend what ruff can mend
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: $(DEV) ## the documentation as a site, in build/site (open build/site/index.html)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 browser: ## Chromium (browser tests) and nginx (proxy test) from Debian's packages, where they can be had
 	@sh tests/browser/install_browser.sh

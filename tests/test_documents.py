@@ -1,6 +1,9 @@
 """What the documents show in Python runs, block after block, and the environment's page keeps Gymnasium's headings."""
 
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,3 +49,34 @@ def test_the_page_tells_the_spaces_the_environment_has():
     text = (ROOT / "docs/environment.md").read_text()
     assert f"| Observation Space | `{env.observation_space}` |" in text
     assert f"| Action Space | `{env.action_space}` |" in text
+
+
+@pytest.mark.long
+def test_the_notebook_runs_from_top_to_bottom(tmp_path):
+    cells = json.loads((ROOT / "examples/tutorial.ipynb").read_text())["cells"]
+    script = tmp_path / "tutorial.py"
+    script.write_text("\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"))
+    env = {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT), "PATH": "", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, script], env=env, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    mine, chance = (float(re.search(rf"^{name} +([\d.]+) moves of", done.stdout, re.M)[1]) for name in ("mine", "random"))
+    assert mine < chance
+
+
+@pytest.mark.long
+def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    pages = {path.name: path.read_text() for path in (tmp_path / "site").glob("*.html")}
+    assert {"index.html", "readme.html", "tutorial.html", "reference.html", "examples.html", "changelog.html"} <= set(pages)
+    assert "marsexplorer.episode.Episode" in pages["reference.html"]
+    for name, text in pages.items():
+        assert not re.findall(r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text), name
+
+
+def test_every_document_is_in_the_sites_navigation():
+    listed = set(re.findall(r"- ([\w]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} <= listed
