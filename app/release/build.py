@@ -31,11 +31,11 @@ from app.release.tables import JsonLines, released_episodes, write_tables
 from app.storage.chain_checks import chain_state
 from app.storage.connection import reading, rows
 from app.storage.database import BUSY_MS, StoreError, transaction
-from app.storage.releases import ReleaseRow, latest_release, note_release
+from app.storage.releases import ReleaseRow, latest_release, note_release, noted_looks
 from app.study.data import LookTaken, load
 from app.study.folder import Advance
 from app.study.invitations import Invitation
-from app.study.looks import LOOKS_FILE, write_looks
+from app.study.looks import LOOKS_FILE, joined_looks, write_looks
 from app.study.policy_episodes import PolicyEpisode
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
@@ -166,7 +166,7 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         chain_head=state.head if state else None,
         chain_entries=state.entries if state else 0,
         without_policies=request.without_policies,
-        looks=request.looks,
+        looks=joined_looks(request.looks, [LookTaken(**each) for each in noted_looks(conn, request.study)]),
         arrivals=count_arrivals(conn, request.study, request.invitations),
     ), closed
 

@@ -11,7 +11,7 @@ from app.study.data import StudyData, load
 from app.study.flow import with_invitations
 from app.study.folder import Folder, Study
 from app.study.invitations import Invitations
-from app.study.looks import LOOKS_FILE, read_looks
+from app.study.looks import LOOKS_FILE, with_looks_in
 from app.study.protocol import StudyError
 
 
@@ -49,7 +49,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         data = replace(data, arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened))
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
-    data = replace(data, looks=read_looks(studies / name / LOOKS_FILE))
+    data = with_looks_in(studies / name / LOOKS_FILE, data)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
 
 

@@ -18,6 +18,7 @@ from app.storage.reader import Reader, config_of
 from app.storage.study_reader import (
     count_erased,
     find_study,
+    looks_known,
     move_inputs,
     noted_arrivals,
     participants,
@@ -143,7 +144,7 @@ class StudyData:
 
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     view   what may be seen of it; None: not decided yet, and `trials` hold everything
-    looks  that were taken while it was open, as far as the study's folder is known
+    looks  that were taken while it was open, as far as an imported release or the study's folder tells
     """
 
     protocol: Protocol
@@ -206,6 +207,7 @@ def _load(reader: Reader, study: str) -> StudyData:
             _with_input(reader, each, kinds[each["participant_id"]], version) for each in study_episodes(reader, study)
         ),
         arrivals=with_noted(arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)),
+        looks=tuple(LookTaken(**each) for each in looks_known(reader, study)),
     )
 
 

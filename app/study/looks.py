@@ -143,6 +143,16 @@ def read_looks(path: Path) -> tuple[LookTaken, ...]:
         raise StudyError(f"{path} cannot be read: {error}; restore it from a backup") from error
 
 
+def with_looks_in(path: Path, data: StudyData) -> StudyData:
+    """Return a study's data with the looks in a file beside those that its database knows; StudyError as `read_looks`."""
+    return replace(data, looks=joined_looks(data.looks, read_looks(path)))
+
+
+def joined_looks(*lists: Sequence[LookTaken]) -> tuple[LookTaken, ...]:
+    """Return every look once, in the order of time."""
+    return tuple(sorted({look for looks in lists for look in looks}, key=lambda look: (look.at, look.finished)))
+
+
 def note_planned_look(folder: Folder, data: StudyData) -> None:
     """Log that the look which is shown was taken, once; nothing for a closed study or where no look is shown."""
     view, name = data.view, data.protocol.name

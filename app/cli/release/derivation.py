@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,14 +48,13 @@ def read_bundle(folder: Path) -> Derivation:
     from app.release.manifest import read_manifest
     from app.storage.connection import reading
     from app.study.data import load
-    from app.study.looks import LOOKS_FILE, read_looks
+    from app.study.looks import LOOKS_FILE, with_looks_in
 
     manifest, _ = read_manifest(folder)
     with reading(folder / BUNDLE_DATABASE) as conn:
         episodes = read_policy_episodes(conn)
     data = load(folder / BUNDLE_DATABASE, str(manifest["study"]))
-    data = replace(data, looks=read_looks(folder / LOOKS_FILE))
-    return Derivation(folder, data, episodes, manifest.get("regret_policy_hash"))
+    return Derivation(folder, with_looks_in(folder / LOOKS_FILE, data), episodes, manifest.get("regret_policy_hash"))
 
 
 def derive(made: Derivation, synthetic: bool, known: KnownMoves | None = None) -> Report:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -73,12 +72,12 @@ def released_report(study: str, without: Sequence[str], cache: Path | None = Non
         from app.release.build import ReleasedReport
         from app.storage.reader import Reader
         from app.study.data import load
-        from app.study.looks import LOOKS_FILE, read_looks
+        from app.study.looks import LOOKS_FILE, with_looks_in
         from app.study.policy_episodes import compared_policies, ranked_seeds
 
         reader = Reader.open(database)
         try:
-            data = replace(load(reader, study), looks=read_looks(database.parent / LOOKS_FILE))
+            data = with_looks_in(database.parent / LOOKS_FILE, load(reader, study))
             if not any(has_played(data, synthetic) for synthetic in (False, True)):
                 return ReleasedReport(_report_files(build_report(data, (), False, {}), False))
             names = [name for name in compared_policies(data.protocol) if name not in without]
