@@ -67,6 +67,25 @@ def test_the_addresses_in_a_page_are_relative(page):
     assert not [url for url in found if url.startswith("/")]
 
 
+def imported_by(module):
+    """The modules that a module needs, and those that they need, as the page names them."""
+    found, waiting = set(), [module]
+    while waiting:
+        path = waiting.pop()
+        for name in re.findall(r'^(?:im|ex)port .*?from "([^"]+)"', path.read_text(), re.M):
+            needed = (path.parent / name).resolve()
+            if needed not in found:
+                found.add(needed)
+                waiting.append(needed)
+    return {f"static/{name_of(path)}" for path in found}
+
+
+def test_the_playground_asks_for_all_its_modules_at_once():
+    page = STATIC / "play" / "index.html"
+    asked = re.findall(r'<link rel="modulepreload" href="([^"]+)">', page.read_text())
+    assert sorted(asked) == sorted(imported_by(STATIC / "play" / "main.js")), "a modulepreload line for each module, in the order of names"
+
+
 def test_every_id_the_page_looks_up_is_there():
     for path in MODULES:
         ids = set(re.findall(r'\bid="([^"]+)"', page_of(path).read_text()))
