@@ -41,8 +41,8 @@ export function runs(line) {
  * @param {HTMLCanvasElement} canvas
  * @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
  * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
- *   ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null}} look
- *   ghost is another's path under this one; thought is drawn round the rover
+ *   lidar_cells?: number, ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null}} look
+ *   lidar_cells is how far the lidar sees, drawn as a ring; ghost is another's path under this one; thought is drawn round the rover
  */
 export function paintBoard(canvas, board, look) {
   const { frame, trail } = board;
@@ -60,6 +60,7 @@ export function paintBoard(canvas, board, look) {
   paintCells(context, frame, size, soil);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
+  if (look.lidar_cells && !frame.outcome) paintRange(context, frame.position, size, { reach_px: look.lidar_cells * size, accent: look.accent, dpr: look.dpr });
   if (look.thought) paintThought(context, look.thought, frame.position, size, look);
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
 }
@@ -115,6 +116,24 @@ function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
   context.strokeStyle = accent;
   context.globalAlpha = isGhost ? 0.9 : casing ? 1 : 0.8;
   context.lineWidth = width;
+  context.stroke();
+  context.setLineDash([]);
+  context.globalAlpha = 1;
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("./messages.js").Cell} position
+ * @param {number} size
+ * @param {{reach_px: number, accent: string, dpr: number}} look
+ */
+function paintRange(context, [row, col], size, { reach_px, accent, dpr }) {
+  context.beginPath();
+  context.arc((col + 0.5) * size, (row + 0.5) * size, reach_px, 0, 2 * Math.PI);
+  context.strokeStyle = accent;
+  context.globalAlpha = 0.55;
+  context.lineWidth = Math.max(1, dpr);
+  context.setLineDash([5 * dpr, 5 * dpr]);
   context.stroke();
   context.setLineDash([]);
   context.globalAlpha = 1;

@@ -12,6 +12,8 @@ import * as panel from "./panels.js";
 
 /** @typedef {import("../common/game_state.js").State} State */
 const ROLES = /** @type {const} */ (["player", "rival"]);
+/** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
+const LIDAR_CELLS = 6;
 /** The mark on the page's timeline at which the player's matrix was painted for the first time. */
 const FIRST_FRAME = "mars.first-frame";
 
@@ -47,7 +49,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
       const ghost = trail && { trail, accent: colours[role === "player" ? "rival" : "player"] };
       const thought = showsThoughts() ? thoughtOf(board) : null;
-      paintBoard(canvas, board, { soil, accent: colours[role], ...views.size(part.matrix), dpr, ghost, thought });
+      paintBoard(canvas, board, { soil, accent: colours[role], ...views.size(part.matrix), dpr, lidar_cells: LIDAR_CELLS, ghost, thought });
     }
     const now_ms = performance.now();
     if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);

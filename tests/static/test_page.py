@@ -11,7 +11,7 @@ from typing import get_args
 import pytest
 
 from app.play import messages
-from marsexplorer.config import ACTIONS, OUTCOMES
+from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 
 ROOT = Path(__file__).parent.parent.parent
 STATIC = ROOT / "static"
@@ -84,6 +84,11 @@ def test_the_playground_asks_for_all_its_modules_at_once():
     page = STATIC / "play" / "index.html"
     asked = re.findall(r'<link rel="modulepreload" href="([^"]+)">', page.read_text())
     assert sorted(asked) == sorted(imported_by(STATIC / "play" / "main.js")), "a modulepreload line for each module, in the order of names"
+
+
+def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
+    painter = (STATIC / "play" / "painter.js").read_text()
+    assert f"LIDAR_CELLS = {EnvConfig.of('random', 21).sensor_radius};" in painter
 
 
 def test_every_id_the_page_looks_up_is_there():
