@@ -83,7 +83,9 @@ def imported_by(module):
 def test_the_playground_asks_for_all_its_modules_at_once():
     page = STATIC / "play" / "index.html"
     asked = re.findall(r'<link rel="modulepreload" href="([^"]+)">', page.read_text())
-    assert sorted(asked) == sorted(imported_by(STATIC / "play" / "main.js")), "a modulepreload line for each module, in the order of names"
+    assert sorted(asked) == sorted(imported_by(STATIC / "play" / "main.js")), (
+        "a modulepreload line for each module, in the order of names"
+    )
 
 
 def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
