@@ -115,14 +115,12 @@ function dispatch(event) {
   const before = state;
   state = apply(state, event);
   if (state === before) return;
-  if (event.kind === "begun") {
-    moves.drop("ended");
-    if (before.player?.frame.episode !== state.player?.frame.episode) showTab("player");
-  }
+  if (event.kind === "begun") moves.drop("ended");
   visit.follow(before, state);
   connections.sync(state.mode === "spectator" ? { ...state, player: null } : state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
+    if (frame.episode !== before.player?.frame.episode) showTab("player");
     const said = announcement(before.player?.frame ?? null, frame);
     if (said) by("announcer").textContent = said;
     if (event.kind === "received" && state.mode !== "spectator" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
