@@ -14,8 +14,8 @@ import { groundAhead } from "./known_ground.js";
 
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
-/** Nobody answers what they see sooner than this, so a press after it goes where its player wants, into a known rock too. */
-export const REACTION_MS = 250;
+/** Hardly anybody answers what they see sooner than this, so a press after it goes where its player wants, into a known rock too. */
+export const REACTION_MS = 400;
 /** Presses that may wait at one time: more than anybody types before looking. */
 export const MAX_WAITING = 400;
 

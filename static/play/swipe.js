@@ -30,7 +30,10 @@ export function directionOf(right_px, down_px) {
  * @param {{isOn: () => boolean, onSwipe: (action: Action, event: PointerEvent) => void, onEnd: (action: Action, event: PointerEvent) => void}} how
  */
 export function createSwipe({ isOn, onSwipe, onEnd }) {
-  /** @type {{id: number, x: number, y: number, action: Action | null} | null} */
+  /**
+   * The first finger; `isOver` once it has swiped, or a second one has joined it.
+   * @type {{id: number, x: number, y: number, action: Action | null, isOver: boolean} | null}
+   */
   let finger = null;
   /**
    * Take a pointer event; return whether it belongs to a swipe, so that nothing else is to be done with it.
@@ -40,16 +43,16 @@ export function createSwipe({ isOn, onSwipe, onEnd }) {
     if (event.pointerType === "mouse") return false;
     if (event.type === "pointerdown") {
       if (!isOn()) return false;
-      if (event.isPrimary) finger = { id: event.pointerId, x: event.clientX, y: event.clientY, action: null };
-      return true; // a second finger swipes nothing, and zooms nothing either
+      if (event.isPrimary) finger = { id: event.pointerId, x: event.clientX, y: event.clientY, action: null, isOver: false };
+      else if (finger) finger.isOver = true; // two fingers swipe nothing, and zoom nothing either
+      return true;
     }
     if (event.pointerId !== finger?.id) return finger !== null;
     if (event.type === "pointermove") {
-      const action = finger.action === null ? directionOf(event.clientX - finger.x, event.clientY - finger.y) : null;
-      if (action) {
-        finger.action = action;
-        onSwipe(action, event);
-      }
+      const action = finger.isOver ? null : directionOf(event.clientX - finger.x, event.clientY - finger.y);
+      if (!action) return true;
+      Object.assign(finger, { action, isOver: true });
+      onSwipe(action, event);
       return true;
     }
     const { action } = finger;
