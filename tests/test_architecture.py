@@ -51,6 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.cli.training": {
         "app.cli.console",
+        "app.leaderboard",
         "app.moves",
         "app.release",
         "app.storage",
@@ -71,6 +72,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.leaderboard": {
         "app.moves",
         "app.play",
+        "app.settings",
         "app.statistics",
         "app.storage",
         "app.study",

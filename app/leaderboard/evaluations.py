@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 class PolicyEvaluations:
     """Gives the figures that are ready and makes the missing ones in the background, the latest request first."""
 
-    def __init__(self, path: Path, shipped: ShippedFigures) -> None:
+    def __init__(self, path: Path, shipped: ShippedFigures | None = None) -> None:
         self.path = path
         self._shipped = shipped
         self._done: dict[str, dict[str, Any]] = _read(path)
@@ -51,7 +51,7 @@ class PolicyEvaluations:
         event loop.
         """
         keys = {job.key: job for job in jobs}
-        came = {key: self._shipped.find(job) for key, job in keys.items() if key not in self._done}
+        came = {key: self._shipped.find(job) if self._shipped else None for key, job in keys.items() if key not in self._done}
         known = {**self._done, **self._failed, **{key: made for key, made in came.items() if made}}
         missing = {key: job for key, job in keys.items() if key not in known}
         if missing and not self._closed:

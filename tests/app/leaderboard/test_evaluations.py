@@ -7,11 +7,7 @@ import pytest
 
 from app.leaderboard.evaluations import PolicyEvaluations
 from app.leaderboard.jobs import EvaluationJob, policy_hash
-from app.leaderboard.shipped import ShippedFigures
 from marsexplorer.config import CORE_VERSION, EnvConfig
-
-NONE_SHIPPED = ShippedFigures()
-"""No shipped figure is of the terrains of these tests."""
 
 TINY = EnvConfig("random", 5, 7)
 IDLE_WORK_S = 600
@@ -23,14 +19,14 @@ def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path):
     path = tmp_path / "figures.json"
     kept = {"curve": {}}
     path.write_text(json.dumps({f"{CORE_VERSION}|a": kept, "0|b": kept}))
-    assert list(PolicyEvaluations(path, NONE_SHIPPED)._done) == [f"{CORE_VERSION}|a"]
+    assert list(PolicyEvaluations(path)._done) == [f"{CORE_VERSION}|a"]
     path.write_text('{"1|a": {"cur')
-    assert PolicyEvaluations(path, NONE_SHIPPED)._done == {}
+    assert PolicyEvaluations(path)._done == {}
 
 
 def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
     async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json", NONE_SHIPPED)
+        figures = PolicyEvaluations(tmp_path / "figures.json")
         jobs = [EvaluationJob("nope", TINY, (1, 2)), EvaluationJob("frontier-cost", TINY, (1, 2))]
         try:
             while any(each["state"] in ("waiting", "computing") for each in figures.request(jobs)):
@@ -46,7 +42,7 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
 
 def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
     async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json", NONE_SHIPPED)
+        figures = PolicyEvaluations(tmp_path / "figures.json")
         jobs = [EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))), EvaluationJob("random", TINY, (1, 2))]
         try:
             while figures.request(jobs)[0]["done"] == 0:
