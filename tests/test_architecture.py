@@ -51,7 +51,6 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.cli.training": {
         "app.cli.console",
-        "app.leaderboard",
         "app.moves",
         "app.release",
         "app.storage",
@@ -72,7 +71,6 @@ ALLOWED: dict[str, set[str]] = {
     "app.leaderboard": {
         "app.moves",
         "app.play",
-        "app.settings",
         "app.statistics",
         "app.storage",
         "app.study",

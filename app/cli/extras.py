@@ -38,7 +38,6 @@ EXTRA_OF_COMMAND = {
     "serve": "play",
     "export": "play",
     "evaluate": "train",
-    "leaderboard": "play",
     "train": "train",
     "refine": "train",
     "sweep": "ray",

@@ -1,0 +1,76 @@
+// @ts-check
+// A player's own page: bests, place among people, every episode. The only module of this page that knows all the others.
+import { createRequest } from "../common/api.js";
+import { paintDistribution } from "../common/distribution.js";
+import { create, elementsOf, put } from "../common/page.js";
+import { percent, score } from "../common/words.js";
+import { bestText, resultWord, standingText, summary, terrainText } from "./words.js";
+
+/**
+ * @typedef {import("./words.js").Best} Best
+ * @typedef {import("./words.js").Episode} Episode
+ * @typedef {import("./words.js").History} History
+ */
+const by = elementsOf(document);
+const request = createRequest((path, options) => fetch(path, options), "");
+const PAGE = 50;
+let shown = 0;
+
+/** @param {number} at_ms */
+const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+
+/**
+ * Return the panel of one configuration.
+ * @param {Best} figure
+ */
+function bestPanel(figure) {
+  const { best, people } = figure;
+  const number = best ? create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" }) : create("span", "\u2013");
+  const plot = create("div");
+  /** @type {Map<number, number>} */
+  const counts = new Map();
+  for (const mean of people.means) counts.set(Math.round(mean), (counts.get(Math.round(mean)) ?? 0) + 1);
+  if (people.means.length > 1) paintDistribution(plot, { counts: [...counts], you: people.you });
+  return create("section", [
+    create("h2", terrainText(figure)),
+    create("p", [number, create("small", best ? " moves, your best" : " no best yet")], { class: "best" }),
+    create("p", bestText(figure), { class: "fine" }),
+    plot,
+    create("p", standingText(figure), { class: "fine" }),
+  ], { class: "panel" });
+}
+
+/**
+ * Return the row of one episode.
+ * @param {Episode} episode
+ */
+function episodeRow(episode) {
+  const { kind, day, outcome, moves, coverage, not_attested: reason } = episode;
+  const when = create("a", timeText(episode.ended_ms), { href: `replay/${encodeURIComponent(episode.episode)}` });
+  const kindCell = create("td", kind === "daily" ? `daily ${day}` : kind, { class: "wide" });
+  if (reason) kindCell.title = `Does not count: ${reason}`;
+  return create("tr", [
+    create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
+    create("td", resultWord(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
+    create("td", String(moves), { class: "number" }), create("td", `${percent(coverage)} %`, { class: "number" }), create("td", score(episode.score), { class: "number wide" }),
+  ]);
+}
+
+async function load() {
+  try {
+    const history = /** @type {History} */ (await request(`me/history?limit=${PAGE}&offset=${shown}`));
+    put(by("sentence"), summary(history));
+    if (!shown) by("bests").replaceChildren(...history.bests.map(bestPanel));
+    by("rows").append(...history.episodes.map(episodeRow));
+    shown += history.episodes.length;
+    by("more").hidden = shown >= history.total;
+    by("nothing").hidden = history.total > 0;
+    by("history").hidden = by("keep").hidden = history.total === 0;
+    document.body.dataset.state = history.total ? "some" : "none";
+  } catch (error) {
+    put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
+    setTimeout(load, 2000);
+  }
+}
+by("more").addEventListener("click", load);
+load();

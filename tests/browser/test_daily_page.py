@@ -1,0 +1,72 @@
+"""The daily page and the page of one's own episodes in a real browser: one story, from nothing to the result."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.play import daily_terrain
+from marsexplorer.config import EnvConfig
+from marsexplorer.policies import load
+from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.support.servers import eventually
+
+SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A daily terrain of 7x9 cells."""
+    monkeypatch.setattr(daily_terrain, "CONFIG", EnvConfig.of("random", (7, 9)))
+
+
+def judge(page, name, found, themes=("dark",)):
+    """Keep what axe finds, and a picture of each size; nothing is wider than the screen."""
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), f"{name} at {size}"
+        page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png", full_page=True)
+    for theme in themes:
+        page.emulate_media(color_scheme=theme)
+        found += [
+            f"{name}, {theme}: {each['id']} {each['nodes'][0]['target']}" for each in Axe().run(page).response["violations"]
+        ]
+
+
+def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(server, player, small):
+    me = player(server, [*NO_3D, *AS_A_PERSON], permissions=["clipboard-read", "clipboard-write"])
+    page, wrong = me.page, []
+    page.goto(f"{server.url}/me")
+    page.get_by_test_id("nothing").wait_for()
+    judge(page, "me-empty", wrong)
+    page.get_by_role("link", name="Today's terrain").click()
+    me.wait("window.mars && window.mars.state.link === 'open' && window.mars.state.player")
+    assert page.get_by_test_id("prompt").inner_text().startswith("Press an arrow key")
+    judge(page, "daily-start", wrong)
+    policy = load("frontier-cost")
+    me.explore(policy, lambda frame: frame["step"] >= 2)
+    page.reload()
+    me.wait("window.mars && window.mars.state.link === 'open' && window.mars.state.player?.frame.step >= 2")
+    frame = me.explore(policy, lambda frame: frame["outcome"])
+    page.get_by_test_id("end-card").wait_for()
+    moves = frame["step"]
+    assert page.get_by_test_id("end-title").inner_text() == f"{moves} moves, 99 % mapped".replace("99 %", _percent(frame))
+    assert "first person today" in page.get_by_test_id("end-rank").inner_text()
+    eventually(lambda: "ppo needed" in page.get_by_test_id("share-text").input_value())
+    page.get_by_test_id("copy").click()
+    me.shows("copy", "Copied")
+    shared = page.evaluate("() => navigator.clipboard.readText()")
+    assert shared.startswith("MarsExplorer daily 20")
+    assert shared.endswith(f"{server.url}/daily")
+    judge(page, "daily-end", wrong, ("light", "dark"))
+    page.reload()
+    page.get_by_test_id("end-card").wait_for()
+    assert me.state()["step"] == moves
+    page.keyboard.press("ArrowUp")
+    page.goto(f"{server.url}/me")
+    assert page.get_by_test_id("best").inner_text() == str(moves)
+    judge(page, "me", wrong, ("light", "dark"))
+    assert wrong == []
+    assert me.errors == []
+
+
+def _percent(frame):
+    return f"{int(100 * frame['coverage'] + 1e-9)} %"

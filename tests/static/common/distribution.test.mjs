@@ -1,0 +1,24 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { binsOf, describe, rowsOf } from "../../../static/common/distribution.js";
+
+test("columns hold every value once, are few and of one width", () => {
+  for (const values of [[87], [80, 81, 82], [75, 99, 441], [60, 61, 140, 141, 399]]) {
+    const bins = binsOf(values.map((moves) => [moves, 2]), [70, 120]);
+    assert.equal(bins.reduce((sum, { count }) => sum + count, 0), 2 * values.length);
+    assert.ok(bins.length <= 16, `${bins.length} columns`);
+    assert.equal(new Set(bins.map(({ from, to }) => to - from)).size, 1);
+    assert.ok(bins[0].from <= Math.min(70, ...values) && bins.at(-1).to > Math.max(120, ...values));
+    for (const { from, to, count } of bins) assert.equal(count, 2 * values.filter((each) => each >= from && each < to).length);
+  }
+  assert.deepEqual(binsOf([], []), []);
+});
+
+test("labels stand in rows where they do not lie over each other", () => {
+  const labels = [{ at: 50, width: 40 }, { at: 60, width: 40 }, { at: 70, width: 40 }, { at: 200, width: 40 }];
+  assert.deepEqual(rowsOf(labels, 2), [0, 1, null, 0]);
+});
+
+test("who cannot see the columns is told the same", () => {
+  assert.equal(describe(binsOf([[80, 2], [81, 1]], [79]), 80, [{ name: "ppo", moves: 79 }]), "Moves to 99 %: 2 from 80 to 80, 1 from 81 to 81; you 80; ppo 79");
+});
