@@ -26,10 +26,10 @@ class Addresses:
 
 @dataclass(frozen=True)
 class Inlined:
-    """What a page that stands in one file holds itself: its styles, its modules by name, and its icon as a data URL."""
+    """What a page that stands in one file holds itself: its styles; its modules by name and its icon, as data URLs."""
 
     style: Markup
-    modules: dict[str, dict[str, str]]
+    modules: dict[str, str]
     entry: str
     icon: str
 

@@ -105,7 +105,7 @@ async function choose(name) {
   }
 }
 
-offerGhosts(select, data.ghost ? [data.ghost.name] : data.ghosts, chosen);
+offerGhosts(select, data.ghosts, chosen);
 select.addEventListener("change", () => choose(select.value || null));
 speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));
 speed.addEventListener("change", () => show({ ...playback, speed: Number(speed.value) }));
