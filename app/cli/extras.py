@@ -20,6 +20,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
+    "video": ("av",),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
@@ -31,12 +32,14 @@ INCLUDED: dict[str, tuple[str, ...]] = {
     "export": ("study",),
     "onnx": ("networks",),
     "ray": ("train",),
+    "video": ("play",),
 }
 """Extra -> the extras that it includes."""
 
 EXTRA_OF_COMMAND = {
     "serve": "play",
     "export": "play",
+    "replay": "play",
     "evaluate": "train",
     "train": "train",
     "refine": "train",

@@ -25,6 +25,7 @@ except ModuleNotFoundError as error:  # the environment can be installed without
 COMMANDS = {
     "serve": "Play and watch in a browser; every move is recorded.",
     "export": "Write the recorded episodes as CSV or JSON Lines.",
+    "replay": "Write an episode as a page in one file, a GIF or an MP4.",
     "evaluate": "Score policies on the same terrains.",
     "train": "Train a policy on this machine.",
     "refine": "Improve a trained policy by trying other moves.",
@@ -47,6 +48,7 @@ COMMANDS = {
 
 _MODULES = {
     "export": "database.export",
+    "replay": "database.replay",
     "verify": "database.verify",
     "merge": "database.merge",
     "forget": "database.forget",

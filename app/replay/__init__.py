@@ -1,4 +1,4 @@
 """Replays of finished episodes: what is drawn at each move, a policy on the same terrain, and both as a file.
 
-Only episodes that anybody may see are replayed (`episodes.public_episode`); everything else here takes what it returned.
+`episodes.shown_episode` says who may see which; everything else here takes what it returned.
 """

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PIL import Image
 
 from app.replay.course import Course
@@ -103,7 +104,7 @@ def _encode(opened: OutputContainer, drawn: AnimationPicture, timing: Timing, pr
         stream.pix_fmt = "yuv420p"
         pictures = _pictures(drawn, timing, progress)
         for picture in _with_end_held(pictures, timing.held):
-            container.mux(stream.encode(VideoFrame.from_image(picture)))
+            container.mux(stream.encode(VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")))
         container.mux(stream.encode())
 
 

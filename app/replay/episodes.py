@@ -1,4 +1,4 @@
-"""Which episodes have a replay: the ended ones that anybody may see, by the same rule as the list of finished episodes."""
+"""Which episodes have a replay: the ended ones that the asker may see, by the same rule as the API's finished episodes."""
 
 from __future__ import annotations
 
@@ -16,33 +16,48 @@ MAX_NAMED = 5
 
 
 class UnknownReplayError(LookupError):
-    """There is no episode with this id that anybody may see a replay of."""
+    """There is no episode with this id of which the asker may see a replay."""
 
 
 @dataclass(frozen=True)
-class PublicEpisode:
-    """An ended episode that anybody may see: its id, its cause, and who drove in words."""
+class Asker:
+    """Who asks for a replay, and when: before a day is over, its daily episodes are their own players' alone.
+
+    player_id  None for a stranger
+    at_ms      milliseconds since 1970; None for now
+    """
+
+    player_id: str | None = None
+    at_ms: int | None = None
+
+
+STRANGER = Asker()
+
+
+@dataclass(frozen=True)
+class ShownEpisode:
+    """An ended episode that the asker may see: its id, its cause, and who drove in words."""
 
     id: str
     record: Record
     name: str
 
 
-def public_episode(database: Path, episode_id: str, viewer: str | None = None) -> PublicEpisode:
+def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:
     """Return an ended episode by its id; UnknownReplayError for every other id, so that nothing is told of what is secret.
 
-    Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and one
-    of a daily terrain whose day is not over, except to `viewer`, the player who asks, if it is theirs.
+    Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and
+    another player's of a daily terrain before its day is over.
     """
-    with closing(Reader.open(database, public=True)) as reader, reader.snapshot():
-        found = reader.episode(episode_id, viewer)
+    with closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader, reader.snapshot():
+        found = reader.episode(episode_id, asker.player_id)
         if found is None:
             raise UnknownReplayError(f"no finished episode {episode_id!r} that can be replayed: check the link")
         driver = str(found["driver"])
-        return PublicEpisode(episode_id, reader.load_record(episode_id), NAMES.get(driver) or driver.removeprefix("policy:"))
+        return ShownEpisode(episode_id, reader.load_record(episode_id), NAMES.get(driver) or driver.removeprefix("policy:"))
 
 
-def find_episode(database: Path, prefix: str) -> PublicEpisode:
+def find_episode(database: Path, prefix: str) -> ShownEpisode:
     """Return the one ended episode whose id begins with a prefix; UnknownReplayError where none or several do."""
     with closing(Reader.open(database, public=True)) as reader:
         found = reader.ids_beginning(prefix, MAX_NAMED + 1)
@@ -54,4 +69,4 @@ def find_episode(database: Path, prefix: str) -> PublicEpisode:
     if len(found) > 1 and prefix not in found:
         named = ", ".join(found[:MAX_NAMED]) + (", ..." if len(found) > MAX_NAMED else "")
         raise UnknownReplayError(f"several episodes begin with {prefix!r}: {named}; give more of the id")
-    return public_episode(database, prefix if prefix in found else found[0])
+    return shown_episode(database, prefix if prefix in found else found[0])

@@ -34,24 +34,26 @@ def preferred(names: Sequence[str], driver: str) -> str | None:
     return next((name for name in (*PREFERRED, *names) if name in names and name != driver), None)
 
 
-def play_ghost(offer: PolicyOffer, record: Record, longest_s: float = LONGEST_S) -> Course:
+def play_ghost(source: str, record: Record, longest_s: float = LONGEST_S) -> Course:
     """Return the course of a policy from the start of a record on its terrain; GhostError where it cannot be had.
 
     The policy is given what its own rover discovers, as everywhere, and is reset with 0, so that every call gives the same.
+
+    source  what `policies.load` takes: a name or a path
     """
     config = record.config
-    if offer.size not in (None, (config.rows, config.cols)):
-        raise GhostError(f"{offer.name} plays no boards of {config.rows}x{config.cols}; choose another policy")
     try:
-        policy = load(offer.source, config.sensor_radius)
+        policy = load(source, config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
-        raise GhostError(f"{offer.name} cannot be loaded: {error}") from error
+        raise GhostError(f"the policy cannot be loaded: {error}") from error
+    if getattr(policy, "size", None) not in (None, (config.rows, config.cols)):
+        raise GhostError(f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy")
     policy.reset(0)
     deadline_s = time.monotonic() + longest_s
 
     def act(codes: NDArray[np.uint8]) -> int:
         if time.monotonic() > deadline_s:
-            raise GhostError(f"{offer.name} takes more than {longest_s:.0f} s on this terrain; choose a faster policy")
+            raise GhostError(f"{policy.name} takes more than {longest_s:.0f} s on this terrain; choose a faster policy")
         return policy.act(codes.copy())
 
-    return course_of_policy(offer.name, record, act)
+    return course_of_policy(policy.name, record, act)

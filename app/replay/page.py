@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,10 +35,24 @@ class Inlined:
     icon: str
 
 
-def render(data: dict[str, Any], course: Course, addresses: Addresses | None = None, inlined: Inlined | None = None) -> str:
-    """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself."""
+def render(
+    data: dict[str, Any],
+    course: Course,
+    formats: Sequence[str] = (),
+    addresses: Addresses | None = None,
+    inlined: Inlined | None = None,
+) -> str:
+    """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
+
+    formats  in which the server gives the replay as a file
+    """
     text: str = _ENVIRONMENT.get_template("index.html").render(
-        data=data, headline=course.headline, terrain=terrain_in_words(course), addresses=addresses, inlined=inlined
+        data=data,
+        headline=course.headline,
+        terrain=terrain_in_words(course),
+        formats=formats,
+        addresses=addresses,
+        inlined=inlined,
     )
     return text
 

@@ -70,7 +70,9 @@ class AnimationPicture:
         share = course.coverage(step)
         _bar(draw, (left, top, right, top + round(0.5 * look.text)), share, colour)
         words = sentence(course) if step >= course.moves else f"{percent(share)} % mapped"
-        draw.text((left, top + round(1.9 * look.text)), words, TEXT if step >= course.moves else MUTED, font(look.text), anchor="ls")
+        draw.text(
+            (left, top + round(1.9 * look.text)), words, TEXT if step >= course.moves else MUTED, font(look.text), anchor="ls"
+        )
 
 
 def preview(course: Course) -> bytes:
@@ -116,6 +118,8 @@ def _bar(draw: ImageDraw.ImageDraw, box: tuple[int, int, int, int], share: float
     radius = (bottom - top) // 2
     draw.rounded_rectangle(box, radius, fill=LINE)
     if share > 0:
-        draw.rounded_rectangle((left, top, max(left + 2 * radius, left + round(share * (right - left))), bottom), radius, fill=colour)
+        draw.rounded_rectangle(
+            (left, top, max(left + 2 * radius, left + round(share * (right - left))), bottom), radius, fill=colour
+        )
     goal = left + round(GOAL * (right - left))
     draw.line((goal, top - radius, goal, bottom + radius), fill=TEXT, width=max(1, radius // 3))

@@ -16,13 +16,15 @@ from typing import Any, Generic, TypeVar
 
 from app.play.policy_catalogue import PolicyOffer
 from app.replay.course import Course, course_of
-from app.replay.episodes import PublicEpisode, public_episode
+from app.replay.episodes import Asker, ShownEpisode, shown_episode
+from app.replay.files import Format, file_of
 from app.replay.ghosts import GhostError, choices, play_ghost, preferred
+from marsexplorer.episode import Record
 
 MAX_WAITING = 16
 """Requests that wait for their turn; another one is refused."""
-MAX_KEPT = 64
-"""Courses of policies that are kept."""
+MAX_COURSES, MAX_FILES = 64, 16
+"""Courses of policies, and files, that are kept."""
 T = TypeVar("T")
 
 
@@ -32,12 +34,12 @@ class ReplayBusyError(RuntimeError):
 
 @dataclass(frozen=True)
 class Replay:
-    """A finished episode that anybody may see, as a replay shows it.
+    """A finished episode that the asker may see, as a replay shows it.
 
     ghosts  names of the policies that can be shown beside it; preferred is the one that is shown when none is chosen
     """
 
-    episode: PublicEpisode
+    episode: ShownEpisode
     course: Course
     ghosts: tuple[str, ...]
     preferred: str | None
@@ -64,35 +66,46 @@ class Replays:
         self._offers = {offer.name: offer for offer in offers}
         self._thread = ThreadPoolExecutor(1, "replays")
         self._waiting = 0
-        self._courses: _Kept[Course] = _Kept(MAX_KEPT)
+        self._courses: _Kept[Course] = _Kept(MAX_COURSES)
+        self._files: _Kept[bytes] = _Kept(MAX_FILES)
 
-    async def replay(self, episode_id: str, viewer: str | None = None) -> Replay:
-        """Return the replay of an episode for the player who asks, None for whoever has no cookie.
+    async def replay(self, episode_id: str, asker: Asker) -> Replay:
+        """Return the replay of an episode.
 
-        UnknownReplayError where nobody may see one, ValueError where the rules that it was played by are gone.
+        UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
         """
-        return await asyncio.to_thread(self._replay, episode_id, viewer)
+        return await asyncio.to_thread(self._replay, episode_id, asker)
 
-    async def ghost(self, episode_id: str, name: str, viewer: str | None = None) -> Course:
+    async def ghost(self, episode_id: str, name: str, asker: Asker) -> Course:
         """Return the course of a policy on the terrain of an episode; GhostError as well, see `replay`."""
-        return await self._work(lambda: self._ghost(public_episode(self._database, episode_id, viewer), name))
+        return await self._work(lambda: self._ghost(shown_episode(self._database, episode_id, asker).record, name))
+
+    async def file(self, episode_id: str, form: Format, ghost: str | None, asker: Asker) -> bytes:
+        """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
+        replay = await self.replay(episode_id, asker)
+        record = replay.episode.record
+
+        def write() -> bytes:
+            courses = [replay.course, *([] if ghost is None else [self._ghost(record, ghost)])]
+            return file_of(form, episode_id, courses)
+
+        return await self._work(lambda: self._files.get((episode_id, record.trajectory_hash, form, ghost), write))
 
     def close(self) -> None:
         """Drop what waits; what is being worked out ends by itself."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _replay(self, episode_id: str, viewer: str | None) -> Replay:
-        episode = public_episode(self._database, episode_id, viewer)
+    def _replay(self, episode_id: str, asker: Asker) -> Replay:
+        episode = shown_episode(self._database, episode_id, asker)
         course = course_of(episode.name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)
         return Replay(episode, course, tuple(ghosts), preferred(ghosts, episode.name))
 
-    def _ghost(self, episode: PublicEpisode, name: str) -> Course:
+    def _ghost(self, record: Record, name: str) -> Course:
         if name not in self._offers:
             raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
-        record = episode.record
         key = (name, record.config.hash, record.terrain, record.start)
-        return self._courses.get(key, lambda: play_ghost(self._offers[name], record))
+        return self._courses.get(key, lambda: play_ghost(self._offers[name].source, record))
 
     async def _work(self, work: Callable[[], T]) -> T:
         if self._waiting >= MAX_WAITING:

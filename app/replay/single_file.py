@@ -43,7 +43,7 @@ def _inlined() -> Inlined:
     style = "\n".join((STATIC / name).read_text() for name in STYLES)
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
     return Inlined(
-        style=Markup(style),  # noqa: S704 our own files
+        style=Markup(style),
         modules={name: _data_url(text) for name, text in modules(ENTRY).items()},
         entry=ENTRY,
         icon=f"data:image/svg+xml;base64,{icon}",

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
+from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from app.replay.episodes import UnknownReplayError
+from app.replay.animation import VideoMissingError
+from app.replay.episodes import Asker, UnknownReplayError
+from app.replay.files import MEDIA_TYPES, Format, offered
 from app.replay.page import Addresses, render
 from app.replay.service import ReplayBusyError
 from app.storage.boards import watchable_session
@@ -18,6 +21,8 @@ from app.web.cookies import is_secure
 
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
+NO_GHOST = "none"
+"""The name of a ghost that says that no policy is to be shown."""
 
 
 @contextmanager
@@ -25,7 +30,7 @@ def _replay_errors() -> Iterator[None]:
     """Answer 404 for what has no replay, 503 when too many ask, 422 for what cannot be worked out."""
     try:
         yield
-    except UnknownReplayError as error:
+    except (UnknownReplayError, VideoMissingError) as error:
         raise HTTPException(404, str(error)) from error
     except ReplayBusyError as error:
         raise HTTPException(503, str(error)) from error
@@ -37,30 +42,54 @@ def _replay_errors() -> Iterator[None]:
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.replay(episode_id, player_of(request))).document()
+        return (await services_of(request).replays.replay(episode_id, _asker(request))).document()
 
 
 @router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
 async def get_ghost(request: Request, episode_id: str, policy: PolicyName) -> dict[str, Any]:
     """Return the course of a policy from the same start on the same terrain, as the call before; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.ghost(episode_id, policy, player_of(request))).to_dict()
+        return (await services_of(request).replays.ghost(episode_id, policy, _asker(request))).to_dict()
+
+
+@router.get(
+    "/replay/{episode_id}.{form}", tags=["results"], summary="A replay as a page in one file, a GIF, an MP4 or a picture"
+)
+async def replay_file(request: Request, episode_id: str, form: Format, ghost: PolicyName | None = None) -> Response:
+    """Return a replay as a file, with the policy that `ghost` names beside it; the usual one by default, none for "none".
+
+    The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
+    404 as for the episode, and for an MP4 where the server cannot make one.
+    """
+    asker, replays = _asker(request), services_of(request).replays
+    with _replay_errors():
+        chosen = ghost or (await replays.replay(episode_id, asker)).preferred
+        content = await replays.file(episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker)
+    # the page would not run here: the server's own policy for scripts forbids those inside a page
+    kind = "attachment" if form == "html" else "inline"
+    headers = {"Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"'}
+    return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 
 
 @router.get("/replay/{episode_id}", include_in_schema=False)
 async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
+    asker = _asker(request)
     try:
         with _replay_errors():
-            replay = await services_of(request).replays.replay(episode_id, player_of(request))
+            replay = await services_of(request).replays.replay(episode_id, asker)
     except HTTPException as error:
         services = services_of(request)
-        watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), player_of(request))
+        watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), asker.player_id)
         if error.status_code == 404 and watchable is not None and not watchable[1]:
             return RedirectResponse(f"../#watch={episode_id}", 303)
         raise
     page = absolute_address(request)
-    return HTMLResponse(render(replay.document(), replay.course, Addresses(page, f"{page}.png")))
+    return HTMLResponse(render(replay.document(), replay.course, offered(), Addresses(page, f"{page}.png")))
+
+
+def _asker(request: Request) -> Asker:
+    return Asker(player_of(request), services_of(request).lobby.sources.clock_ms())
 
 
 def absolute_address(request: Request) -> str:

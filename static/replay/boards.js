@@ -7,10 +7,6 @@ import { boardAt, crashAt, hasEnded, newCells } from "./course.js";
 
 /** @typedef {import("./course.js").Course} Course */
 
-/** Colours of the ground on every replay, in both themes: a board shows night. */
-export const GROUND = { shades: { "?": "#0e0b0d", ".": "#a8623c", "#": "#dccbb8" }, edge: "#935231", rockEdge: "#bda98f" };
-/** Colours of the rovers on a board. */
-export const ROVERS = { run: "#ffb347", ghost: "#5fd0c5" };
 const SHOWN_NOW = "rgba(255, 222, 170, 0.38)";
 const CRASH = "#ff5c45";
 /** CSS pixels a cell below which the rover wears a ring. */
@@ -30,16 +26,17 @@ export function partsOf(root) {
  * @param {Record<string, HTMLElement>} part
  * @param {Course} course
  * @param {number} step
- * @param {{accent: string, other: {course: Course, accent: string} | null, dpr: number}} look other: the run whose path is drawn dashed
+ * @param {{accent: string, soil: import("../common/board.js").Soil, other: {course: Course, accent: string} | null, dpr: number}} look
+ *   other is the run whose path is drawn dashed
  */
-export function paintRun(part, course, step, { accent, other, dpr }) {
+export function paintRun(part, course, step, { accent, soil, other, dpr }) {
   const board = boardAt(course, step);
   const canvas = /** @type {HTMLCanvasElement} */ (part.canvas);
   const width_px = part.ground.clientWidth;
   const height_px = part.ground.clientHeight;
   if (width_px > 0 && height_px > 0) {
     const ghost = other && { trail: boardAt(other.course, step).trail, accent: other.accent };
-    paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil: GROUND, ghost });
+    paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil, ghost });
     const size = cellSize(width_px, height_px, board.frame.rows, board.frame.cols, dpr);
     paintEvents(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), course, step, size);
     if (size < SMALL * dpr) paintRing(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), board.frame.position, size, accent, dpr);

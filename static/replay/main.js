@@ -2,10 +2,11 @@
 // Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
 import { ApiError, createRequest } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
+import { boardColours, chartColours } from "../common/colours.js";
 import { ownsKeys } from "../common/keyboard.js";
 import { create, createRepaint, elementsOf, put } from "../common/page.js";
 import { percent } from "../common/words.js";
-import { offerGhosts, paintRun, partsOf, ROVERS } from "./boards.js";
+import { offerGhosts, paintRun, partsOf } from "./boards.js";
 import { coverageAt, movesOf } from "./course.js";
 import { paintCurve } from "./curve.js";
 import { begun, keyed, later, movedTo, SPEEDS, stepOf, withLast } from "./playback.js";
@@ -49,19 +50,20 @@ function tick(now_ms) {
   if (playback.isPlaying) requestAnimationFrame(tick);
 }
 
-const runs = () => [{ course: data.run, colour: colourOf("--accent"), isDashed: false }, ...(ghost ? [{ course: ghost, colour: colourOf("--rival"), isDashed: true }] : [])];
-const colourOf = (/** @type {string} */ name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const inWords = () => `Move ${stepOf(playback)} of ${playback.last}: ${runs().map(({ course }) => `${course.name} ${percent(coverageAt(course, stepOf(playback)))} percent`).join(", ")}`;
+/** @param {{you: string, policy: string}} colours */
+const lines = ({ you, policy }) => [{ course: data.run, colour: you, isDashed: false }, ...(ghost ? [{ course: ghost, colour: policy, isDashed: true }] : [])];
+const inWords = () => `Move ${stepOf(playback)} of ${playback.last}: ${(ghost ? [data.run, ghost] : [data.run]).map((course) => `${course.name} ${percent(coverageAt(course, stepOf(playback)))} percent`).join(", ")}`;
 
 function paint() {
   const step = stepOf(playback);
   const dpr = window.devicePixelRatio || 1;
-  paintRun(parts.run, data.run, step, { accent: ROVERS.run, other: ghost && { course: ghost, accent: ROVERS.ghost }, dpr });
-  if (ghost) paintRun(parts.ghost, ghost, step, { accent: ROVERS.ghost, other: { course: data.run, accent: ROVERS.run }, dpr });
-  const inks = { text: colourOf("--muted"), goal: colourOf("--text"), base: colourOf("--line"), line: colourOf("--grid") };
-  paintCurve(by("curve", HTMLCanvasElement), runs(), { step, last: playback.last },
-    { width_px: scrubber.clientWidth, height_px: scrubber.clientHeight, dpr, font: colourOf("--figures"), inks });
-  paintLegend(by("legend"), runs().map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
+  const { soil, you, policy } = boardColours(scrubber);
+  paintRun(parts.run, data.run, step, { accent: you, soil, other: ghost && { course: ghost, accent: policy }, dpr });
+  if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, soil, other: { course: data.run, accent: you }, dpr });
+  const colours = chartColours(scrubber);
+  paintCurve(by("curve", HTMLCanvasElement), lines(colours), { step, last: playback.last },
+    { width_px: scrubber.clientWidth, height_px: scrubber.clientHeight, dpr, font: colours.font, inks: colours.inks });
+  paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
   put(by("play"), playback.isPlaying ? "Pause" : step >= playback.last ? "Again" : "Play");
   put(by("at"), `move ${step} of ${playback.last}`);
   put(by("run-tab-share"), `${percent(coverageAt(data.run, step))} %`);
@@ -141,6 +143,7 @@ copy?.addEventListener("click", async () => {
 });
 const sizes = new ResizeObserver(() => repaint());
 for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.observe(each);
+for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
 matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => repaint());
 
 document.body.dataset.tab = "run";

@@ -1,0 +1,95 @@
+"""The command `marsexplorer replay`: an episode as a file to keep or to show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, progress, reason, settings_of
+
+if TYPE_CHECKING:
+    from app.replay.course import Course
+    from app.replay.episodes import ShownEpisode
+    from app.replay.files import Format
+
+NO_GHOST = "none"
+
+
+@click.command(short_help="Write an episode as a page in one file, a GIF or an MP4.")
+@click.argument("episode")
+@click.option("--out", type=PATH, required=True, metavar="FILE", help="FILE.html, .gif, .mp4 or .png: the ending decides.")
+@click.option("--database", type=PATH, help="The database to read; a running server may go on writing.")
+@click.option("--ghost", metavar="POLICY", help='A policy on the same terrain, or "none".  [default: ppo]')
+@click.option("--speed", type=click.FloatRange(0.5, 1000), help="Moves per second of an animation.  [default: all within 15 s]")
+def replay(episode: str, out: Path, database: Path | None, ghost: str | None, speed: float | None) -> None:
+    """Write the replay of a finished EPISODE, by its id or the beginning of it.
+
+    The id is the last part of a replay's address; `marsexplorer export` lists them. A page of one file shows everything that
+    the server's does and opens without a network. What is secret is not replayed: an episode that runs, one of an open study,
+    one of today's daily terrain.
+
+    \b
+    Examples:
+      marsexplorer replay 3f9a --out replay.html
+      marsexplorer replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
+      marsexplorer replay 3f9a --out replay.mp4 --ghost none
+    """
+    from app.replay.animation import VideoMissingError
+    from app.replay.files import file_of
+    from app.replay.ghosts import GhostError
+    from marsexplorer.files import write_whole
+
+    form = _format_of(out)
+    shown = _find(database or settings_of().database, episode)
+    try:
+        courses = _courses(shown, ghost)
+        with progress("drawing") as advance:
+            content = file_of(form, shown.id, courses, speed, advance)
+        with write_whole(out) as file:
+            file.write(content)
+    except (GhostError, VideoMissingError) as error:
+        raise click.UsageError(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot write {out}: {reason(error)}; choose another --out") from error
+    except ValueError as error:
+        raise click.ClickException(str(error)) from error
+    others = f", with {courses[1].name}" if len(courses) > 1 else ""
+    click.echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {len(content):,} bytes")
+
+
+def _format_of(out: Path) -> Format:
+    """Return the format that a file's ending names; UsageError for any other."""
+    from app.replay.files import FORMATS
+
+    form = next((each for each in FORMATS if out.suffix.lower() == f".{each}"), None)
+    if form is None:
+        endings = ", ".join(f".{each}" for each in FORMATS)
+        raise click.UsageError(f"expected --out to end with one of {endings}, got {out.name!r}")
+    return form
+
+
+def _find(database: Path, prefix: str) -> ShownEpisode:
+    from app.replay.episodes import UnknownReplayError, find_episode
+    from app.storage.database import StoreError
+
+    try:
+        return find_episode(database, prefix)
+    except UnknownReplayError as error:
+        raise click.UsageError(str(error)) from error
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
+    """Return the course of the episode and, unless none is wanted, that of the policy."""
+    from app.replay.course import course_of
+    from app.replay.ghosts import play_ghost, preferred
+    from marsexplorer.policies import names
+
+    own = course_of(shown.name, shown.record)
+    chosen = ghost or preferred(names(), shown.name)
+    if chosen is None or chosen == NO_GHOST:
+        return [own]
+    return [own, play_ghost(chosen, shown.record)]

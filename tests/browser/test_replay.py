@@ -1,0 +1,121 @@
+"""A replay in a browser: on the server's page and as one file from a disk without a network."""
+
+import re
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.replay.course import course_of
+from app.replay.files import file_of
+from app.replay.ghosts import play_ghost
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from tests.support.browser import NO_3D
+from tests.support.recorded import play
+
+CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
+
+
+@pytest.fixture
+def ended(tmp_path):
+    """The id of an explored episode, and its record."""
+    store = Store(tmp_path / "playground.db")
+    row = play(store, 4, explore=True, config=CONFIG)
+    record = store.load_record(row.id)
+    store.close()
+    return row.id, record
+
+
+class Replay:
+    """The page of a replay."""
+
+    def __init__(self, page, url):
+        self.page = page
+        page.goto(url)
+        page.wait_for_function("() => Boolean(window.replay && window.replay.ghost)")
+
+    def step(self):
+        return self.page.evaluate("window.replay.step")
+
+    def stands(self, step):
+        self.page.wait_for_function(f"() => window.replay.step === {step}")
+
+    def shows(self, test_id, text):
+        self.page.wait_for_function(
+            "([id, text]) => document.querySelector(`[data-testid=${id}]`).innerText.includes(text)", arg=[test_id, text]
+        )
+
+
+def go_through(replay, record):
+    """Drive a replay by keys and by the pointer over the curve; both boards follow."""
+    page, moves = replay.page, len(record.actions)
+    last = page.evaluate("window.replay.playback.last")
+    page.get_by_test_id("to-start").click()
+    replay.stands(0)
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight")
+    replay.stands(2)
+    replay.shows("board-run", "2")
+    replay.shows("board-ghost", "2")
+    page.keyboard.press("End")
+    replay.stands(last)
+    replay.shows("board-run", f"mapped 99 % of the ground in {moves} moves")
+    page.keyboard.press("Home")
+    speed = page.evaluate("window.replay.playback.speed")
+    page.keyboard.press("+")
+    assert page.evaluate("window.replay.playback.speed") == 2 * speed
+    page.get_by_test_id("scrubber").focus()
+    page.keyboard.press(" ")
+    replay.stands(last)
+    box = page.get_by_test_id("scrubber").bounding_box()
+    middle, height = box["x"] + 42 + (box["width"] - 56) * (last // 2) / last, box["y"] + box["height"] / 2
+    page.mouse.move(middle, height)
+    replay.stands(last // 2)
+    page.mouse.move(box["x"] + 10, box["y"] - 30)
+    replay.stands(last)  # the pointer has left
+    page.mouse.move(middle, height)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 44, height, steps=3)
+    page.mouse.up()
+    page.mouse.move(5, 5)
+    replay.stands(0)
+    assert page.get_by_test_id("scrubber").get_attribute("aria-valuenow") == "0"
+
+
+def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player, ended):
+    episode, record = ended
+    me = player(serve(), flags=NO_3D, accept_downloads=True)
+    replay = Replay(me.page, f"{me.url}/replay/{episode}#move=3")
+    assert replay.step() == 3
+    go_through(replay, record)
+    for theme in ("dark", "light"):
+        me.page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
+        found = Axe().run(me.page).response["violations"]
+        assert not found, [(each["id"], [node["html"][:90] for node in each["nodes"]]) for each in found]
+    me.page.get_by_test_id("ghost").select_option("frontier-cost")
+    replay.shows("compared", "frontier-cost mapped")
+    me.page.get_by_test_id("downloads").click()
+    with me.page.expect_download() as download:
+        me.page.get_by_test_id("download-gif").click()
+    assert download.value.suggested_filename == f"marsexplorer-{episode}.gif"
+    me.page.set_viewport_size({"width": 390, "height": 844})
+    assert me.page.get_by_test_id("board-ghost").is_hidden()
+    me.page.get_by_role("button", name=re.compile("^frontier-cost")).click()
+    assert me.page.get_by_test_id("board-ghost").is_visible()
+    assert me.page.get_by_test_id("board-run").is_hidden()
+    assert me.page.evaluate("document.documentElement.scrollWidth") == 390
+    assert not me.errors
+
+
+def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(open_browser, tmp_path, ended):
+    episode, record = ended
+    path = tmp_path / "replay.html"
+    courses = [course_of("A person", record), play_ghost("frontier-cost", record)]
+    path.write_bytes(file_of("html", episode, courses))
+    page = open_browser(NO_3D).new_context(offline=True, reduced_motion="reduce").new_page()
+    asked, errors = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    go_through(Replay(page, path.as_uri()), record)
+    assert [url for url in asked if not url.startswith("data:")] == [path.as_uri()]
+    assert not errors
