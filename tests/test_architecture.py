@@ -208,7 +208,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.score",
         "marsexplorer.terrain",
     },
-    "app.viewer3d": {"app.play", "marsexplorer.config", "marsexplorer.episode"},
+    "app.viewer3d": {"app.play", "app.settings", "marsexplorer.config", "marsexplorer.episode"},
     "app.web": {
         "app.admin",
         "app.daily",
@@ -221,6 +221,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.statistics",
         "app.storage",
         "app.study",
+        "app.viewer3d",
         "marsexplorer.config",
         "marsexplorer.episode",
     },

@@ -1,4 +1,7 @@
-"""viser's page as this server hands it out: its panels hidden, and our script for browsers that draw without a GPU."""
+"""viser's page as this server hands it out: its panels hidden, and our script for browsers that draw without a GPU.
+
+One page serves all boards: the name of its frame says which board it shows (`static/viewer/board_socket.js`).
+"""
 
 from __future__ import annotations
 
@@ -9,31 +12,38 @@ from pathlib import Path
 
 import viser
 
+from app.settings import STATIC
 from app.viewer3d.viser_transport import PROTOCOL
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
+SCRIPTS = (STATIC / "viewer" / "board_socket.js", STATIC / "viewer" / "software_canvas.js")
+"""Plain scripts that run before viser's own; they stand in the page, so that it is fetched whole or not at all."""
 
-INJECTED = (
-    "<style>[data-floating-window],[data-dock-region],.mantine-Notifications-root,.mantine-Paper-root{display:none!important}"
-    "html,body,:has(>canvas),:has(>div>canvas),:has(>div>div>canvas),:has(>div>div>div>canvas)"
-    "{background:#0e0b0d!important}</style>"
-    "<script>document.hasFocus=()=>true</script>"
-    '<script src="../../static/viewer/software_canvas.js"></script>'
+STYLE = (
+    "[data-floating-window],[data-dock-region],.mantine-Notifications-root,.mantine-Paper-root{display:none!important}"
+    ":root{color-scheme:dark}html,body,:has(>canvas),:has(>div>canvas),:has(>div>div>canvas),:has(>div>div>div>canvas)"
+    "{background:#0e0b0d!important}"
 )
-"""Stands ahead of viser's own head: hides its panels, lets it reconnect while the page around it has the focus, and shows
-what a processor draws without the page waiting for it."""
+"""Hides viser's panels, and is dark before anything is drawn."""
 
 
 @dataclass(frozen=True)
 class ClientPage:
-    """The page as bytes, plain and gzipped, with an ETag that changes with viser's version and the page's content."""
+    """The page as bytes, plain and gzipped, and its version, which changes with viser's and with the page's content."""
 
     html: bytes
     zipped: bytes
-    etag: str
+    version: str
+
+    @property
+    def etag(self) -> str:
+        """Return the version as an ETag."""
+        return f'"{self.version}"'
 
     @classmethod
     def load(cls) -> ClientPage:
         """Read the page from the installed viser."""
-        html = CLIENT_PAGE.read_bytes().replace(b"<head>", b"<head>" + INJECTED.encode(), 1)
-        return cls(html, gzip.compress(html, 6, mtime=0), f'"{PROTOCOL}-{zlib.crc32(html):08x}"')
+        scripts = "".join(f"<script>{path.read_text()}</script>" for path in SCRIPTS)
+        head = f"<head><style>{STYLE}</style>{scripts}"
+        html = CLIENT_PAGE.read_bytes().replace(b"<head>", head.encode(), 1)
+        return cls(html, gzip.compress(html, 9, mtime=0), f"{PROTOCOL}-{zlib.crc32(html):08x}")

@@ -20,7 +20,8 @@ from app.viewer3d.camera import BoardCamera
 from app.viewer3d.client_page import ClientPage
 from app.viewer3d.scene import Scene
 from app.viewer3d.textures import NIGHT
-from app.viewer3d.viser_transport import PROTOCOL, Connection, Transport
+from app.viewer3d.view_options import ViewOptions
+from app.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
 
 _log = logging.getLogger(__name__)
 
@@ -62,16 +63,16 @@ class Viewer:
     @property
     def clients(self) -> int:
         """Return how many browsers look."""
-        return len(self._transport.sessions)
+        return len(self._transport.boards)
 
-    async def serve(self, websocket: WebSocket, session: Session) -> None:
+    async def serve(self, websocket: WebSocket, session: Session, options: ViewOptions) -> None:
         """Serve one browser's 3-D socket until it leaves."""
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
             await websocket.close(1002, f"expected the subprotocol {PROTOCOL}; reload the page")
             return
         await websocket.accept(subprotocol=PROTOCOL)
-        await self._transport.serve(Connection(websocket), session)
+        await self._transport.serve(Connection(websocket), ShownBoard(session, options))
 
     def close(self) -> None:
         """End every scene's task and every connection."""
@@ -80,9 +81,9 @@ class Viewer:
         self._server.stop()
 
     async def _on_connect(self, client: viser.ClientHandle) -> None:
-        session = self._transport.sessions.get(client.client_id)
-        if session is not None:
-            task = self._tasks[client.client_id] = asyncio.create_task(keep_scene(client, session))
+        board = self._transport.boards.get(client.client_id)
+        if board is not None:
+            task = self._tasks[client.client_id] = asyncio.create_task(keep_scene(client, board.session, board.options))
             task.add_done_callback(lambda task: self._report(client.client_id, task))
 
     def _report(self, client_id: int, task: asyncio.Task[None]) -> None:
@@ -101,7 +102,7 @@ class Viewer:
             task.cancel()
 
 
-async def keep_scene(client: viser.ClientHandle, session: Session) -> None:
+async def keep_scene(client: viser.ClientHandle, session: Session, options: ViewOptions) -> None:
     """Keep one browser's scene up to date with the session's board, until cancelled."""
     scene: Scene | None = None
     camera = BoardCamera(client)

@@ -11,7 +11,7 @@ import inspect
 import itertools
 import threading
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import viser
@@ -22,6 +22,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import ConnectionClosedOK
 
 from app.play.session import Session
+from app.viewer3d.view_options import ViewOptions
 
 PROTOCOL = f"viser-v{viser.__version__}"
 MAX_VIEWER_MESSAGE_BYTES = 64 * 1024
@@ -39,6 +40,13 @@ class ViewerMessageError(Exception):
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
         self.code, self.reason = code, reason
+
+
+class ShownBoard(NamedTuple):
+    """What a browser's socket shows: a session's board, and how."""
+
+    session: Session
+    options: ViewOptions
 
 
 class Connection:
@@ -117,7 +125,7 @@ class Transport(_infra.WebsockServer):
         self._server_thread = threading.Thread(target=lambda: None)
         self._server_thread.start()
         self._next_id = 0
-        self.sessions: dict[int, Session] = {}
+        self.boards: dict[int, ShownBoard] = {}
 
     def stop(self) -> None:
         """End every connection."""
@@ -125,7 +133,7 @@ class Transport(_infra.WebsockServer):
         for state in list(self._client_state_from_id.values()):
             state.message_buffer.set_done()
 
-    async def serve(self, connection: Connection, session: Session) -> None:
+    async def serve(self, connection: Connection, board: ShownBoard) -> None:
         """Serve one browser until it leaves, or until it sends what is not accepted."""
         loop = asyncio.get_running_loop()
         client_id, self._next_id = _infra.ClientId(self._next_id), self._next_id + 1
@@ -133,7 +141,7 @@ class Transport(_infra.WebsockServer):
         client = _infra.WebsockClientConnection(client_id, state)
         self._client_state_from_id[client_id] = state
         self._live_connections[client_id] = connection  # type: ignore[assignment]
-        self.sessions[client_id] = session
+        self.boards[client_id] = board
         tasks: list[asyncio.Task[None]] = []
         try:
             await _call(self._client_connect_cb, client)
@@ -178,7 +186,7 @@ class Transport(_infra.WebsockServer):
         self._live_connections.pop(client.client_id, None)
         self._broadcast_buffer.generator_cursors.pop(client.client_id, None)
         await _call(self._client_disconnect_cb, client)
-        self.sessions.pop(client.client_id, None)
+        self.boards.pop(client.client_id, None)
 
 
 async def _call(callbacks: list[Any], client: Any) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, WebSocket
-from fastapi.responses import Response
+from fastapi.responses import RedirectResponse, Response
 
 from app.play.lobby import UnknownSessionError
+from app.viewer3d.client_page import ClientPage
+from app.viewer3d.view_options import ViewOptions
 from app.web.access import has_own_origin, services_of, visible_session
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
@@ -18,14 +20,34 @@ VIEWER_CSP = (
 router = APIRouter(include_in_schema=False)
 
 
+@router.get("/viewer/client/")
+async def newest_client(request: Request) -> Response:
+    """Send a browser to the client's address of this version, where it keeps it for as long as it likes."""
+    query = f"?{request.url.query}" if request.url.query else ""
+    return RedirectResponse(f"{services_of(request).viewer.page.version}/{query}", 307, {"Cache-Control": "no-cache"})
+
+
+@router.get("/viewer/client/{version}/")
+async def client_page(request: Request, version: str) -> Response:
+    """Serve viser's page for every board; the name of its frame says which. Another version is sent to this server's own."""
+    page = services_of(request).viewer.page
+    if version != page.version:
+        return RedirectResponse(f"../{page.version}/", 307, {"Cache-Control": "no-cache"})
+    return client_response(request, page, "public, max-age=31536000, immutable")
+
+
 @router.get("/viewer/{session_id}/")
 async def viewer_page(request: Request, session_id: str) -> Response:
-    """Serve viser's page, the same for every session; its version and content are its ETag."""
+    """Serve viser's page under a session's own address."""
     await visible_session(request, session_id)
-    page = services_of(request).viewer.page
+    return client_response(request, services_of(request).viewer.page, "private, no-cache")
+
+
+def client_response(request: Request, page: ClientPage, cache_control: str) -> Response:
+    """Return the page, gzipped where the browser reads that, or 304 where it has this version."""
     headers = {
         "ETag": page.etag,
-        "Cache-Control": "private, no-cache",
+        "Cache-Control": cache_control,
         "Vary": "Accept-Encoding",
         "Content-Security-Policy": VIEWER_CSP,
         "X-Content-Type-Options": "nosniff",
@@ -50,4 +72,4 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         await websocket.accept()
         await websocket.close(UNKNOWN_SESSION, "unknown session")
         return
-    await services_of(websocket).viewer.serve(websocket, session)
+    await services_of(websocket).viewer.serve(websocket, session, ViewOptions.from_query(websocket.query_params))

@@ -20,13 +20,26 @@ export function probeWebGL(page) {
 }
 
 /**
- * Return the address of a session's 3-D view; where the processor draws it, with coarser pixels and on a canvas of its
- * own (software_canvas.js), so that keys stay quick.
- * @param {string} session
+ * Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a canvas
+ * of its own (software_canvas.js), so that keys stay quick.
  * @param {boolean} isSoftware
  */
-export function viewerUrl(session, isSoftware) {
-  return `viewer/${encodeURIComponent(session)}/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
+export function clientUrl(isSoftware) {
+  return `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
+}
+
+/**
+ * Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes its socket.
+ * @param {HTMLIFrameElement} viewer
+ * @param {string | null} name session and wishes; null: nothing
+ * @param {boolean} isSoftware
+ */
+export function showBoard(viewer, name, isSoftware) {
+  const inside = /** @type {{name: string, showBoard?: () => void} | null} */ (/** @type {unknown} */ (viewer.contentWindow));
+  if (inside) inside.name = name ?? "";
+  if (name === null) viewer.removeAttribute("src");
+  else if (!viewer.getAttribute("src")) viewer.src = clientUrl(isSoftware);
+  else inside?.showBoard?.();
 }
 
 /**
@@ -79,8 +92,7 @@ export function createViews({ page, panels, storage, onChange }) {
     load({ viewer }, session) {
       if (view !== "3d" || viewer.dataset.session === (session ?? "")) return;
       viewer.dataset.session = session ?? "";
-      if (session) viewer.src = viewerUrl(session, isSoftware);
-      else viewer.removeAttribute("src");
+      showBoard(viewer, session, isSoftware);
     },
   };
 }

@@ -16,6 +16,7 @@ from app.play.channel import Channel
 from app.viewer3d.camera import FOV, TILT, camera_for
 from app.viewer3d.scene import Scene, dashes
 from app.viewer3d.textures import fog, soil
+from app.viewer3d.view_options import ViewOptions
 from app.viewer3d.viewer import Viewer, keep_scene
 from app.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import EnvConfig
@@ -90,6 +91,18 @@ def test_the_page_is_viser_s_client_of_the_same_version(server, board):
     assert client.get(f"/viewer/{about['session']}/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
     assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
     assert client.get("/viewer/none/").status_code == 404
+
+
+def test_one_page_serves_all_boards_and_is_kept_by_the_browser(server):
+    client = server.client()
+    sent = client.get("/viewer/client/?software-canvas", follow_redirects=False)
+    assert (sent.status_code, sent.headers["cache-control"]) == (307, "no-cache")
+    assert sent.headers["location"].endswith("/?software-canvas")
+    page = client.get(f"/viewer/client/{sent.headers['location']}")
+    assert page.status_code == 200
+    assert "immutable" in page.headers["cache-control"]
+    assert "showBoard" in page.text
+    assert client.get("/viewer/client/viser-v0.0.0-00000000/", follow_redirects=False).status_code == 307
 
 
 def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
@@ -381,7 +394,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
             atomic=viewer._server.atomic,
             flush=viewer._server.flush,
         )
-        task = asyncio.create_task(keep_scene(client, session))
+        task = asyncio.create_task(keep_scene(client, session, ViewOptions()))
         async with asyncio.timeout(20):
             while channel.subscribers == 0:
                 await asyncio.sleep(0.005)

@@ -1,8 +1,26 @@
 import assert from "node:assert/strict";
-import test from "node:test";
-import { viewerUrl } from "../../../static/play/views.js";
+import { test } from "node:test";
+import { clientUrl, showBoard } from "../../../static/play/views.js";
 
-test("the 3-D view has an address relative to the page, with coarser pixels where the processor draws", () => {
-  assert.equal(viewerUrl("ab_c", false), "viewer/ab_c/");
-  assert.equal(viewerUrl("ab_c", true), "viewer/ab_c/?fixedDpr=0.75&software-canvas");
+test("the 3-D client is told to draw on a canvas of its own only where the processor draws", () => {
+  assert.equal(clientUrl(false), "viewer/client/");
+  assert.equal(clientUrl(true), "viewer/client/?fixedDpr=0.75&software-canvas");
+});
+
+test("a frame loads the client once, and then only changes the board that its name says", () => {
+  const loads = [];
+  let shown = 0;
+  const viewer = {
+    contentWindow: { name: "", showBoard: () => { shown += 1; } },
+    getAttribute: () => loads.at(-1),
+    removeAttribute: () => loads.push(null),
+    set src(url) { loads.push(url); },
+  };
+  showBoard(viewer, "a", false);
+  showBoard(viewer, "b?camera=map", false);
+  assert.deepEqual(loads, ["viewer/client/"]);
+  assert.equal(viewer.contentWindow.name, "b?camera=map");
+  assert.equal(shown, 1);
+  showBoard(viewer, null, false);
+  assert.deepEqual(loads, ["viewer/client/", null]);
 });
