@@ -86,9 +86,9 @@ export function createApi(fetcher, root = "") {
     episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
     /**
      * @param {string} id of a finished episode
-     * @returns {Promise<import("./losses.js").Regret>}
+     * @returns {Promise<import("./loss_words.js").Analysis>}
      */
-    regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 120_000),
+    regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 600_000),
     /**
      * Make a move that no key made.
      * @param {string} id

@@ -1,6 +1,8 @@
 // @ts-check
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
 import { boardColours } from "./colours.js";
+import { paintExpected } from "./expected.js";
+import { paintLossMarks } from "./loss_marks.js";
 import { paintThought } from "./thoughts.js";
 
 /**
@@ -41,8 +43,10 @@ export function runs(line) {
  * @param {HTMLCanvasElement} canvas
  * @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
  * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
- *   lidar_cells?: number, ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null}} look
- *   lidar_cells is how far the lidar sees, drawn as a ring; ghost is another's path under this one; thought is drawn round the rover
+ *   lidar_cells?: number, ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null,
+ *   tint?: import("./expected.js").Tint | null, marks?: import("./loss_marks.js").Marks | null}} look
+ *   lidar_cells is how far the lidar sees, drawn as a ring; ghost is another's path under this one; thought is drawn round the rover; tint
+ *   says what a look from each cell should show; marks are costly moves
  */
 export function paintBoard(canvas, board, look) {
   const { frame, trail } = board;
@@ -58,11 +62,13 @@ export function paintBoard(canvas, board, look) {
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const soil = look.soil ?? boardColours(canvas).soil;
   paintCells(context, frame, size, soil);
+  if (look.tint) paintExpected(context, look.tint, size, look.accent);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
   if (look.lidar_cells && !frame.outcome) paintRange(context, frame.position, size, { reach_px: look.lidar_cells * size, accent: look.accent, dpr: look.dpr });
   if (look.thought) paintThought(context, look.thought, frame.position, size, look);
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
+  if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
 }
 
 /**

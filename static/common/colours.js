@@ -11,24 +11,26 @@ function reader(element) {
 }
 
 /**
- * Return the colours of a board: of its cells, of the player and of the policy. They are the same in every theme.
+ * Return the colours of a board: of its cells, of the player, of the policy, of a better move, and of what is drawn round things.
+ * They are the same in every theme.
  * @param {Element} element the board's canvas, or anything around it
- * @returns {{soil: Soil, you: string, policy: string}}
+ * @returns {{soil: Soil, you: string, policy: string, better: string, casing: string}}
  */
 export function boardColours(element) {
   const read = reader(element);
   const shades = { "?": read("--board-unknown"), ".": read("--board-ground"), "#": read("--board-rock") };
-  const soil = { shades, edge: read("--board-ground-edge"), rockEdge: read("--board-rock-edge"), casing: read("--board-casing") };
-  return { soil, you: read("--board-you"), policy: read("--board-policy") };
+  const casing = read("--board-casing");
+  const soil = { shades, edge: read("--board-ground-edge"), rockEdge: read("--board-rock-edge"), casing };
+  return { soil, you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing };
 }
 
 /**
  * Return the colours of a chart, which follow the theme of the page, and the face of its numbers.
  * @param {Element} element the chart's canvas, or anything around it
- * @returns {{inks: Inks, you: string, policy: string, font: string}}
+ * @returns {{inks: Inks, you: string, policy: string, ground: string, font: string}}
  */
 export function chartColours(element) {
   const read = reader(element);
   const inks = { text: read("--chart-text"), goal: read("--chart-goal"), base: read("--chart-base"), line: read("--chart-line") };
-  return { inks, you: read("--chart-you"), policy: read("--chart-policy"), font: read("--figures") };
+  return { inks, you: read("--chart-you"), policy: read("--chart-policy"), ground: read("--panel"), font: read("--figures") };
 }

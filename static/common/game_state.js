@@ -8,10 +8,11 @@
 /** @typedef {"practice" | "ranked" | "watch" | "spectator"} Mode  spectator: of an episode that is somebody else's */
 /**
  * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
- * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came).
+ * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came); `expected` is the newest answer
+ * about what a look from each cell should show.
  * @typedef {{session: string, name: string, frame: Frame, trail: import("./messages.js").Cell[], discovered: number[],
  *   hasGap: boolean, pace: import("./messages.js").Pace | null, isReplay: boolean, thought?: import("./messages.js").Thought | null,
- *   values?: (number | null)[]}} Board
+ *   values?: (number | null)[], expected?: import("./messages.js").Expected | null}} Board
  */
 /**
  * @typedef {{mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null, rival: Board | null,
@@ -60,7 +61,7 @@ function boardOf(session, name, frame, before) {
 export function withFrame(board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (!isNew && frame.step < board.frame.step) return board;
-  if (isNew) board = { ...board, thought: null, values: [] };
+  if (isNew) board = { ...board, thought: null, values: [], expected: null };
   const trail = isNew ? [] : board.trail;
   const discovered = isNew ? [] : board.discovered;
   if (frame.step < trail.length) return { ...board, frame, trail, discovered };
@@ -103,6 +104,7 @@ function received(board, message) {
     case "refused": return withFrame(board, message.frame);
     case "history": return withHistory(board, message);
     case "thought": return withThought(board, message);
+    case "expected": return message.episode === board.frame.episode ? { ...board, expected: message } : board;
     case "pace": return { ...board, pace: message };
     default: return board;
   }

@@ -1,50 +1,162 @@
 // @ts-check
-// The end card's question after a practice episode: where did I lose moves? Each answer can be tried again from that move.
+// The end card's question: where did I lose moves? The answers stand in a list, on the board and on the chart; each can be tried again.
 import { ApiError } from "../common/api.js";
-import { paintLosses } from "../common/losses.js";
-import { create } from "../common/page.js";
+import { chartMarkAt, paintOnCurve, placeOnCurve } from "../common/chart_marks.js";
+import { markAt } from "../common/loss_marks.js";
+import { put } from "../common/page.js";
+import { markChosen, paintFailure, paintLossList, paintWorking } from "./loss_list.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
+/**
+ * @typedef {import("../common/game_state.js").State} State
+ * @typedef {import("../common/game_state.js").Board} Board
+ * @typedef {import("../common/loss_words.js").Analysis} Analysis
+ * @typedef {import("../common/loss_words.js").CostlyMove} CostlyMove
+ */
+
+const ASK = "Where did I lose moves?";
+
+/**
+ * Return a board as it was known before a costly move.
+ * @param {Board} board
+ * @param {CostlyMove} loss
+ * @returns {Board}
+ */
+export function boardBefore(board, { step, grid, position, discovered, previous }) {
+  const { frame, trail } = board;
+  const coverage = discovered / (frame.rows * frame.cols);
+  return { ...board, trail: trail.slice(0, step + 1), frame: { ...frame, step, grid, position, discovered, coverage, heading: previous ?? "east", outcome: null } };
+}
 
 /**
  *   load      the regret of a finished episode
- *   tryFrom   begins the same terrain and makes the first moves of the episode once more
- * @param {Record<string, HTMLElement>} part of the player's panel
- * @param {{state: () => State, load: (episode: string) => Promise<import("../common/losses.js").Regret>,
- *   tryFrom: (session: string, episode: string, step: number) => Promise<void>}} how
+ *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
+ *   onChange  something else is to be painted
+ * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLCanvasElement, state: () => State,
+ *   load: (episode: string) => Promise<Analysis>, tryFrom: (state: State, step: number) => void, onChange: () => void}} how
+ *   part of the player's panel, whose matrix is `canvas`
  */
-export function createLosses(part, { state, load, tryFrom }) {
-  /** @type {string | null} the episode whose losses are shown or asked for */
-  let shown = null;
+export function createLosses({ page, part, canvas, chart, state, load, tryFrom, onChange }) {
+  /** @type {string | null} the episode whose moves are shown or asked for */
+  let episode = null;
+  /** @type {Analysis | null} */
+  let analysis = null;
+  /** @type {number | null} */
+  let pinned = null;
+  /** @type {number | null} */
+  let pointed = null;
+  /** @type {import("../common/chart_marks.js").Point[]} where the numbers stand on the chart */
+  let onChart = [];
+  /** @type {import("../common/loss_marks.js").Marks | null} */
+  let marks = null;
+  const chosen = () => pointed ?? pinned;
 
+  function changed() {
+    markChosen(part.losses, chosen(), pinned);
+    marks = analysis?.losses.length ? { losses: analysis.losses, chosen: chosen() } : null;
+    onChange();
+  }
+  /** @param {number | null} index */
+  function point(index) {
+    if (index === pointed) return;
+    pointed = index;
+    changed();
+  }
+  /** @param {number} index */
+  function pin(index) {
+    pinned = pinned === index ? null : index;
+    pointed = null;
+    changed();
+  }
+  /** @param {Analysis | null} found */
+  function show(found) {
+    analysis = found;
+    pinned = pointed = null;
+    onChart = [];
+    page.body.dataset.analysis = String(found !== null);
+    put(part.ask, found ? "Back to both boards" : ASK);
+    part.ask.hidden = false;
+    changed();
+  }
+  function close() {
+    episode = null;
+    show(null);
+    part.losses.hidden = true;
+  }
   async function ask() {
-    const player = state().player;
+    const { player } = state();
     if (!player) return;
-    const { session } = player;
-    const { episode } = player.frame;
-    shown = episode;
+    const asked = episode = player.frame.episode;
     part.ask.hidden = true;
     part.losses.hidden = false;
-    part.losses.replaceChildren(create("p", "Trying every other move; this takes some seconds\u2026"));
+    paintWorking(part.losses, player.frame.rows * player.frame.cols);
     try {
-      const regret = await load(episode);
-      if (shown !== episode) return;
-      paintLosses(part.losses, regret, { label: "Try from here", onChoose: ({ step }) => tryFrom(session, episode, step) });
+      const found = await load(asked);
+      if (episode !== asked) return;
+      paintLossList(part.losses, found, { onPoint: point, onPin: pin, onTry: ({ step }) => tryFrom(state(), step) });
+      show(found);
     } catch (error) {
-      if (shown !== episode) return;
-      part.losses.replaceChildren(create("p", error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`));
+      if (episode !== asked) return;
+      paintFailure(part.losses, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+      part.ask.hidden = error instanceof ApiError && error.status === 422;
     }
   }
-  part.ask.addEventListener("click", ask);
+  /** @param {MouseEvent} event */
+  function onBoard(event) {
+    const frame = state().player?.frame;
+    if (!analysis || !frame) return null;
+    const scale = canvas.width / canvas.clientWidth;
+    return markAt(analysis.losses, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
+  }
+  const onCurve = (/** @type {MouseEvent} */ event) => chartMarkAt(onChart, { x: event.offsetX, y: event.offsetY });
+  for (const [place, find] of /** @type {const} */ ([[canvas, onBoard], [chart, onCurve]])) {
+    place.addEventListener("pointermove", (event) => {
+      if (!analysis || event.pointerType !== "mouse") return;
+      const index = find(event);
+      place.style.cursor = index === null ? "" : "pointer";
+      point(index);
+    });
+    place.addEventListener("pointerleave", () => { if (analysis) point(null); });
+    place.addEventListener("click", (event) => {
+      const index = analysis && find(event);
+      if (index !== null) pin(index);
+    });
+  }
+  part.ask.addEventListener("click", () => (analysis ? close() : ask()));
   return {
-    /** Show the question where a practice episode has ended, and nothing of another episode. */
+    /** Show the question where a person's episode has ended, and nothing of another episode. */
     paint() {
       const { mode, player } = state();
-      const episode = player?.frame.outcome && mode === "practice" ? player.frame.episode : null;
-      if (shown !== null && shown === episode) return;
-      shown = null;
-      part.ask.hidden = episode === null || player?.frame.step === 0;
+      const isAsked = mode === "practice" || mode === "ranked";
+      const ended = player?.frame.outcome && isAsked ? player.frame.episode : null;
+      if (episode !== null && episode === ended) return;
+      episode = null;
+      if (analysis) show(null);
       part.losses.hidden = true;
+      part.ask.hidden = ended === null || player?.frame.step === 0;
+    },
+    /**
+     * Return what is to be marked on the player's board, the same object as long as it stays the same.
+     * @returns {import("../common/loss_marks.js").Marks | null}
+     */
+    marks: () => marks,
+    /**
+     * Return the player's board as it is to be shown: as before the chosen move, else as it is.
+     * @param {Board} board
+     */
+    boardOf(board) {
+      const index = chosen();
+      return analysis && index !== null ? boardBefore(board, analysis.losses[index]) : board;
+    },
+    /**
+     * Paint the numbers on the player's curve.
+     * @param {NonNullable<ReturnType<import("../common/coverage_chart.js").paintCoverage>>} plot
+     * @param {{you: string, ground: string, ink: string}} colours
+     */
+    paintChart({ at, context }, { you, ground, ink }) {
+      const frame = state().player?.frame;
+      if (!analysis || !frame) return;
+      onChart = placeOnCurve(analysis.losses, frame.rows * frame.cols, at);
+      paintOnCurve(context, onChart, chosen(), { ring: you, fill: ground, ink, base_px: at.y(0) });
     },
   };
 }

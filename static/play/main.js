@@ -15,6 +15,7 @@ import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
 import { createPanel, offerPolicies } from "./panels.js";
 import { createSessions } from "./sessions.js";
+import { createThinking } from "./thinking.js";
 import { createTerrainDialog } from "./terrain_dialog.js";
 import { createViews } from "./views.js";
 import { createVolunteers } from "./volunteers.js";
@@ -38,15 +39,13 @@ const panels = { player: createPanel(rootOf("player"), template, [by("end-card")
 const api = createApi((path, options) => fetch(path, options));
 const views = createViews({ page: document, panels: ROLES.map((role) => panels[role]), storage: localStorage, onChange: () => repaint(true) });
 
-const thoughts = by("show-thoughts", HTMLInputElement);
-thoughts.checked = localStorage.getItem("mars.thoughts") !== "false";
 addEventListener("theme", () => repaint(true));
-thoughts.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(thoughts.checked)); repaint(true); });
+const thinking = createThinking({ page: document, storage: localStorage, send: (role, message) => connections.send(role, message), onChange: () => repaint(true) });
 
 const visit = createFirstVisit({ page: document, part: panels.player.part, storage: localStorage, isTouch: matchMedia("(pointer: coarse)").matches,
   onEnded: () => repaint(true) });
 const painter = createPainter({ page: document, panels, views, visit, rivalName: () => terrainDialog.wish().rival, paysBonus: (level) => terrainDialog.paysBonus(level),
-  showsThoughts: () => thoughts.checked, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
+  thinking, losses: () => losses, dismiss: (id) => dispatch({ kind: "dismiss", id }) });
 const showTab = startTabs(document);
 const volunteers = createVolunteers({ page: document, api, state: () => state, dispatch });
 const repaint = createRepaint((isWhole) => {
@@ -71,7 +70,8 @@ const sessions = createSessions({
     volunteers.load();
   },
 });
-const losses = createLosses(panels.player.part, { state: () => state, load: api.regret, tryFrom: sessions.tryFrom });
+const losses = createLosses({ page: document, part: panels.player.part, canvas: panels.player.canvas, chart: by("chart", HTMLCanvasElement),
+  state: () => state, load: api.regret, tryFrom: sessions.tryFrom, onChange: () => repaint(true) });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch,
   onPlay: () => sessions.resume().catch((error) => dispatch({ kind: "notice", text: error.message })) });
@@ -174,6 +174,7 @@ for (const role of ROLES) {
   views.watch(panels[role].part.matrix);
 }
 views.watch(/** @type {HTMLElement} */ (by("chart", HTMLCanvasElement).parentElement));
+views.watch(by("values-plot"));
 
 async function begin() {
   terrainDialog.showPad(document.body.dataset.pad === "true");

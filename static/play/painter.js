@@ -3,7 +3,7 @@
 import { paintBoard } from "../common/board.js";
 import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
-import { curveOf, paintCoverage } from "../common/coverage_chart.js";
+import { curveOf, paintCoverage, stepsEnd } from "../common/coverage_chart.js";
 import { elementsOf, paintNotices } from "../common/page.js";
 import { ghostOf, thoughtOf } from "../common/thoughts.js";
 import { hasTwoBoards, paintBar } from "./bar.js";
@@ -20,11 +20,14 @@ const FIRST_FRAME = "mars.first-frame";
 /**
  *   visit      paints what a first visit has, and knows whether this is one
  *   paysBonus  whether the level being played pays for finishing
+ *   thinking   what the policies think: it is drawn on their boards alone
+ *   losses     the costly moves of an ended episode
  * @param {{page: Document, panels: Record<string, panel.Panel>, views: ReturnType<import("./views.js").createViews>,
  *   visit: Pick<ReturnType<import("./first_visit.js").createFirstVisit>, "isFirst" | "paint">, rivalName: () => string,
- *   paysBonus: (level: string) => boolean, showsThoughts: () => boolean, dismiss: (id: number) => void}} how
+ *   paysBonus: (level: string) => boolean, thinking: ReturnType<import("./thinking.js").createThinking>,
+ *   losses: () => ReturnType<import("./losses.js").createLosses>, dismiss: (id: number) => void}} how
  */
-export function createPainter({ page, panels, views, visit, rivalName, paysBonus, showsThoughts, dismiss }) {
+export function createPainter({ page, panels, views, visit, rivalName, paysBonus, thinking, losses, dismiss }) {
   const by = elementsOf(page);
   const chart = by("chart", HTMLCanvasElement);
   /** @type {State | null} */
@@ -48,8 +51,10 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       const trail = ghostOf(state, role);
       if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
       const ghost = trail && { trail, accent: colours[role === "player" ? "rival" : "player"] };
-      const thought = showsThoughts() ? thoughtOf(board) : null;
-      paintBoard(canvas, board, { soil, accent: colours[role], ...views.size(part.matrix), dpr, lidar_cells: LIDAR_CELLS, ghost, thought });
+      const thought = thinking.isShown() ? thoughtOf(board) : null;
+      const shown = role === "player" ? losses().boardOf(board) : board;
+      paintBoard(canvas, shown, { soil, accent: colours[role], ...views.size(part.matrix), dpr, lidar_cells: LIDAR_CELLS, ghost: shown === board ? ghost : null,
+        thought, tint: thinking.tintOf(state, role), marks: role === "player" ? losses().marks() : null });
     }
     const now_ms = performance.now();
     if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
@@ -77,15 +82,17 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
    * @param {number} dpr
    */
   function paintCurves(state, dpr) {
-    const { inks, font, you, policy } = chartColours(page.documentElement);
+    const { inks, font, you, policy, ground } = chartColours(page.documentElement);
     const colours = { player: you, rival: policy };
     const shown = hasTwoBoards(state, visit.isFirst()) ? ROLES : /** @type {const} */ (["player"]);
     const curves = shown.flatMap((role) => {
       const board = state[role];
-      return board ? [curveOf(board, { colour: colours[role], isDashed: role === "rival", hasValues: showsThoughts() })] : [];
+      return board ? [curveOf(board, { colour: colours[role], isDashed: role === "rival" })] : [];
     });
     paintLegend(by("legend"), curves.map(({ name, colour, isDashed }) => ({ name, colour, dash: isDashed ? "9 4" : "" })));
-    paintCoverage(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font, inks });
+    const plot = paintCoverage(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font, inks });
+    if (plot) losses().paintChart(plot, { you, ground, ink: inks.goal });
+    thinking.paint(state, { ...views.size(by("values-plot")), dpr, font, inks, colours, end: stepsEnd(curves) });
     chart.setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
       `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
   }

@@ -165,16 +165,19 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       begin(await api.nextEpisode(session, { level, size, seed }));
     }),
     /**
-     * Begin the terrain of a finished episode once more, and make its first moves again.
-     * @param {string} session
-     * @param {string} episode
+     * Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
+     * @param {import("../common/game_state.js").State} state
      * @param {number} moves
      */
-    tryFrom: (session, episode, moves) => once(async () => {
-      const { level, rows, cols, seed, actions } = await api.episode(episode);
-      const about = await api.nextEpisode(session, { level, size: rows === cols ? rows : [rows, cols], seed });
+    tryFrom: ({ mode, player }, moves) => once(async () => {
+      if (!player) return;
+      const { level, rows, cols, seed, actions } = await api.episode(player.frame.episode);
+      const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
+      const about = await (mode === "practice" ? api.nextEpisode(player.session, terrain)
+        : api.createSession({ ...terrain, player: "human", rival: wish().rival }));
       begin(about);
-      for (const [step, action] of actions.slice(0, moves).entries()) await api.act(session, { episode: about.frame.episode, step, action });
+      for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
+      note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
     }),
     /**
      * Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.

@@ -27,7 +27,7 @@ export function createPlayScreen(page, { look, keys }) {
    * @param {Look} colours
    */
   function paintCurve(board, { accent, inks, font }) {
-    const curve = curveOf(board, { colour: accent, isDashed: false, hasValues: false });
+    const curve = curveOf(board, { colour: accent, isDashed: false });
     paintCoverage(by("chart", HTMLCanvasElement), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
   }
   /**

@@ -23,6 +23,46 @@ class Wanderer:
         return int(self.rng.choice(valid_actions(codes, int(row), int(col))))
 
 
+ASK = "Where did I lose moves?"
+
+
+def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_practice(serve, player):
+    server = serve()
+    me = player(server, FLAGS)
+    me.goto()
+    about = me.begin(size=[7, 9])
+    assert about["counts"]
+    ask = me.page.get_by_role("button", name=ASK)
+    for action in ("east", "west", "north") if about["frame"]["grid"][0][1] == "." else ("south", "north", "north"):
+        assert not ask.is_visible()
+        me.press(action)
+    frame = me.state()
+    assert frame["outcome"] == "out_of_bounds"
+    me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")  # nothing else changes the board from here on
+    plain = me.still("canvas-player")
+    ask.click()
+    first = me.page.get_by_test_id("loss-1")
+    first.wait_for()
+    assert first.inner_text().split(" cost about ")[0].split()[-2:] == ["Move", "3"]
+    assert "you drove over the edge of the map" in first.inner_text()
+    marked, chart = me.still("canvas-player"), me.still("chart")
+    assert marked != plain
+    first.click()
+    assert first.get_attribute("aria-pressed") == "true"
+    me.page.mouse.move(2, 2)
+    me.changes("canvas-player", marked)  # the board as it was before the move
+    me.changes("chart", chart)
+    me.page.get_by_role("button", name="Try from here: move 3").click()
+    me.wait("window.mars.state.player.frame.step === 2 && !window.mars.state.player.frame.outcome")
+    assert me.state("mode") == "practice"
+    assert not me.state("counts")
+    assert me.state("rival.name") == "ppo"
+    me.shows("badge", "practice")
+    assert "Practice from move 3" in me.page.get_by_test_id("notices").inner_text()
+    assert not ask.is_visible()
+    assert me.errors == []
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
 def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
@@ -31,23 +71,34 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     me.page.set_viewport_size({"width": width, "height": height})
     me.goto()
     me.begin(size=[9, 11], seed=12, rival="frontier-cost")
-    ask = me.page.get_by_role("button", name="Where did I lose moves?")
-    assert not ask.is_visible()
     frame = me.explore(Wanderer(), lambda frame: frame["outcome"])
-    ask.click()
-    tries = me.page.get_by_role("button", name="Try from here")
-    tries.first.wait_for()
-    lines = me.page.locator("[data-part=losses] li").all_inner_texts()
-    assert all("you lost" in line for line in lines)
+    me.page.get_by_role("button", name=ASK).click()
+    first = me.page.get_by_test_id("loss-1")
+    first.wait_for()
+    lines = me.page.locator("[data-part=losses] li .loss span").all_inner_texts()
+    assert all(" cost about " in line for line in lines)
     me.page.screenshot(path=str(SCREENSHOTS / f"losses-{width}x{height}.png"))
     answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/regret").json()
     biggest = answer["losses"][0]
-    assert lines[0].startswith(f"Move {biggest['step'] + 1}: you lost {biggest['regret']} move")
-
-    tries.first.click()
+    assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")
+    first.click()
+    me.page.get_by_role("button", name="Try from here").first.click()
     me.wait(f"window.mars.state.player.frame.step === {biggest['step']} && !window.mars.state.player.frame.outcome")
     again = me.state()
     assert again["episode"] != frame["episode"]
-    assert not ask.is_visible()
     assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
+    assert me.errors == []
+
+
+@pytest.mark.long
+def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
+    me = player(serve(), FLAGS)
+    me.goto()
+    me.begin(size=84, seed=12, rival="frontier-cost")
+    me.press("north")
+    ask = me.page.get_by_role("button", name=ASK)
+    ask.click()
+    said = me.page.locator("[data-part=losses]")
+    said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for()
+    assert ask.is_hidden(), "asking again would say the same"
     assert me.errors == []

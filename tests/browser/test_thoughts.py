@@ -1,8 +1,14 @@
-"""Watching a network think: its wedges and value, the switch that hides them, both paths after the end, another policy."""
+"""Watching a network think: wedges, tinted ground, value, the switch that hides them; both paths after the end; any policy."""
 
 from tests.support.browser import NO_3D
+from tests.support.servers import eventually
 
 FIRST = "window.mars.state.rival.thought && window.mars.state.rival.thought.step === window.mars.state.rival.frame.step"
+
+
+def drawn(me):
+    """What is drawn on the policy's matrix, to the pixel."""
+    return me.page.get_by_test_id("canvas-rival").evaluate("canvas => canvas.toDataURL()")
 
 
 def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
@@ -16,15 +22,26 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     me.wait("window.mars.state.rival.values.length === 1")
     switch = me.page.get_by_test_id("show-thoughts")
     assert switch.is_checked()
-    shown, curve = me.still("canvas-rival"), me.still("chart")
+    me.wait("window.mars.state.rival.expected && window.mars.state.rival.expected.step === 0")
+    assert me.state("player.expected") is None, "nothing is said about a person's board"
+    note, strip = me.page.get_by_test_id("thoughts-note"), me.page.get_by_test_id("value-strip")
+    note.wait_for()
+    assert "from there ppo should see 0" in note.inner_text()
+    assert "What ppo expects to earn from here on" in strip.inner_text()
+    assert me.page.get_by_test_id("values").get_attribute("aria-label").startswith("ppo expects")
+    me.still("canvas-rival")
+    shown = drawn(me)
     switch.uncheck()
-    me.changes("canvas-rival", shown)
-    me.changes("chart", curve)
-    plain = me.still("canvas-rival")
+    strip.wait_for(state="hidden")
+    assert note.is_hidden()
+    me.still("canvas-rival")
+    plain = drawn(me)
+    assert plain != shown
     me.page.reload()
     me.wait(f"window.mars && window.mars.state.rival && {FIRST}")
     assert not me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
-    assert me.still("canvas-rival") == plain
+    eventually(lambda: drawn(me) == plain)
+    assert me.state("rival.expected") is None, "what nobody looks at is not worked out"
     assert me.errors == []
 
 

@@ -30,9 +30,7 @@ test("a scale puts the low end left and at the bottom", () => {
   assert.deepEqual([roundUp(141, 141), roundUp(441, 441), roundUp(1001, 1001)], [160, 500, 1500]);
 });
 
-test("a curve counts cells of its terrain, and has values only when they are asked for", () => {
-  const board = { name: "ppo", frame: { rows: 3, cols: 4 }, discovered: [2, 5], values: [1, null] };
-  const look = { colour: "teal", isDashed: true, hasValues: false };
-  assert.deepEqual(curveOf(board, look), { name: "ppo", colour: "teal", isDashed: true, discovered: [2, 5], cells: 12, values: [] });
-  assert.deepEqual(curveOf(board, { ...look, hasValues: true }).values, [1, null]);
+test("a curve counts cells of its terrain", () => {
+  const board = { name: "ppo", frame: { rows: 3, cols: 4 }, discovered: [2, 5] };
+  assert.deepEqual(curveOf(board, { colour: "teal", isDashed: true }), { name: "ppo", colour: "teal", isDashed: true, discovered: [2, 5], cells: 12 });
 });

@@ -1,0 +1,76 @@
+// @ts-check
+// The moves that cost most, in words: one plain sentence each. No document here, so that node can test every sentence.
+import { many } from "./words.js";
+
+/** @typedef {import("./messages.js").Action} Action */
+/** @typedef {import("./messages.js").Cell} Cell */
+/**
+ * A move that cost much, with the board as it was known before it. `step` is the number of moves made before it, `previous` the last of
+ * them. `missed` are the cells that the better move would soon have shown, and `seen_at` the moves made when the last of them was seen.
+ * @typedef {{step: number, regret: number, action: Action, best_action: Action, kind: string, previous: Action | null, position: Cell,
+ *   grid: string[], discovered: number, missed: Cell[], seen_at: number | null}} CostlyMove
+ */
+/** @typedef {{policy: string, total: number, given_up: number, losses: CostlyMove[]}} Analysis */
+
+/** @type {Record<Action, {back: Action, down: number, right: number}>} */
+const WAYS = {
+  north: { back: "south", down: -1, right: 0 }, east: { back: "west", down: 0, right: 1 },
+  south: { back: "north", down: 1, right: 0 }, west: { back: "east", down: 0, right: -1 },
+};
+
+/**
+ * Return where on the map cells lie: in a corner, at an edge, or "" for anywhere else.
+ * @param {Cell[]} cells
+ * @param {string[]} grid
+ */
+export function placeOf(cells, grid) {
+  const touches = (/** @type {(cell: Cell) => boolean} */ test) => cells.some(test);
+  const north = touches(([row]) => row === 0);
+  const south = touches(([row]) => row === grid.length - 1);
+  const west = touches(([, col]) => col === 0);
+  const east = touches(([, col]) => col === grid[0].length - 1);
+  const up = north === south ? "" : north ? "north" : "south";
+  const across = west === east ? "" : west ? "west" : "east";
+  if (up && across) return ` in the ${up}-${across} corner`;
+  return up || across ? ` at the ${up || across} edge` : "";
+}
+
+/** @param {CostlyMove} loss */
+function whatWasDone({ action, previous, position: [row, col], grid, kind }) {
+  if (kind === "ended early") {
+    const { down, right } = WAYS[action];
+    return grid[row + down]?.[col + right] ? "you drove into a rock" : "you drove over the edge of the map";
+  }
+  if (previous === null) return `you began by going ${action}`;
+  if (action === previous) return `you went on ${action}`;
+  return `you turned ${WAYS[previous].back === action ? "back " : ""}${action}`;
+}
+
+/** @param {CostlyMove} loss */
+function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind }) {
+  if (kind === "ended early") return `going ${better} was free`;
+  if (missed.length) {
+    const seen = seen_at === null ? "which you never saw" : `which you saw only ${many(seen_at - step, "move")} later`;
+    return `going ${better} would soon have shown ${many(missed.length, "unknown cell")}${placeOf(missed, grid)}, ${seen}`;
+  }
+  return kind === "last cells" ? `going ${better} was the shorter way to the last cells` : `going ${better} was the shorter way`;
+}
+
+/**
+ * Return the sentence about a move.
+ * @param {CostlyMove} loss
+ */
+export function sentenceOf(loss) {
+  return `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
+}
+
+/**
+ * Return the sentence above the list of moves.
+ * @param {Analysis} analysis
+ */
+export function summaryOf({ policy, losses, given_up }) {
+  const judged = `Judged by how ${policy} would have finished from each move, with the whole terrain known.`;
+  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there. ${judged}`;
+  if (!losses.length) return `No single move cost you much. ${judged}`;
+  return losses.length === 1 ? `One move cost you the most. ${judged}` : `These ${losses.length} moves cost you the most. ${judged}`;
+}

@@ -1,0 +1,89 @@
+// @ts-check
+// What the policies think, beside their boards: the legend of the heat map, and what they expect to earn as a strip below the chart.
+import { expectedOf, mostExpected, nextLooks } from "../common/expected.js";
+import { askExpected } from "../common/messages.js";
+import { elementsOf, put } from "../common/page.js";
+import { paintValues, valueLine } from "../common/value_strip.js";
+
+/**
+ * @typedef {import("../common/game_state.js").State} State
+ * @typedef {import("../common/game_state.js").Role} Role
+ * @typedef {import("../common/game_state.js").Board} Board
+ */
+const ROLES = /** @type {const} */ (["player", "rival"]);
+
+/**
+ * Return the boards that policies drive, the player's among them only while two policies are watched.
+ * @param {State} state
+ * @returns {[Role, Board][]}
+ */
+export function policyBoards(state) {
+  return ROLES.flatMap((role) => {
+    const board = state[role];
+    const isPolicys = role === "rival" ? state.mode !== "spectator" : state.mode === "watch";
+    return board && isPolicys ? [/** @type {[Role, Board]} */ ([role, board])] : [];
+  });
+}
+
+/**
+ * @param {{page: Document, storage: Storage, send: (role: Role, message: object) => boolean, onChange: () => void}} how
+ *   onChange: the switch was used
+ */
+export function createThinking({ page, storage, send, onChange }) {
+  const by = elementsOf(page);
+  const wanted = by("show-thoughts", HTMLInputElement);
+  wanted.checked = storage.getItem("mars.thoughts") !== "false";
+  wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); onChange(); });
+  const isShown = () => wanted.checked && page.body.dataset.boards !== "1";
+  /** @type {Map<Role, import("../common/messages.js").Frame>} the frame that was asked about last */
+  const asked = new Map();
+
+  /** @param {[Role, Board][]} boards */
+  function ask(boards) {
+    for (const [role, { frame }] of boards) {
+      if (!frame.outcome && asked.get(role) !== frame && send(role, askExpected())) asked.set(role, frame);
+    }
+  }
+  /** @param {[Role, Board][]} boards */
+  function paintNote(boards) {
+    const shown = boards.flatMap(([, board]) => { const expected = expectedOf(board); return expected ? [{ board, expected }] : []; });
+    by("thoughts-note").hidden = !shown.length;
+    if (!shown.length) return;
+    put(by("thoughts-who"), shown.map(({ board }) => board.name).join(" and "));
+    put(by("thoughts-most"), String(Math.max(...shown.map(({ expected }) => mostExpected(expected)))));
+    put(by("thoughts-next"), shown.length === 1 ? nextLooks(shown[0].board.frame, shown[0].expected) : "");
+    by("thoughts-next-row").hidden = shown.length > 1;
+  }
+  return {
+    isShown,
+    /**
+     * Return what tints a board, and the most cells of any tint now.
+     * @param {State} state
+     * @param {Role} role
+     */
+    tintOf(state, role) {
+      if (!isShown()) return null;
+      const boards = policyBoards(state);
+      const own = expectedOf(boards.find(([each]) => each === role)?.[1] ?? null);
+      return own && { expected: own, most: Math.max(...boards.map(([, board]) => { const each = expectedOf(board); return each ? mostExpected(each) : 1; })) };
+    },
+    /**
+     * Ask for what is missing, and paint the legend and the strip.
+     * @param {State} state
+     * @param {{width_px: number, height_px: number, dpr: number, font: string, inks: import("../common/chart.js").Inks, end: number,
+     *   colours: Record<Role, string>}} look
+     */
+    paint(state, { colours, ...look }) {
+      const boards = isShown() ? policyBoards(state) : [];
+      ask(boards);
+      paintNote(boards);
+      const curves = boards.filter(([, { values = [] }]) => values.some((value) => typeof value === "number"))
+        .map(([role, { name, values = [] }]) => ({ name, values, colour: colours[role], isDashed: role === "rival" }));
+      by("value-strip").hidden = !curves.length;
+      put(by("value-line"), valueLine(curves.map(({ name }) => name)));
+      const canvas = by("values", HTMLCanvasElement);
+      canvas.setAttribute("aria-label", curves.map(({ name, values }) => `${name} expects ${Number(values.filter((value) => typeof value === "number").pop()).toFixed(1)}`).join("; "));
+      paintValues(canvas, curves, look);
+    },
+  };
+}
