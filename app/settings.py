@@ -15,6 +15,9 @@ IS_CHECKOUT = (ROOT / "pyproject.toml").is_file()
 STATIC = ROOT / "static" if IS_CHECKOUT else PACKAGE / "static"
 """The files of the pages: at the root of a checkout, inside this package in a wheel."""
 
+SHIPPED_DATA = (ROOT if IS_CHECKOUT else PACKAGE) / "data"
+"""What comes with the package beside its code: `leaderboard/`, the figures of the shipped policies."""
+
 DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
 """In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
 

@@ -60,6 +60,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.cli.training": {
         "app.cli.console",
+        "app.leaderboard",
         "app.moves",
         "app.release",
         "app.storage",
@@ -80,6 +81,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.leaderboard": {
         "app.moves",
         "app.play",
+        "app.settings",
         "app.statistics",
         "app.storage",
         "app.study",

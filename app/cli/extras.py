@@ -41,6 +41,7 @@ EXTRA_OF_COMMAND = {
     "export": "play",
     "replay": "play",
     "evaluate": "train",
+    "leaderboard": "play",
     "train": "train",
     "refine": "train",
     "sweep": "ray",

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.leaderboard.evaluations import EvaluationJob, PolicyEvaluations
+from app.leaderboard.evaluations import PolicyEvaluations
+from app.leaderboard.jobs import EvaluationJob
 from app.play.daily_terrain import seed_of
 from app.play.policy_catalogue import PolicyOffer
 from app.storage.daily import DailyTerrain

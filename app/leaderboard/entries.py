@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.leaderboard.closed_studies import ClosedStudies, ranked_seeds
-from app.leaderboard.evaluations import EvaluationJob
+from app.leaderboard.jobs import EvaluationJob
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
 from app.study.data import StudyData
@@ -70,8 +70,13 @@ def list_entries(reader: Reader, studies: ClosedStudies) -> list[LeaderboardEntr
         config = EnvConfig(**figure["config"])
         found[config.hash] = _of_config(config, figure)
     for config in OFFERED:
-        found.setdefault(config.hash, _of_config(config, None))
+        found.setdefault(config.hash, offered_entry(config))
     return list(found.values())
+
+
+def offered_entry(config: EnvConfig) -> LeaderboardEntry:
+    """Return the entry of a configuration on offer as it is while nobody has played it."""
+    return _of_config(config, None)
 
 
 def held_out_seeds(config: EnvConfig) -> tuple[int, ...]:

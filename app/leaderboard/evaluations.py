@@ -1,29 +1,28 @@
-"""Policies' figures: made by a process of low priority when first requested, and kept in a file next to the database.
+"""Policies' figures: those that came with the package; the rest is made here by a process of low priority when first requested.
 
-A figure belongs to (core version, policy with its file, configuration, seeds); when one of these changes, it is made again. No
-figure is ever guessed: until it is ready, its progress is shown.
+What is made here is kept in a file next to the database. A figure belongs to (core version, policy with its file,
+configuration, seeds); when one of these changes, it is made again. No figure is ever guessed: until it is ready, its progress
+is shown.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import hashlib
 import json
 import logging
 import os
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from marsexplorer import policies
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from app.leaderboard.jobs import EvaluationJob
+from app.leaderboard.shipped import ShippedFigure, ShippedFigures
+from marsexplorer.config import CORE_VERSION
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.card import shipped
 
 MAX_LINE_BYTES = 1 << 24
 """Bytes of a worker's line: a heat map of the largest grid fits."""
@@ -31,42 +30,12 @@ MAX_LINE_BYTES = 1 << 24
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class EvaluationJob:
-    """A policy (its name or path) on the terrains of some seeds."""
-
-    policy: str
-    config: EnvConfig
-    seeds: tuple[int, ...]
-
-    @property
-    def key(self) -> str:
-        """Everything that the figure depends on, as one string."""
-        seeds = hashlib.sha256(",".join(map(str, self.seeds)).encode()).hexdigest()
-        return "|".join((CORE_VERSION, self.policy, policy_hash(self.policy), self.config.hash, seeds))
-
-    def to_json(self) -> str:
-        """Return the line the worker reads."""
-        return json.dumps({"policy": self.policy, "config": self.config.to_dict(), "seeds": self.seeds})
-
-
-@lru_cache(64)
-def policy_hash(source: str) -> str:
-    """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
-    found = hashlib.sha256()
-    files = sorted(Path(policies.__file__).parent.rglob("*.py"))
-    own = shipped().get(source, Path(source))
-    for path in (*files, own):
-        if path.is_file():
-            found.update(path.read_bytes())
-    return found.hexdigest()
-
-
 class PolicyEvaluations:
     """Gives the figures that are ready and makes the missing ones in the background, the latest request first."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, shipped: ShippedFigures | None = None) -> None:
         self.path = path
+        self._shipped = shipped
         self._done: dict[str, dict[str, Any]] = _read(path)
         self._failed: dict[str, str] = {}
         self._waiting: dict[str, EvaluationJob] = {}
@@ -76,14 +45,20 @@ class PolicyEvaluations:
         self._closed = False
 
     def request(self, jobs: Sequence[EvaluationJob]) -> list[dict[str, Any]]:
-        """Return per job {"state", "done", "of", "figure", "error"}; what is missing is begun. Call it on the event loop."""
+        """Return per job {"state", "done", "of", "figure", "shipped", "error"}; what is missing is begun.
+
+        `shipped` says where a figure comes from that came with the package, None for one that was made here. Call it on the
+        event loop.
+        """
         keys = {job.key: job for job in jobs}
-        missing = {key: job for key, job in keys.items() if key not in self._done and key not in self._failed}
+        came = {key: self._shipped.find(job) if self._shipped else None for key, job in keys.items() if key not in self._done}
+        known = {**self._done, **self._failed, **{key: made for key, made in came.items() if made}}
+        missing = {key: job for key, job in keys.items() if key not in known}
         if missing and not self._closed:
             self._waiting = {**missing, **self._waiting}
             if self._task is None or self._task.done():
                 self._task = asyncio.create_task(self._work(), name="leaderboard")
-        return [self._state(key, job) for key, job in keys.items()]
+        return [self._state(key, job, came.get(key)) for key, job in keys.items()]
 
     async def close(self) -> None:
         """End the process; what it had not finished is begun again after the next start."""
@@ -94,12 +69,19 @@ class PolicyEvaluations:
         if self._task is not None:
             await self._task
 
-    def _state(self, key: str, job: EvaluationJob) -> dict[str, Any]:
-        made, error = self._done.get(key), self._failed.get(key)
+    def _state(self, key: str, job: EvaluationJob, came: ShippedFigure | None) -> dict[str, Any]:
+        made, error = came.figure if came else self._done.get(key), self._failed.get(key)
         at, done = self._progress
         state = "ready" if made else "failed" if error else "computing" if at == key else "waiting"
         count = len(job.seeds) if made else done if at == key else 0
-        return {"state": state, "done": count, "of": len(job.seeds), "figure": made, "error": error}
+        return {
+            "state": state,
+            "done": count,
+            "of": len(job.seeds),
+            "figure": made,
+            "shipped": came and asdict(came.origin),
+            "error": error,
+        }
 
     async def _work(self) -> None:
         """Make figures until none is missing."""

@@ -13,6 +13,7 @@ from app.leaderboard.closed_studies import ClosedStudies
 from app.leaderboard.entries import LeaderboardEntry, list_entries
 from app.leaderboard.evaluations import PolicyEvaluations
 from app.leaderboard.human_summaries import HumanSummaries
+from app.leaderboard.shipped import ShippedFigures
 from app.play.policy_catalogue import PolicyOffer
 from app.storage.reader import Reader
 
@@ -28,7 +29,7 @@ class Leaderboard:
 
     def __init__(self, database: Path, offers: Sequence[PolicyOffer]) -> None:
         self._database, self._offers = database, offers
-        self._evaluations = PolicyEvaluations(database.with_name(database.name + "-figures.json"))
+        self._evaluations = PolicyEvaluations(database.with_name(database.name + "-figures.json"), ShippedFigures())
         self._people = HumanSummaries()
         self._studies = ClosedStudies()
         self._reading = threading.Lock()
@@ -48,10 +49,16 @@ class Leaderboard:
         sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
         jobs = found.jobs(sources)
         names = {source: name for name, source in sources.items()}
+        summaries = {offer.source: offer.summary for offer in self._offers}
         states = self._evaluations.request(jobs)
         likeness = (found.human or {}).get("likeness", {})
         policies = [
-            {"name": (name := names.get(job.policy, job.policy)), **state, "human_likeness": likeness.get(name)}
+            {
+                "name": (name := names.get(job.policy, job.policy)),
+                "summary": summaries.get(job.policy, ""),
+                **state,
+                "human_likeness": likeness.get(name),
+            }
             for job, state in zip(jobs, states, strict=True)
         ]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY_PLAYED}

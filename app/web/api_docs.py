@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
+
+from app.web.templates import environment
 
 DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
 board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
@@ -43,6 +43,7 @@ def render_docs(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
     models = schema["components"]["schemas"]
     page: str = _TEMPLATE.render(
+        root="",
         info=schema["info"],
         example=EXAMPLE,
         socket=SOCKET,
@@ -105,10 +106,5 @@ def _type_of(field: dict[str, Any]) -> str:
     return " ".join([str(field.get("type", "")), *filter(None, bounds)])
 
 
-def _template() -> Template:
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
-    environment.filters.update(with_code=_with_code, type_of=_type_of)
-    return environment.get_template("api_docs.html")
-
-
-_TEMPLATE = _template()
+environment.filters.update(with_code=_with_code, type_of=_type_of)
+_TEMPLATE = environment.get_template("api_docs.html")

@@ -1,17 +1,31 @@
-"""Errors as answers: one sentence under `detail`, with the status that fits."""
+"""Errors as answers: one sentence under `detail`, with the status that fits; a page where a browser asked for one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import HTMLResponse, JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from app.play.lobby import UnknownSessionError
 from app.play.validation import NO_BODY, describe_errors
 from app.storage.store import StoreError
+from app.web.middleware import HEADERS
+from app.web.templates import environment, path_of, root_of
+
+TITLES = {
+    403: "This is not yours to open",
+    404: "There is nothing here",
+    405: "This address is not used that way",
+    500: "Something went wrong here",
+    503: "The server cannot do this now",
+}
+"""Headings of the pages of errors by status."""
+
+FAILED = "The fault is the server's, and it has noted it. Try again in a moment."
+_PAGE = environment.get_template("error_page.html")
 
 
 def add_error_handlers(app: FastAPI) -> None:
@@ -20,27 +34,51 @@ def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(UnknownSessionError, _answer_with(404))
     app.add_exception_handler(StoreError, _answer_with(503))
     app.add_exception_handler(RequestValidationError, _answer_bad_input)
+    app.add_exception_handler(Exception, _answer_failure)
+
+
+def wants_page(request: Request) -> bool:
+    """Return whether a browser asks for a page to show: it names HTML, as it does not for `fetch`, and the API has no pages."""
+    return "text/html" in request.headers.get("accept", "") and not path_of(request).startswith("/api/")
+
+
+def _answer(request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None) -> Response:
+    """Return the answer for a status: a page for a browser, else {"detail": ...}."""
+    if not wants_page(request):
+        return JSONResponse({"detail": detail}, status, headers)
+    title = TITLES.get(status, "That did not work")
+    return HTMLResponse(
+        _PAGE.render(root=root_of(request), status=status, title=title, detail=_sentence(str(detail))), status, headers
+    )
+
+
+def _sentence(text: str) -> str:
+    """Return an error's text as a sentence."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
 
 
 def _answer_with(status: int) -> Callable[[Request, Exception], Response]:
     """Return a handler that answers the error's text with a status."""
-
-    def answer(_: Request, error: Exception) -> Response:
-        return JSONResponse({"detail": str(error)}, status)
-
-    return answer
+    return lambda request, error: _answer(request, status, str(error))
 
 
-def _answer_bad_input(_: Request, error: Exception) -> Response:
+def _answer_bad_input(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    return JSONResponse({"detail": describe_errors(error.errors())}, 422)
+    return _answer(request, 422, describe_errors(error.errors()))
+
+
+def _answer_failure(request: Request, _: Exception) -> Response:
+    """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
+    return _answer(request, 500, FAILED, HEADERS)
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 400:  # what FastAPI raises for a body that is not even text
-        return JSONResponse({"detail": f"{NO_BODY}, in UTF-8"}, 422)
+        return _answer(request, 422, f"{NO_BODY}, in UTF-8")
     detail = error.detail
     if detail in ("Not Found", "Method Not Allowed"):  # the router's own words
         detail = f"nothing answers {request.method} {request.url.path}; /docs lists every call"
-    return JSONResponse({"detail": detail}, error.status_code, error.headers)
+        if wants_page(request) and error.status_code == 404:
+            detail = f"No page has the address {request.url.path}. It may have been mistyped, or what it showed is gone."
+    return _answer(request, error.status_code, detail, error.headers)

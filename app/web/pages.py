@@ -38,6 +38,18 @@ async def leaderboard_page() -> Response:
     return FileResponse(STATIC / "leaderboard" / "index.html")
 
 
+@router.get("/about")
+async def about_page() -> Response:
+    """Serve the page about the rules, the policies, the paper and what is stored."""
+    return FileResponse(STATIC / "about" / "index.html")
+
+
+@router.get("/study")
+async def studies_page() -> Response:
+    """Serve the page about studies, which lists those that anybody may join."""
+    return FileResponse(STATIC / "studies" / "index.html")
+
+
 @router.get("/daily")
 async def daily_page() -> Response:
     """Serve the page of today's terrain."""

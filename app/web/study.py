@@ -112,15 +112,22 @@ async def _present_state(request: Request, name: str) -> dict[str, Any]:
 
 
 @router.get("", summary="The studies of this server")
-async def list_studies(progress: ProgressOf) -> list[dict[str, str]]:
-    """List the studies whose protocol is frozen; `status` is "open" or "closed"."""
-    found = []
+async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
+    """List the studies whose protocol is frozen.
+
+    `status` is "open" or "closed"; `recruitment` is "invitation", "panel" or "open".
+    """
+    found: list[dict[str, str | int]] = []
     for name in progress.folder.names():
         try:
             study = progress.study(name)
         except (StudyError, StageError):
             continue
-        found.append({"name": name, "title": study.protocol.title, "status": "open" if study.is_open else "closed"})
+        protocol, status = study.protocol, "open" if study.is_open else "closed"
+        found.append(
+            {"name": name, "title": protocol.title, "status": status, "recruitment": protocol.recruitment,
+             "warm_up": protocol.warm_up, "ranked": protocol.ranked}
+        )  # fmt: skip
     return found
 
 

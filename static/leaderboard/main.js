@@ -6,8 +6,9 @@ import { tickText, ticks } from "../common/chart_scale.js";
 import { create, elementsOf } from "../common/page.js";
 import { paintLines } from "./line_chart.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
-import { paintRanks } from "./ranks.js";
+import { invitation, paintRanks } from "./ranks.js";
 import { paintTrials } from "./trials.js";
+import { breakOf, scaleOf } from "./scale.js";
 import * as standing from "./standing.js";
 
 const by = elementsOf(document);
@@ -76,15 +77,19 @@ function paint() {
   }
   const { detail, measure } = state;
   if (!detail || detail.board.id !== state.board) return;
-  const rows = standing.rows(detail, measure);
+  const style = getComputedStyle(document.documentElement);
+  const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: style.getPropertyValue(row.colour).trim() }));
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(detail);
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
   by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
   paintWorking(standing.working(detail.policies));
-  paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, standing.scaleOf(figures, measure), measure);
-  by("ranks-note").textContent = detail.people ? `The dashed line is the mean of ${detail.board.study ? "the study's people" : "the volunteers"}.` : "There is no line for people: nobody has played this terrain ranked yet.";
+  const scale = scaleOf(figures, measure);
+  paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, scale, measure);
+  if (!detail.people) by("ranks", HTMLTableElement).tBodies[0].append(invitation(detail.board));
+  by("ranks-note").textContent = standing.ranksNote(detail, breakOf(scale) !== null);
   paintCoverage(rows);
+  by("trials-part").hidden = !detail.people?.trials.length;
   paintTrials({ canvas: by("trials", HTMLCanvasElement), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
   paintVisits(rows);
 }
@@ -111,12 +116,14 @@ function paintCoverage(rows) {
     y: { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75], text: (share) => `${share * 100} %`, title: "" },
     label: drawn.map(({ name, curve }) => standing.curveText(name, curve)).join(". ") || "No figures yet",
   });
+  const band = drawn.some(({ curve }) => curve.low.length) ? ", with the 95 % interval of the mean" : "";
+  by("coverage-note").textContent = drawn.length ? `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. The dotted line is 99 %.` : "";
 }
 
 /** @param {standing.Row[]} rows */
 function paintVisits(rows) {
-  const maps = rows.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
-  maps.sort((a, b) => Number(b.colour === standing.PEOPLE_INK) - Number(a.colour === standing.PEOPLE_INK));
+  const peopleFirst = [...rows].sort((a, b) => Number(b.who === "people") - Number(a.who === "people"));
+  const maps = peopleFirst.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
   paintMaps(by("visits"), maps);
   const note = by("visits-note");
   note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";

@@ -2,6 +2,7 @@
 // The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
 import { tickText } from "../common/chart_scale.js";
 import { create } from "../common/page.js";
+import { breakOf, placeOf } from "./scale.js";
 import { intervalText, shown, source } from "./standing.js";
 
 /**
@@ -13,14 +14,15 @@ import { intervalText, shown, source } from "./standing.js";
  * @param {HTMLTableElement} table
  * @param {HTMLElement} marks where the scale's numbers go
  * @param {Row[]} rows
- * @param {{low: number, high: number, ticks: number[]}} scale
+ * @param {import("./scale.js").Scale} scale
  * @param {Measure} measure
  */
 export function paintRanks(table, marks, rows, scale, measure) {
-  const share = (/** @type {number} */ value) => `${(100 * (value - scale.low)) / (scale.high - scale.low)}%`;
-  marks.replaceChildren(...scale.ticks.map((tick) => {
-    const mark = create("i", tickText(tick));
-    mark.style.left = share(tick);
+  const percent = (/** @type {number} */ share) => `${100 * share}%`;
+  const gap = breakOf(scale);
+  marks.replaceChildren(...[...scale.ticks, ...scale.farTicks].map((tick) => {
+    const mark = create("i", tickText(tick), { class: scale.farTicks.includes(tick) ? "far" : "" });
+    mark.style.left = percent(placeOf(scale, tick) ?? 0);
     return mark;
   }));
   const hasLikeness = rows.some(({ policy }) => typeof policy?.human_likeness === "number");
@@ -28,7 +30,8 @@ export function paintRanks(table, marks, rows, scale, measure) {
   if (head) /** @type {HTMLElement} */ (head).hidden = !hasLikeness;
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
-    const head = create("th", [create("i", [], { class: "swatch" }), row.name], { scope: "row" });
+    const summary = row.policy?.summary ? [create("small", row.policy.summary, { class: "wide", title: row.policy.summary })] : [];
+    const head = create("th", [create("i", [], { class: "swatch" }), row.name, ...summary], { scope: "row" });
     const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
     const line = create("tr", [head, ...cells], { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}` });
     line.style.setProperty("--mine", row.colour);
@@ -42,19 +45,18 @@ export function paintRanks(table, marks, rows, scale, measure) {
   function standing(row, value) {
     const place = create("div", [], { "aria-hidden": "true" });
     place.append(...scale.ticks.map((tick) => placed("gridline", tick)));
-    if (human !== undefined && human >= scale.low && human <= scale.high) place.append(placed("human", human));
-    const out = value.mean > scale.high ? "high" : value.mean < scale.low ? "low" : "";
-    if (out) {
-      const text = out === "high" ? `${shown(value.mean, measure)} \u25b8` : `\u25c2 ${shown(value.mean, measure)}`;
-      place.append(create("i", text, { class: `beyond ${out}` }));
-    } else {
-      if (value.low !== null && value.high !== null) {
-        const spread = placed("spread", value.low);
-        spread.style.width = `calc(${share(value.high)} - ${share(value.low)})`;
-        place.append(spread);
-      }
-      place.append(placed("dot", value.mean));
+    if (gap) {
+      const strip = create("i", [], { class: "break" });
+      Object.assign(strip.style, { left: percent(gap.from), width: percent(gap.to - gap.from) });
+      place.append(strip);
     }
+    if (human !== undefined) place.append(placed("human", human));
+    if (value.low !== null && value.high !== null) {
+      const spread = placed("spread", value.low);
+      spread.style.width = percent((placeOf(scale, value.high) ?? 1) - (placeOf(scale, value.low) ?? 0));
+      place.append(spread);
+    }
+    place.append(placed("dot", value.mean));
     const completed = `${Math.round(100 * (row.figure?.completed ?? 0))} %`;
     const wide = { class: "number wide" };
     return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
@@ -67,9 +69,23 @@ export function paintRanks(table, marks, rows, scale, measure) {
    */
   function placed(name, value) {
     const mark = create("i", [], { class: name });
-    mark.style.left = share(value);
+    mark.style.left = percent(placeOf(scale, value) ?? 0);
     return mark;
   }
+}
+
+/**
+ * Return the row of people where nobody has played: it invites.
+ * @param {import("./standing.js").BoardListing} board
+ */
+export function invitation({ study }) {
+  const head = create("th", [create("i", [], { class: "swatch" }), study ? "People" : "Volunteers"], { scope: "row" });
+  const line = study
+    ? create("span", "Nobody finished this study.")
+    : create("span", ["Nobody has played this ranked yet. ", create("a", "Be the first", { href: "./", "data-testid": "be-the-first" })]);
+  const cell = create("td", create("div", line, { class: "idle" }), { colspan: "6" });
+  const row = create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
+  return row;
 }
 
 /**

@@ -1,6 +1,6 @@
 // @ts-check
 // From the server's answer to what stands on the page: order, scale, sentences. No document here.
-import { roundUp, ticks } from "../common/chart_scale.js";
+import { roundUp } from "../common/chart_scale.js";
 import { many } from "../common/words.js";
 
 /** @typedef {import("../common/api.js").Interval} Interval */
@@ -11,7 +11,8 @@ import { many } from "../common/words.js";
  */
 /** @typedef {Figure & {players: number, trials: Trial[], set?: string, abandoned?: number}} People */
 /**
- * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null, human_likeness?: number | null}} Policy
+ * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null, human_likeness?: number | null,
+ *   summary?: string, shipped?: {version: string, command: string} | null}} Policy
  */
 /**
  * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} BoardListing
@@ -21,13 +22,13 @@ import { many } from "../common/words.js";
 /** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
 
 /**
- * Colour and dash of the policies everybody has, the same on every board; others take the rest in turn.
+ * Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take the rest in turn.
  * @type {Record<string, [string, string]>}
  */
-const OWN = { ppo: ["#5fd0c5", "7 4"], "frontier-utility": ["#b9a3f5", "2 3"], "frontier-cost": ["#8fb8f0", "9 3 2 3"], planner: ["#cfc3b6", "1 4"], random: ["#e08fa8", "4 4"] };
+const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], random: ["--line-rose", "4 4"] };
 /** @type {[string, string][]} */
-const REST = [["#a9c77f", "12 4"], ["#7fb5c7", "5 2"], ["#d9a07a", "3 6"], ["#c7c77f", "10 2 2 2"]];
-export const PEOPLE_INK = "#ffb347";
+const REST = [["--line-green", "12 4"], ["--line-sea", "5 2"], ["--line-clay", "3 6"], ["--line-olive", "10 2 2 2"]];
+const PEOPLE_COLOUR = "--chart-you";
 
 /**
  * @param {number} value
@@ -59,28 +60,9 @@ export function rows({ board, people, policies }, measure) {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
     return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
   });
-  if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_INK, dash: "", figure: people, policy: null });
+  if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_COLOUR, dash: "", figure: people, policy: null });
   const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
-}
-
-/**
- * Return the scale of the ranks: round numbers around everybody but those far out, who are drawn at its edge.
- * @param {Figure[]} figures
- * @param {Measure} measure
- * @returns {{low: number, high: number, ticks: number[]}}
- */
-export function scaleOf(figures, measure) {
-  const means = figures.map((figure) => figure[measure].mean).sort((a, b) => a - b);
-  if (means.length === 0) return { low: 0, high: 1, ticks: [] };
-  const best = measure === "steps" ? means[0] : means[means.length - 1];
-  const isNear = (/** @type {number} */ mean) => (measure === "steps" ? mean <= 2.5 * best : mean >= best - 0.3);
-  const near = figures.filter((figure) => isNear(figure[measure].mean)).map((figure) => figure[measure]);
-  const lowest = Math.min(...near.map(({ low, mean }) => low ?? mean));
-  const highest = Math.max(...near.map(({ high, mean }) => high ?? mean));
-  const room = Math.max((highest - lowest) * 0.08, measure === "steps" ? 2 : 0.005);
-  const [low, high] = [lowest - room, highest + room];
-  return { low, high, ticks: ticks(low, high) };
 }
 
 /**
@@ -113,7 +95,7 @@ export function movesTo({ steps, mean }, share) {
 export function headline({ board, people, policies }) {
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
-  const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")}.` : "";
+  const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no human level.${policy}`;
@@ -139,6 +121,24 @@ export function reading({ board, people }) {
   const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";
   return [`People are the participants of this closed study${set}; each weighs once, and the interval is over players. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
     `Policies and frontier rules play exactly the ${board.terrains} ranked terrains of the study; their interval is over terrains. The study's report compares them pair by pair.`];
+}
+
+/**
+ * Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is one, and the
+ * origin of the policies' figures that came with the package.
+ * @param {Detail} detail
+ * @param {boolean} isBroken
+ */
+export function ranksNote({ board, people, policies }, isBroken) {
+  const parts = people ? [`The dashed line is the mean of ${board.study ? "the study's people" : "the volunteers"}.`] : [];
+  if (isBroken) parts.push("The axis is broken at the hatched strip: who stands beyond it is far off.");
+  const came = policies.filter(({ shipped }) => shipped);
+  const origin = came[0]?.shipped;
+  if (origin) {
+    const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => name).join(", ")}`;
+    parts.push(`${whose} came with MarsExplorer ${origin.version}; \u201c${origin.command}\u201d makes them again.`);
+  }
+  return parts.join(" ");
 }
 
 /**

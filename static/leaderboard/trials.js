@@ -3,7 +3,7 @@
 import { paintLegend } from "../common/chart.js";
 import { tickText, ticks } from "../common/chart_scale.js";
 import { paintLines } from "./line_chart.js";
-import { PEOPLE_INK, shown } from "./standing.js";
+import { shown } from "./standing.js";
 
 /**
  * @typedef {import("./standing.js").Row} Row
@@ -29,19 +29,13 @@ export function footing(trials) {
  * @param {Measure} measure
  */
 export function paintTrials({ canvas, legend, note }, trials, rows, measure) {
-  /** @type {HTMLElement} */ (canvas.parentElement).hidden = trials.length === 0;
-  if (trials.length === 0) {
-    legend.replaceChildren();
-    note.className = "empty";
-    note.textContent = "Nobody has played yet: the learning curve begins with the first person's first episode.";
-    return;
-  }
-  note.className = "fine";
+  const who = rows.find((row) => row.who === "people");
+  if (!who || trials.length === 0) return;
   const end = Math.max(2, trials.length);
   const values = trials.map((trial) => trial[measure]);
   const flat = rows.flatMap((row) => (row.figure && row.who === "policy" && row.name !== "random" ? [{ ...row, mean: row.figure[measure].mean }] : []));
   const level = flat.map(({ name, colour, dash, mean }) => ({ name, colour, dash, x: [0.7, end + 0.3], y: [mean, mean], low: [], high: [] }));
-  const own = { name: rows.find(({ who }) => who === "people")?.name ?? "People", colour: PEOPLE_INK, dash: "", hasDots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
+  const own = { name: who.name, colour: who.colour, dash: "", hasDots: true, x: trials.map(({ trial }) => trial), y: values.map(({ mean }) => mean),
     low: values.map(({ low }) => low), high: values.map(({ high }) => high) };
   const means = [...own.y, ...flat.map(({ mean }) => mean)];
   const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;

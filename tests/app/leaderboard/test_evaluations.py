@@ -5,7 +5,8 @@ import json
 
 import pytest
 
-from app.leaderboard.evaluations import EvaluationJob, PolicyEvaluations, policy_hash
+from app.leaderboard.evaluations import PolicyEvaluations
+from app.leaderboard.jobs import EvaluationJob, policy_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 TINY = EnvConfig("random", 5, 7)

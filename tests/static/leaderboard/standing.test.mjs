@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { heat, inWords, topOf } from "../../../static/leaderboard/maps.js";
 import { tickText, ticks } from "../../../static/common/chart_scale.js";
-import { coverageEnd, curveText, headline, reading, rows, scaleOf, working } from "../../../static/leaderboard/standing.js";
+import { coverageEnd, curveText, headline, ranksNote, reading, rows, working } from "../../../static/leaderboard/standing.js";
+import { breakOf, placeOf, scaleOf } from "../../../static/leaderboard/scale.js";
 import { footing } from "../../../static/leaderboard/trials.js";
 
 const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });
@@ -20,12 +21,31 @@ test("the best stands first by either measure, whoever has no figure last", () =
   assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "planner"]);
 });
 
-test("the scale holds whoever is near the best; one far out stands at its edge", () => {
+test("the scale holds whoever is near the best; who is far out stands beyond a break", () => {
   const scale = scaleOf([figure(78, 0.95), figure(90, 0.94), figure(441, 0.2)], "steps");
-  assert.ok(scale.low < 76 && scale.high > 92 && scale.high < 110);
-  assert.ok(scale.ticks.every((tick) => tick >= scale.low && tick <= scale.high));
-  assert.ok(scaleOf([figure(78, 0.95), figure(441, 0.2)], "score").low > 0.8);
+  assert.ok(scale.near.low < 76 && scale.near.high > 92 && scale.near.high < 110);
+  assert.ok(scale.ticks.every((tick) => tick >= scale.near.low && tick <= scale.near.high));
+  assert.deepEqual(scale.farTicks, [441]);
+  const [best, next, far] = [78, 90, 441].map((steps) => placeOf(scale, steps));
+  const gap = breakOf(scale);
+  assert.ok(0 < best && best < next && next < gap.from && gap.to < far && far < 1);
+  assert.equal(placeOf(scale, 200), null, "nothing stands in the break");
+  const score = scaleOf([figure(78, 0.95), figure(90, 0.94), figure(441, 0.2), figure(441, 0.6)], "score");
+  assert.deepEqual(score.farTicks, [0.2, 0.6]);
+  assert.ok(placeOf(score, 0.2) < placeOf(score, 0.6) && placeOf(score, 0.6) < breakOf(score).from && placeOf(score, 0.94) > breakOf(score).to);
+  const near = scaleOf([figure(78, 0.95), figure(90, 0.94)], "steps");
+  assert.equal(breakOf(near), null);
+  assert.deepEqual([near.near.from, near.near.to], [0, 1]);
   assert.deepEqual(scaleOf([], "steps").ticks, []);
+});
+
+test("the note under the ranks speaks of what is drawn and of nothing else", () => {
+  const origin = { version: "1.2", command: "marsexplorer leaderboard" };
+  const came = { ...ready("ppo", 78, 0.95), shipped: origin };
+  assert.equal(ranksNote({ board, people: null, policies: [ready("ppo", 78, 0.95)] }, false), "");
+  assert.match(ranksNote({ board, people, policies: [] }, false), /^The dashed line is the mean of the volunteers\.$/);
+  assert.match(ranksNote({ board, people: null, policies: [came] }, true), /^The axis is broken .* The policies' figures came with MarsExplorer 1\.2;/);
+  assert.match(ranksNote({ board, people: null, policies: [came, waiting("mine")] }, false), /^The figures of ppo came with/);
 });
 
 test("ticks are round and few", () => {

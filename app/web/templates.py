@@ -1,0 +1,21 @@
+"""The pages that are made from a template: the documentation of the API, and the pages of errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.requests import HTTPConnection
+
+environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
+
+
+def root_of(connection: HTTPConnection) -> str:
+    """Return the relative address of the app's root as a browser sees it from the address that was asked for: "" or "../"s."""
+    return "../" * (path_of(connection).count("/") - 1)
+
+
+def path_of(connection: HTTPConnection) -> str:
+    """Return the path that was asked for, below the app's own prefix."""
+    scope = connection.scope
+    return str(scope["path"]).removeprefix(str(scope.get("app_root_path", scope.get("root_path", ""))))

@@ -1,0 +1,90 @@
+"""The figures that come with the package: complete, exactly what the policies do here, and used for nothing else."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from app.leaderboard.jobs import EvaluationJob
+from app.leaderboard.making import make_board, make_figure, offered_boards
+from app.leaderboard.shipped import FOLDER, Origin, ShippedFigures, file_name, to_document
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.score import steps_to_target
+
+TINY = EnvConfig("random", 5, 7)
+ORIGIN = Origin("9.9", "marsexplorer leaderboard")
+
+
+@cache
+def sizes():
+    return {name: getattr(policies.load(name), "size", None) for name in policies.names()}
+
+
+def jobs_of(entry):
+    """The policies that play a board: a network made for one size plays no other."""
+    return entry.jobs({name: name for name, size in sizes().items() if size in (None, (entry.config.rows, entry.config.cols))})
+
+
+@pytest.mark.parametrize("board", [board for board in offered_boards() if board.endswith("21x21")])
+def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
+    entry = offered_boards()[board]
+    shipped = ShippedFigures()
+    for job in jobs_of(entry):
+        found = shipped.find(job)
+        assert found is not None, f"run `marsexplorer leaderboard --board {board} --out data/leaderboard`"
+        assert found.origin.command == f"marsexplorer leaderboard --board {board} --out data/leaderboard"
+        assert (found.figure["episodes"], len(found.steps)) == (len(entry.seeds), len(entry.seeds))
+        assert found.figure["steps"]["mean"] == np.mean(found.steps)
+        assert np.shape(found.figure["visits"]) == (entry.config.rows, entry.config.cols)
+
+
+@pytest.mark.parametrize("board", ["random-21x21", "1-2-1-21x21", "3-2-2-21x21"])
+def test_the_first_terrains_are_played_again_to_the_same_step(board):
+    entry = offered_boards()[board]
+    for job in jobs_of(entry):
+        policy, count = policies.load(job.policy, entry.config.sensor_radius), 1 if job.policy == "planner" else 3
+        played = [play_episode(policy, entry.config, seed) for seed in job.seeds[:count]]
+        again = [steps_to_target(episode.config, episode.outcome, episode.steps) for episode in played]
+        assert tuple(again) == ShippedFigures().find(job).steps[:count], job.policy
+
+
+def test_a_whole_figure_is_made_again_to_the_last_digit():
+    job = next(job for job in jobs_of(offered_boards()["random-21x21"]) if job.policy == "frontier-cost")
+    shipped = ShippedFigures().find(job)
+    made = make_figure(job, shipped.origin)
+    assert json.loads(json.dumps(made.figure)) == shipped.figure
+    assert made == shipped
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("board", [board for board in offered_boards() if board.endswith("21x21")])
+def test_a_file_is_made_again_as_it_is(board):
+    entry = offered_boards()[board]
+    assert make_board(entry, 2, lambda done, of: None) == (FOLDER / file_name(entry.config)).read_text()
+
+
+def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
+    job = EvaluationJob("frontier-cost", TINY, (1, 2))
+    made = make_figure(job, ORIGIN)
+    path = tmp_path / file_name(TINY)
+    document = to_document(TINY, job.seeds, [made], ORIGIN)
+    path.write_text(document)
+    assert ShippedFigures(tmp_path).find(job) == made
+    assert ShippedFigures(tmp_path).find(EvaluationJob("frontier-cost", TINY, (1, 3))) is None
+    assert ShippedFigures(tmp_path).find(EvaluationJob("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))) is None
+    assert ShippedFigures(tmp_path).find(EvaluationJob("random", TINY, (1, 2))) is None
+    for changed in ('"core_version": "0"', '"file_sha256":"of another file"'):
+        name = changed.partition(":")[0]
+        old = next(part for part in (f'{name}: "1"', f"{name}:null") if part in document)
+        path.write_text(document.replace(old, changed))
+        assert ShippedFigures(tmp_path).find(job) is None, changed
+
+
+def test_the_first_visit_shows_a_full_board_without_people(serve):
+    found = serve().client().get("/api/leaderboard/random-21x21").json()
+    assert [policy["state"] for policy in found["policies"]] == ["ready"] * len(policies.names())
+    assert {policy["shipped"]["command"].split()[1] for policy in found["policies"]} == {"leaderboard"}
+    assert found["people"] is None

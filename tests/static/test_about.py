@@ -1,0 +1,13 @@
+"""The boards on the page about the rules are real ones."""
+
+import json
+
+from tests.support import about_boards
+
+
+def test_the_boards_that_are_shown_are_what_is_played():
+    kept = json.loads(about_boards.FILE.read_text())
+    assert kept == about_boards.boards(), "run `python -m tests.support.about_boards`"
+    boards = kept["boards"]
+    assert [boards[name]["outcome"] for name in ("done", "crash")] == ["explored", "collided"]
+    assert boards["done"]["coverage"] >= 0.99
