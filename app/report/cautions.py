@@ -30,7 +30,8 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if figure.players < data.protocol.players:
         found.append(f"{figure.players} of the {data.protocol.players} players planned are in the primary figure.")
     if figure.players < LEAST_PLAYERS:
-        found.append(f"{figure.players} players are few: their spread, and with it every interval, is poorly known.")
+        few = "1 player is" if figure.players == 1 else f"{figure.players} players are"
+        found.append(f"{few} few: their spread, and with it every interval, is poorly known.")
     found += _about_skewness(figure.score, figure.steps)
     if figure.score.headline == "guaranteed":
         found.append(
@@ -71,7 +72,7 @@ def _about_failures(group: GroupReport) -> str:
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
-    seen = f"{bad or 'none'} of {len(inside)} players had episodes that ended short of 99 %"
+    seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended short of 99 %"
     cells = coverage_table.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]

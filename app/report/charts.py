@@ -105,6 +105,8 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         lines = [("headline", estimate.interval), ("printed", estimate.printed), ("t", estimate.t)]
         lines.append(("bootstrap", estimate.bootstrap))
         lines.append(("new terrains", metric.new_terrains))
+        if len(values) < 2:
+            lines = []
         for row, (label, ends) in enumerate(lines):
             y = -1.2 - row
             if ends is not None:
@@ -115,7 +117,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         axes.set_ylim(-1.2 - len(lines) + 0.3, max(heights) + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel(f"mean of a player ({len(values)} players)")
+        axes.set_xlabel(f"mean of a player ({len(values)} player{'s' * (len(values) != 1)})")
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 

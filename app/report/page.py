@@ -21,6 +21,7 @@ from app.report.page_table import PageTable
 from app.report.second_analysis import second_analysis_tables
 from app.report.tables import GroupTables, checklist_table, coverage_table, group_tables
 from app.statistics.formatting import level, number
+from app.statistics.study_figures import why_no_interval
 
 FOLDER = Path(__file__).parent
 
@@ -34,6 +35,12 @@ class Section:
     second_analysis: tuple[PageTable, ...]
     bayesian: tuple[PageTable, ...]
     charts: dict[str, str]
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether the headline prints an interval."""
+        found = (self.group.figure.score, self.group.figure.steps)
+        return any(estimate is not None and why_no_interval(estimate) is None for estimate in found)
 
 
 def render(report: Report) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.coverage.table import SCORE_POPULATIONS, Cell, nearest
 from app.play.attestation import Attestation
@@ -12,7 +12,7 @@ from app.report.move_tables import MoveTables, move_tables
 from app.report.page_table import PageTable
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, level, number, p_value, percent
-from app.statistics.study_figures import StudyFigure
+from app.statistics.study_figures import StudyFigure, why_no_interval
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
     "unattested": "a move has no input event of its own that fits it",
@@ -135,14 +135,17 @@ def _result(group: GroupReport) -> PageTable | None:
         return None
     columns = []
     for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
-        ends = (estimate.interval, estimate.printed, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
+        headline = None if why_no_interval(estimate) else estimate.interval
+        ends = (headline, estimate.printed, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
-    who = f"{found.players} players, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
+    players = f"{found.players} player{'s' * (found.players != 1)}"
+    who = f"{players}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
     kind = level(found.score.confidence)
-    headline = "guaranteed 95 % interval (headline)" if found.score.headline == "guaranteed" else f"{kind} interval (headline)"
-    names = ("mean", headline, f"{kind} interval (printed)", *INTERVALS)
-    return _by_metric(f"Means over players. {who}", group, names, columns)
+    shown = "guaranteed 95 % interval (headline)" if found.score.headline == "guaranteed" else f"{kind} interval (headline)"
+    names = ("mean", shown, f"{kind} interval (printed)", *INTERVALS)
+    table = _by_metric(f"Means over players. {who}", group, names, columns)
+    return replace(table, rows=[row for row in table.rows if set(row[1:]) != {NONE}])
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:

@@ -88,13 +88,30 @@ def figure_sentence(figure: StudyFigure) -> str:
     assert figure.score is not None
     assert figure.steps is not None
     who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
-    score, steps = f"mean score {figure.score.mean:.3f}", f"{figure.steps.mean:.1f} steps to 99 %"
-    if figure.score.interval is None or figure.steps.interval is None:
-        return f"{who}: {score}, {steps}. One player gives no interval."
-    kind = "guaranteed 95 %" if figure.score.headline == "guaranteed" else level(figure.score.confidence)
-    score += f" ({kind} interval {figure.score.interval[0]:.3f} to {figure.score.interval[1]:.3f})"
-    steps += f" ({figure.steps.interval[0]:.1f} to {figure.steps.interval[1]:.1f})"
-    return f"{who}: {score}, {steps}."
+    kind = "guaranteed 95 % " if figure.score.headline == "guaranteed" else f"{level(figure.score.confidence)} "
+    kind += "interval "  # said once
+    reasons, said = [], []
+    for found, text, form in (
+        (figure.score, f"mean score {figure.score.mean:.3f}", ".3f"),
+        (figure.steps, f"{figure.steps.mean:.1f} steps to 99 %", ".1f"),
+    ):
+        reasons.append(why_no_interval(found))
+        if reasons[-1] is None and found.interval is not None:
+            text, kind = f"{text} ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})", ""
+        said.append(text)
+    why = dict.fromkeys(reason for reason in reasons if reason)
+    return " ".join([f"{who}: {', '.join(said)}.", *why])
+
+
+def why_no_interval(estimate: Estimate) -> str | None:
+    """Return the sentence that says why an estimate has no headline interval; None where it has one."""
+    if estimate.interval is None:
+        return "One player gives no interval."
+    if estimate.headline == "guaranteed":
+        return None
+    if estimate.confidence >= 1:
+        return "So early a look gives no interval."
+    return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
 def metric_bounds(config: EnvConfig, metric: MetricName) -> Interval:

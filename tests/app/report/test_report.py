@@ -198,7 +198,23 @@ def test_one_player_and_one_terrain_are_reported_without_intervals():
     assert "One player gives no interval" in report.sentence
     assert report.groups[0].metric("score").new_terrains is None
     assert json.loads(report.to_json())["groups"][0]["figures"][1]["score"]["interval"] is None
-    assert "–" in render(report)
+    page = render(report)
+    assert "1 player, 1 ranked episodes: mean score 0.900, " in page
+    assert "One player gives no interval.</p>" in page
+    for absent in ("(headline)", "interval of the headline", "(printed)", "1 players"):
+        assert absent not in page, absent
+    assert "(headline)" in render(build(study(*played([[0.9], [0.8]]), ranked=1)))
+
+
+def test_the_headline_prints_no_interval_where_there_is_none_to_print():
+    same = build(study(*played(np.full((3, 6), 0.9), steps=[[30] * 6, [31] * 6, [32] * 6])))
+    assert same.sentence.startswith("3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval ")
+    assert same.sentence.endswith(". Players who do not differ give no interval.")
+    alike = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30))))
+    assert alike.sentence == (
+        "3 players, 18 ranked episodes: mean score 0.900, 30.0 steps to 99 %. Players who do not differ give no interval."
+    )
+    assert "(headline)" not in render(alike)
 
 
 def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
