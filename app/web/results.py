@@ -70,6 +70,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
 async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
     """Return how many moves the episode lost, and its biggest losses; docs/evaluation.md says what a regret is.
 
+    Each loss has the map as it was known before the move, and the cells that the better move would soon have shown.
     The answer takes a second or two the first time. 404 as for the episode itself, so nothing of an open study; 422 for a board
     of more than 42x42 cells; 503 when too many ask.
     """

@@ -34,9 +34,10 @@ export function stripTicks([low, high]) {
  */
 export function paintValues(canvas, curves, look) {
   const { width_px: width, height_px: height, inks, end } = look;
-  const range = span(curves.flatMap(({ values }) => values));
-  if (!range || width < 40 || height < 20) return;
+  if (width < 40 || height < 20) return;
   const context = openChart(canvas, look);
+  const range = span(curves.flatMap(({ values }) => values));
+  if (!range) return;
   const box = { left: 38, right: width - 14, top: 7, bottom: height - 7 };
   const marks = stripTicks(range);
   const low = Math.min(range[0], ...marks);

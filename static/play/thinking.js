@@ -26,6 +26,16 @@ export function policyBoards(state) {
 }
 
 /**
+ * Return what a policy expects now, in words.
+ * @param {string} name
+ * @param {(number | null)[]} values
+ */
+function newestText(name, values) {
+  const newest = values.filter((value) => typeof value === "number").pop();
+  return newest === undefined || newest === null ? `${name} has not said yet what it expects` : `${name} expects ${newest.toFixed(1)}`;
+}
+
+/**
  * @param {{page: Document, storage: Storage, send: (role: Role, message: object) => boolean, onChange: () => void}} how
  *   onChange: the switch was used
  */
@@ -33,10 +43,14 @@ export function createThinking({ page, storage, send, onChange }) {
   const by = elementsOf(page);
   const wanted = by("show-thoughts", HTMLInputElement);
   wanted.checked = storage.getItem("mars.thoughts") !== "false";
-  wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); onChange(); });
+  const arrange = () => { page.body.dataset.thinking = String(wanted.checked); };
+  wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); arrange(); onChange(); });
+  arrange();
   const isShown = () => wanted.checked && page.body.dataset.boards !== "1";
   /** @type {Map<Role, import("../common/messages.js").Frame>} the frame that was asked about last */
   const asked = new Map();
+  /** @type {Set<string>} policies that have said what they expect: their strip stays between two episodes */
+  const outspoken = new Set();
 
   /** @param {[Role, Board][]} boards */
   function ask(boards) {
@@ -77,12 +91,13 @@ export function createThinking({ page, storage, send, onChange }) {
       const boards = isShown() ? policyBoards(state) : [];
       ask(boards);
       paintNote(boards);
-      const curves = boards.filter(([, { values = [] }]) => values.some((value) => typeof value === "number"))
+      for (const [, { name, values = [] }] of boards) if (values.some((value) => typeof value === "number")) outspoken.add(name);
+      const curves = boards.filter(([, { name }]) => outspoken.has(name))
         .map(([role, { name, values = [] }]) => ({ name, values, colour: colours[role], isDashed: role === "rival" }));
       by("value-strip").hidden = !curves.length;
       put(by("value-line"), valueLine(curves.map(({ name }) => name)));
       const canvas = by("values", HTMLCanvasElement);
-      canvas.setAttribute("aria-label", curves.map(({ name, values }) => `${name} expects ${Number(values.filter((value) => typeof value === "number").pop()).toFixed(1)}`).join("; "));
+      canvas.setAttribute("aria-label", curves.map(({ name, values }) => newestText(name, values)).join("; "));
       paintValues(canvas, curves, look);
     },
   };
