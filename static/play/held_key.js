@@ -40,7 +40,8 @@ export function createHeldKey({ pace, mayRepeat, repeat, now_ms, after }) {
     cancel = after(Math.max(0, due_ms - now_ms()), () => {
       if (!held) return;
       if (pace() === 0 || !mayRepeat() || !repeat(held.action)) return stop();
-      due_ms = Math.max(due_ms, now_ms() - 1000 / pace()) + 1000 / pace(); // a page that was busy catches up on nothing
+      const between_ms = 1000 / pace();
+      due_ms = Math.max(due_ms, now_ms() - between_ms / 2) + between_ms; // a page that was busy catches up on nothing
       schedule();
     });
   }

@@ -71,10 +71,9 @@ export function createPressQueue({ sender, frame, isPractice, sendEvents, now_ms
   const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
   /**
    * Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
-   * @param {Frame} on
+   * @param {Frame} on of an episode that has not ended
    */
   function pump(on) {
-    if (on.outcome !== null) return dropAll("ended");
     while (queue.length > 0 && !sender.isFull()) {
       const { action, timing, pressed_ms } = queue[0];
       const ground = isPractice() ? groundAhead(on, sentActions(), action) : "free";

@@ -41,6 +41,18 @@ test("drive keys are swallowed in the capture phase, once a press, in the page's
   assert.deepEqual(seen, [["east", 105], ["up", 105]]);
 });
 
+test("whoever asks hears of each key that comes up, in a field too, and that a chord lets go of all", () => {
+  const view = fakeWindow();
+  const seen = [];
+  hookKeys(view, { onPress() {}, onRelease() {}, onEnter: () => false, onLetGo: (code) => seen.push(code) }, PAGE);
+  view.fire("keydown", { code: "KeyD" });
+  view.fire("keyup", { code: "KeyD" });
+  view.fire("keyup", { code: "KeyS", composedPath: () => [{ tagName: "INPUT", type: "text" }] });
+  view.fire("keydown", { code: "MetaLeft", metaKey: true });
+  view.fire("keyup", { code: "KeyD", ctrlKey: true });
+  assert.deepEqual(seen, ["KeyD", "KeyS", null, null]);
+});
+
 test("chords, other keys and fields pass untouched", () => {
   const view = fakeWindow();
   hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false }, PAGE);

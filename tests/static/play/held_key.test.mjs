@@ -81,9 +81,10 @@ test("a lost focus, a dialog, an end and a rock let go of the key for good", () 
 test("a page that was busy catches up on nothing", () => {
   const { key, moves, run } = clockwork();
   key.down("KeyD", "east");
-  run(2000, 1000);
-  assert.equal(moves.length, 1);
-  assert.equal(moves[0][1], 1250);
+  run(1300, 1000);
+  assert.deepEqual(moves.map(([, at]) => at), [1250], "a thousand milliseconds late");
+  run(1500);
+  assert.deepEqual(moves.map(([, at]) => at), [1250, 1312.5, 1437.5]);
 });
 
 test("nothing repeats where it is turned off, or in ranked play", () => {
