@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from app.play.policy_catalogue import PolicyOffer
 from app.replay.course import Course, course_of
-from app.replay.episodes import Asker, ShownEpisode, shown_episode
+from app.replay.episodes import Asker, ShownEpisode, UnknownReplayError, shown_episode
 from app.replay.files import Format, file_of
 from app.replay.ghosts import GhostError, choices, play_ghost, preferred
 from marsexplorer.episode import Record
@@ -68,6 +68,14 @@ class Replays:
         self._waiting = 0
         self._courses: _Kept[Course] = _Kept(MAX_COURSES)
         self._files: _Kept[bytes] = _Kept(MAX_FILES)
+
+    async def has(self, episode_id: str, asker: Asker) -> bool:
+        """Return whether there is a replay of an episode for whoever asks."""
+        try:
+            await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        except UnknownReplayError:
+            return False
+        return True
 
     async def replay(self, episode_id: str, asker: Asker) -> Replay:
         """Return the replay of an episode.

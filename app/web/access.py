@@ -14,6 +14,7 @@ from starlette.responses import Response
 
 from app.play.lobby import UnknownSessionError
 from app.play.session import Session
+from app.replay.episodes import Asker
 from app.services import Services
 from app.web import cookies
 
@@ -27,6 +28,11 @@ def services_of(connection: HTTPConnection) -> Services:
 def player_of(connection: HTTPConnection) -> str | None:
     """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
     return services_of(connection).player_tokens.read(cookies.player_token(connection))
+
+
+def asker_of(connection: HTTPConnection) -> Asker:
+    """Return who asks for a replay, and when by the server's clock."""
+    return Asker(player_of(connection), services_of(connection).lobby.sources.clock_ms())
 
 
 def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:

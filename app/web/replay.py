@@ -11,12 +11,12 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from app.replay.animation import VideoMissingError
-from app.replay.episodes import Asker, UnknownReplayError
+from app.replay.episodes import UnknownReplayError
 from app.replay.files import MEDIA_TYPES, Format, offered
 from app.replay.page import Addresses, render
 from app.replay.service import ReplayBusyError
 from app.storage.boards import watchable_session
-from app.web.access import player_of, services_of
+from app.web.access import asker_of, services_of
 from app.web.cookies import is_secure
 
 router = APIRouter()
@@ -42,14 +42,14 @@ def _replay_errors() -> Iterator[None]:
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.replay(episode_id, _asker(request))).document()
+        return (await services_of(request).replays.replay(episode_id, asker_of(request))).document()
 
 
 @router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
 async def get_ghost(request: Request, episode_id: str, policy: PolicyName) -> dict[str, Any]:
     """Return the course of a policy from the same start on the same terrain, as the call before; 404 as for the episode."""
     with _replay_errors():
-        return (await services_of(request).replays.ghost(episode_id, policy, _asker(request))).to_dict()
+        return (await services_of(request).replays.ghost(episode_id, policy, asker_of(request))).to_dict()
 
 
 @router.get(
@@ -61,7 +61,7 @@ async def replay_file(request: Request, episode_id: str, form: Format, ghost: Po
     The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
     404 as for the episode, and for an MP4 where the server cannot make one.
     """
-    asker, replays = _asker(request), services_of(request).replays
+    asker, replays = asker_of(request), services_of(request).replays
     with _replay_errors():
         chosen = ghost or (await replays.replay(episode_id, asker)).preferred
         content = await replays.file(episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker)
@@ -74,7 +74,7 @@ async def replay_file(request: Request, episode_id: str, form: Format, ghost: Po
 @router.get("/replay/{episode_id}", include_in_schema=False)
 async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
-    asker = _asker(request)
+    asker = asker_of(request)
     try:
         with _replay_errors():
             replay = await services_of(request).replays.replay(episode_id, asker)
@@ -82,14 +82,10 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         services = services_of(request)
         watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), asker.player_id)
         if error.status_code == 404 and watchable is not None and not watchable[1]:
-            return RedirectResponse(f"../#watch={episode_id}", 303)
+            return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
     page = absolute_address(request)
     return HTMLResponse(render(replay.document(), replay.course, offered(), Addresses(page, f"{page}.png")))
-
-
-def _asker(request: Request) -> Asker:
-    return Asker(player_of(request), services_of(request).lobby.sources.clock_ms())
 
 
 def absolute_address(request: Request) -> str:

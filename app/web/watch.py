@@ -8,10 +8,13 @@ from collections.abc import AsyncGenerator
 from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
-from app.web.access import has_own_origin, player_of, services_of
+from app.settings import STATIC
+from app.storage.boards import watchable_session
+from app.web.access import asker_of, has_own_origin, player_of, services_of
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
 router = APIRouter()
@@ -28,6 +31,17 @@ async def get_watched(request: Request, episode_id: str) -> dict[str, Any]:
         return await services_of(request).spectators.describe(episode_id, player_of(request))
     except UnwatchableError as error:
         raise HTTPException(404, str(error)) from error
+
+
+@router.get("/watch/{episode_id}", include_in_schema=False)
+async def watch_page(request: Request, episode_id: str) -> Response:
+    """Serve the live view of an episode, or lead to its replay once it has ended; 404 for an id that shows nothing."""
+    services, asker = services_of(request), asker_of(request)
+    if await services.replays.has(episode_id, asker):
+        return RedirectResponse(f"../replay/{episode_id}", 303)
+    if watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), asker.player_id) is None:
+        raise HTTPException(404, str(UnwatchableError(episode_id)))
+    return FileResponse(STATIC / "watch" / "index.html")
 
 
 @router.websocket("/ws/watch/{episode_id}")

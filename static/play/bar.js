@@ -19,14 +19,12 @@ export function paintBar(state, page, rival) {
   }
   const badge = by("badge");
   badge.dataset.counts = String(state.counts);
-  const isWatching = state.mode === "watch" || state.mode === "spectator";
-  put(badge, state.counts ? "counts" : isWatching ? "watching" : "practice");
+  put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
   badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
   put(by("terrain"), state.player ? `${state.level} \u00b7 ${sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
   paintLink(by("link"), state.link, "live");
   put(by("standing"), standing(state, rival));
   page.body.dataset.mode = state.mode;
-  by("watching").hidden = state.mode !== "spectator";
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
 }
 

@@ -14,12 +14,13 @@ import { createLosses } from "./losses.js";
 import { startPace } from "./pace.js";
 import { createPainter } from "./painter.js";
 import { createPanel, offerPolicies } from "./panels.js";
+import { startReplayLink } from "./replay_link.js";
 import { createSessions } from "./sessions.js";
 import { createThinking } from "./thinking.js";
 import { createTerrainDialog } from "./terrain_dialog.js";
 import { createViews } from "./views.js";
 import { createVolunteers } from "./volunteers.js";
-import { createWatching } from "./watching.js";
+import { showInstead } from "./watching.js";
 import { announcement } from "./words.js";
 
 /**
@@ -55,16 +56,15 @@ const repaint = createRepaint((isWhole) => {
 });
 
 const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
-  onStart: (wish) => setTimeout(() => leaving.start(state.mode === "spectator" ? "practice" : state.mode, wish)), // once the dialog is closed
+  onStart: (wish) => setTimeout(() => leaving.start(state.mode, wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
   onPad: (isShown) => { localStorage.setItem("mars.pad", String(isShown)); document.body.dataset.pad = String(isShown); },
 });
 const sessions = createSessions({
   api, dispatch, wish: terrainDialog.wish, hash: () => location.hash, storage: sessionStorage,
   setHash: (hash) => history.replaceState(null, "", hash),
-  watch: (episode) => watching.begin(episode).then(() => { volunteers.load(); }),
+  watch: (episode) => showInstead(episode, api.watched, location),
   onBegun(about) {
-    watching.stop();
     terrainDialog.show(about);
     terrainDialog.forgetSeed();
     volunteers.load();
@@ -73,8 +73,6 @@ const sessions = createSessions({
 const losses = createLosses({ page: document, part: panels.player.part, canvas: panels.player.canvas, chart: by("chart", HTMLCanvasElement),
   state: () => state, load: api.regret, tryFrom: sessions.tryFrom, onChange: () => repaint(true) });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
-const watching = createWatching(document, { load: api.watched, base: document.baseURI, dispatch,
-  onPlay: () => sessions.resume().catch((error) => dispatch({ kind: "notice", text: error.message })) });
 const connections = createConnections({
   base: document.baseURI,
   onMessage(role, message) {
@@ -117,39 +115,35 @@ function dispatch(event) {
   if (state === before) return;
   if (event.kind === "begun") moves.drop("ended");
   visit.follow(before, state);
-  connections.sync(state.mode === "spectator" ? { ...state, player: null } : state);
+  connections.sync(state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
     if (frame.episode !== before.player?.frame.episode) showTab("player");
     const said = announcement(before.player?.frame ?? null, frame);
     if (said) by("announcer").textContent = said;
-    if (event.kind === "received" && state.mode !== "spectator" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
+    if (event.kind === "received" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
     if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) volunteers.ended();
   }
   repaint();
 }
 
-function restart() {
-  connections.restart();
-  watching.restart();
-}
 const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
-  if (!state.player?.frame.outcome || state.mode === "spectator" || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;
+  if (!state.player?.frame.outcome || (focused?.matches("button, a") && focused !== panels.player.part.next)) return false;
   goNext();
   return true;
 }
 
 startHeartbeat({
-  silence_ms: () => Math.min(connections.silence_ms(), watching.silence_ms()), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
-  onSuccess: () => { if (state.link === "lost") restart(); },
+  silence_ms: () => connections.silence_ms(), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
+  onSuccess: () => { if (state.link === "lost") connections.restart(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
-window.addEventListener("online", restart);
+window.addEventListener("online", connections.restart);
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
@@ -157,8 +151,9 @@ for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelec
 }
 by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 startHelp(document);
-keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome && state.mode !== "spectator" ? panels.player.part.next : null) });
+keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome ? panels.player.part.next : null) });
 panels.player.part.next.addEventListener("click", goNext);
+startReplayLink(panels.player.part, { clipboard: navigator.clipboard, announce: (text) => { by("announcer").textContent = text; }, ask: (text, link) => prompt(text, link) });
 panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 
 for (const role of ROLES) {

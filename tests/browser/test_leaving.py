@@ -47,7 +47,8 @@ def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
     assert address.endswith(f"/#watch={episode}")
 
     friend.page.goto(address)
-    friend.shows("watching-text", "You are watching. This is somebody else's episode.")
+    friend.page.wait_for_url(f"{me.url}/watch/{episode}")
+    friend.shows("watching-text", "Live: somebody else is exploring")
     friend.wait("window.mars?.state.player?.frame.step === 1")
     sent = []
     friend.page.on("request", lambda request: sent.append(request.url))
@@ -55,6 +56,7 @@ def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
         friend.page.keyboard.press(key)
     me.press(back)
     friend.wait("window.mars.state.player.frame.step === 2")
+    friend.shows("moves", "2")
     assert not [url for url in sent if "/api/sessions" in url]
     assert begun["session"] not in friend.page.content() + str(friend.page.evaluate("() => JSON.stringify(window.mars.state)"))
     problems = []
@@ -64,21 +66,20 @@ def test_a_copied_address_can_only_watch_and_becomes_a_replay(serve, player):
     assert me.state()["outcome"] == "out_of_bounds"
     found = kept(me, episode)
     assert (found["driver"], found["counts"], found["steps"]) == ("human", True, 3), "the friend's keys changed nothing"
+    replay = f"{me.url}/replay/{episode}"
+    assert me.page.get_by_test_id("watch-replay").evaluate("link => link.href") == replay
 
-    friend.shows("watching-text", "You are watching a replay. This was somebody else's episode.")
-    slider = friend.page.get_by_test_id("watching-at")
-    slider.focus()
-    friend.page.keyboard.press("Home")
-    friend.shows("watching-step", "0 / 3")
-    assert friend.state()["step"] == 0
-    friend.page.get_by_test_id("watching-play").click()
-    friend.shows("watching-step", "3 / 3")
-    assert friend.state() == me.state()
+    friend.page.get_by_test_id("watch-replay").click()
+    friend.page.wait_for_url(replay)
+    friend.page.wait_for_function("() => window.replay?.ghost")
+    friend.page.keyboard.press("End")
+    assert "drove off the map" in friend.page.get_by_test_id("headline").inner_text()
     look(friend.page, "replay", problems)
+    friend.page.goto(f"{me.url}/watch/{episode}")
+    assert friend.page.url == replay, "a live view that has ended leads to its replay"
     friend.page.get_by_test_id("play-yourself").click()
-    friend.wait("window.mars.state.mode === 'practice' && window.mars.state.link === 'open'")
+    friend.wait("window.mars?.state.mode === 'practice' && window.mars.state.link === 'open'")
     assert friend.state()["episode"] != episode
-    assert friend.page.get_by_test_id("watching").is_hidden()
     friend.press(ways(friend)[0])
 
     friend.page.goto("about:blank")

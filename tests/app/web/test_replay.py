@@ -59,7 +59,7 @@ def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolu
         assert client.get(f"/api/episodes/{id_}/replay").status_code == 404
         assert client.get(f"/api/episodes/{id_}/ghost", params={"policy": "random"}).status_code == 404
     assert client.get("/replay/none").status_code == 404
-    assert client.get(f"/replay/{running}").headers["location"] == f"../#watch={running}"
+    assert client.get(f"/replay/{running}").headers["location"] == f"../watch/{running}"
 
 
 def test_a_name_from_outside_is_text_in_the_page_and_nothing_else(serve, tmp_path):

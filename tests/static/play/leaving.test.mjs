@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { isSameBoard, isUnfinished } from "../../../static/play/leaving.js";
-import { watchedBoard, watchedName } from "../../../static/play/watching.js";
+import { showInstead } from "../../../static/play/watching.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 2, rows: 9, cols: 12, grid: [], position: [0, 0], discovered: 3, outcome: null, ...changes });
 const state = (changes = {}) => ({ mode: "ranked", counts: true, level: "random", player: { frame: frame() }, ...changes });
@@ -24,12 +24,12 @@ test("asking for the very board that is open leaves nothing", () => {
   assert.equal(isSameBoard(state(), "ranked", { ...wish, level: "2-1-1" }), false);
 });
 
-test("a watched episode is a board: as it stands while it runs, then at any step of its replay", () => {
-  const history = { positions: [[0, 0], [1, 0], [0, 0]], discovered: [1, 2, 3] };
-  const live = { episode: "e1", player: "human", level: "random", size: [9, 12], frame: frame(), history, frames: null };
-  assert.deepEqual(watchedBoard(live, 0).trail, history.positions);
-  const frames = [0, 1, 2].map((step) => frame({ step, position: history.positions[step], discovered: step + 1 }));
-  const board = watchedBoard({ ...live, frames }, 1);
-  assert.deepEqual([board.frame.step, board.trail.length, board.session], [1, 2, "e1"]);
-  assert.deepEqual(["human", "script", "ppo"].map(watchedName), ["Somebody", "A script", "ppo"]);
+test("a link to somebody else's episode leads to its live view, and to nowhere when there is none", async () => {
+  /** @type {string[]} */
+  const gone = [];
+  const place = { replace: (url) => gone.push(url) };
+  await assert.rejects(showInstead("e1", () => Promise.reject(new Error("404")), place));
+  assert.deepEqual(gone, []);
+  await showInstead("e 1", async () => ({}), place);
+  assert.deepEqual(gone, ["watch/e%201"]);
 });

@@ -1,0 +1,115 @@
+// @ts-check
+// Wires the live view of somebody else's episode: its socket -> state -> one scheduled repaint. Nothing here sends anything.
+import { ApiError, createApi, createRequest } from "../common/api.js";
+import { paintBoard } from "../common/board.js";
+import { boardColours, chartColours } from "../common/colours.js";
+import { socketUrl } from "../common/connections.js";
+import { curveOf, paintCoverage } from "../common/coverage_chart.js";
+import { apply, initialState } from "../common/game_state.js";
+import { startHeartbeat } from "../common/heartbeat.js";
+import { createRepaint, elementsOf, paintLink, put } from "../common/page.js";
+import { follow } from "../common/socket.js";
+import { describeBoard, percent, sizeText } from "../common/words.js";
+import { episodeInPath, liveHeadline, watchedBoard } from "./watched.js";
+
+/** @typedef {import("../common/game_state.js").Event} Event */
+const by = elementsOf(document);
+const ROOT = new URL("../", document.baseURI).href;
+const api = createApi((path, options) => fetch(path, options), "../");
+const request = createRequest((path, options) => fetch(path, options), "../");
+const episode = episodeInPath(location.pathname) ?? "";
+const part = /** @type {Record<string, HTMLElement>} */ (Object.fromEntries(Array.from(document.querySelectorAll("[data-part]"),
+  (each) => [/** @type {HTMLElement} */ (each).dataset.part, each])));
+const chart = by("chart", HTMLCanvasElement);
+
+let state = initialState();
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+const repaint = createRepaint(() => paint());
+/** @type {ReturnType<typeof follow> | null} */
+let follower = null;
+
+/** @param {Event} event */
+function dispatch(event) {
+  const before = state;
+  state = apply(state, event);
+  if (state === before) return;
+  const [was, is] = [before.player?.frame, state.player?.frame];
+  if (is && Math.floor(10 * is.coverage) > Math.floor(10 * (was?.coverage ?? 1))) put(by("announcer"), `${Math.floor(10 * is.coverage)}0 percent explored, ${is.step} moves.`);
+  repaint();
+}
+
+function paint() {
+  paintLink(by("link"), state.link, "live");
+  const board = state.player;
+  if (!board) return;
+  const { frame } = board;
+  const dpr = window.devicePixelRatio || 1;
+  const { soil, you } = boardColours(part.ground);
+  const { clientWidth: width_px, clientHeight: height_px } = part.ground;
+  if (width_px > 0 && height_px > 0) paintBoard(/** @type {HTMLCanvasElement} */ (part.canvas), board, { accent: you, width_px, height_px, dpr, soil });
+  part.canvas.setAttribute("aria-label", describeBoard(frame, board.name));
+  put(by("name"), board.name);
+  put(by("terrain"), `level ${state.level}, ${sizeText(state.size)} cells`);
+  put(part.moves, String(frame.step));
+  put(part.noun, frame.step === 1 ? "move" : "moves");
+  put(part.coverage, percent(frame.coverage));
+  const colours = chartColours(chart);
+  const curve = curveOf(board, { colour: colours.you, isDashed: false, hasValues: false });
+  paintCoverage(chart, [curve], { width_px: by("plot").clientWidth, height_px: by("plot").clientHeight, dpr, font: colours.font, inks: colours.inks });
+  chart.setAttribute("aria-label", `${board.name}: ${percent(frame.coverage)} percent after ${frame.step} moves`);
+}
+
+/** Say how the episode ended, and offer its replay where there is one for whoever asks. */
+async function showEnd() {
+  put(by("badge"), "ended");
+  put(by("watching-text"), "This episode has ended");
+  put(by("watching-line"), "");
+  const replay = /** @type {import("../replay/course.js").ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
+  if (!replay) return;
+  put(by("watching-text"), `${replay.run.name} ${replay.run.sentence}`);
+  put(part.outcome, replay.run.sentence);
+  part.outcome.dataset.outcome = replay.run.outcome;
+  by("watch-replay", HTMLAnchorElement).href = `../replay/${episode}`;
+  by("ended").hidden = false;
+}
+
+/** Ask for the episode as it stands; return whether it still runs. */
+async function load() {
+  const watched = await api.watched(episode);
+  put(by("watching-text"), liveHeadline(watched.player));
+  dispatch({ kind: "watched", level: watched.level, size: watched.size, board: watchedBoard(watched) });
+  if (!watched.frames) return true;
+  follower?.close();
+  dispatch({ kind: "link", link: "open" }); // the server closed the socket at the end
+  await showEnd();
+  return false;
+}
+
+async function begin() {
+  try {
+    if (!(await load())) return;
+  } catch (error) {
+    dispatch({ kind: "link", link: "lost" });
+    if (error instanceof ApiError && error.status === 404) put(by("watching-text"), error.message);
+    else setTimeout(begin, 1000);
+    return;
+  }
+  follower = follow({ url: socketUrl(episode, ROOT, "ws/watch"), beforeRetry: load, onLink: (link) => dispatch({ kind: "link", link }),
+    onMessage(message) {
+      dispatch({ kind: "received", role: "player", message });
+      if (message.kind === "frame" && message.outcome) load().catch(() => follower?.restart());
+    } });
+}
+
+by("copy-link").addEventListener("click", async () => {
+  const isCopied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
+  if (!isCopied) window.prompt("Copy this link:", location.href);
+  put(by("copy-link"), "Link copied");
+  put(by("announcer"), "Link copied");
+  setTimeout(() => put(by("copy-link"), "Copy link"), 2000);
+});
+startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0, ask: api.health,
+  onSuccess: () => { if (state.link === "lost") follower?.restart(); }, onFailure: () => dispatch({ kind: "link", link: "lost" }) });
+for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
+new ResizeObserver(() => repaint()).observe(part.ground);
+begin();

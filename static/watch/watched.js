@@ -1,0 +1,31 @@
+// @ts-check
+// A watched episode in words, and as a board. No document here, so that node can test it.
+
+/** @typedef {import("../common/api.js").Watched} Watched */
+
+/**
+ * Return the episode that the address of the page names, if any.
+ * @param {string} pathname
+ */
+export const episodeInPath = (pathname) => /\/watch\/([\w-]{4,64})$/.exec(pathname)?.[1] ?? null;
+
+/**
+ * Return the name of a watched board.
+ * @param {string} player
+ */
+export const watchedName = (player) => ({ human: "Somebody", script: "A script" })[player] ?? player;
+
+/**
+ * Return the headline of the page while the episode runs.
+ * @param {string} player
+ */
+export const liveHeadline = (player) => `Live: ${({ human: "somebody else", script: "a script" })[player] ?? player} is exploring`;
+
+/**
+ * Return the board of a watched episode as it stands.
+ * @param {Watched} watched
+ * @returns {import("../common/game_state.js").Board}
+ */
+export function watchedBoard({ episode, player, frame, history }) {
+  return { session: episode, name: watchedName(player), frame, trail: history.positions, discovered: history.discovered, hasGap: false, pace: null, isReplay: false };
+}
