@@ -35,6 +35,8 @@ export function createPanel(root, template, elsewhere = []) {
     part.end.dataset.testid = "end-card";
     part.next.dataset.testid = "next-terrain";
     part.again.dataset.testid = "same-again";
+    part["replay-link"].dataset.testid = "watch-replay";
+    part["copy-replay"].dataset.testid = "copy-replay";
   }
   return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
