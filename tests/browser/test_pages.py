@@ -1,0 +1,96 @@
+"""Every page in a browser: axe finds nothing in either theme, nothing is too wide, and the choice of colours stays."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from app.storage.store import Store
+from tests.support.browser import NO_3D
+from tests.support.recorded import play
+from tests.support.servers import PATIENCE_S
+from tests.support.study import freeze
+
+SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
+ZOOMED = (720, 450)
+"""What 1440 x 900 leaves of CSS pixels at 200 % zoom."""
+READ = ("about", "study", "leaderboard", "docs", "nowhere/at/all")
+
+
+@pytest.fixture
+def site(serve, tmp_path):
+    """A server with a study that is open to everybody, one by invitation, and an ended episode; and where its pages are."""
+    freeze(tmp_path / "studies", "dunes", recruitment="open", title="How well do people explore dunes?")
+    freeze(tmp_path / "studies", "secret", recruitment="invitation")
+    store = Store(tmp_path / "playground.db")
+    episode = play(store, 4, explore=True).id
+    store.close()
+    pages = [*READ, "", "daily", "me", f"replay/{episode}", f"watch/{episode}", "study/dunes", "admin"]
+    return serve(admin_password="only-for-this-test"), pages
+
+
+class Reader:
+    """Opens pages one after the other in one tab and keeps what is wrong with them."""
+
+    def __init__(self, browser, server, theme):
+        self.profile = browser.new_context(color_scheme=theme, reduced_motion="reduce")
+        self.profile.set_default_timeout(1000 * PATIENCE_S)
+        self.page, self.url, self.theme = self.profile.new_page(), server.url, theme
+        self.found = []
+
+    def look(self, path, size):
+        """Open a page at a size and judge it."""
+        width, height = SIZES[size]
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.goto(f"{self.url}/{path}", wait_until="load")
+        self.page.wait_for_function("() => document.fonts.status === 'loaded' && Boolean(document.querySelector('main'))")
+        where = f"/{path} {self.theme} {size}"
+        report = Axe().run(self.page, options={"resultTypes": ["violations"]}).response
+        for each in report["violations"]:
+            self.found.append(f"{where}: {each['id']} {each['nodes'][0]['html'][:120]}")
+        self.check_width(where, width)
+
+    def check_width(self, where, width):
+        reached = self.page.evaluate("document.documentElement.scrollWidth")
+        if reached > width:
+            self.found.append(f"{where}: {reached} px wide")
+
+
+def test_pages_that_are_read_have_nothing_that_axe_finds(site, open_browser):
+    server, _ = site
+    dark, light = (Reader(open_browser(NO_3D), server, theme) for theme in ("dark", "light"))
+    for path in READ:
+        dark.look(path, "phone")
+    for path in READ[:3]:
+        light.look(path, "desktop")
+    assert [*dark.found, *light.found] == []
+
+    light.page.goto(f"{server.url}/study")
+    light.page.get_by_test_id("open-studies").wait_for(state="visible")
+    listed = light.page.get_by_test_id("open-studies").inner_text()
+    assert "How well do people explore dunes?" in listed
+    assert "secret" not in light.page.content()
+
+    ground = "() => getComputedStyle(document.documentElement).backgroundColor"
+    bright = light.page.evaluate(ground)
+    light.page.get_by_test_id("theme").click()
+    night = light.page.evaluate(ground)
+    assert night != bright
+    light.page.goto(f"{server.url}/about")
+    assert light.page.evaluate(ground) == night, "the choice holds on every page"
+    light.page.goto(f"{server.url}/study/dunes")
+    assert light.page.evaluate(ground) == night
+    light.page.evaluate("() => localStorage.setItem('mars.theme', 'light')")
+    light.page.reload()
+    assert light.page.evaluate(ground) == night, "a study shows every participant the same colours"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_axe_finds_nothing_on_any_page(site, open_browser, theme):
+    server, pages = site
+    reader = Reader(open_browser(NO_3D), server, theme)
+    for path in pages:
+        for size in SIZES:
+            reader.look(path, size)
+        reader.page.set_viewport_size({"width": ZOOMED[0], "height": ZOOMED[1]})
+        reader.check_width(f"/{path} {theme} at 200 %", ZOOMED[0])
+    assert reader.found == []
