@@ -1,0 +1,50 @@
+"""A player's own list, bests and place among the volunteers."""
+
+from contextlib import closing
+
+import pytest
+
+from app.statistics.personal import describe_own, personal_bests
+from app.storage.export import export_own
+from app.storage.reader import Reader
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from tests.support.recorded import play
+from tests.support.recorded_daily import DAY, play_daily
+
+CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
+
+
+@pytest.fixture
+def store(tmp_path):
+    with closing(Store(tmp_path / "play.db")) as store:
+        yield store
+
+
+def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(store):
+    for player in ("ada", "bob", "cy"):
+        for seed in range(3):
+            play(store, seed + 10 * ord(player[0]), player, explore=player != "cy", config=CONFIG)
+    mine = [play(store, seed, "ada", explore=True, config=CONFIG, **rest) for seed, rest in (
+        (7, {"seed_chosen": True}), (8, {"assisted": True}), (9, {"driver": "script"})
+    )]  # fmt: skip
+    daily = play_daily(store, "ada")
+    with closing(Reader.open(store.path, public=True)) as reader:
+        rows, others = reader.played_by("ada"), reader.played_by("bob")
+        (best,) = personal_bests(reader, rows)
+        (bobs,) = personal_bests(reader, others)
+        counted = {row["id"]: row["steps"] for row in reader.finished("human")}
+    assert {row["id"] for row in rows} > {row.id for row in mine}
+    assert [describe_own(row)["kind"] for row in rows if row["id"] == daily.id] == ["daily"]
+    assert describe_own(next(row for row in rows if row["id"] == daily.id))["day"] == DAY
+    assert not {"seed", "terrain", "owner_id"} & rows[0].keys()
+    fresh = [
+        row["steps"] for row in rows if row["driver"] == "human" and not row["seed_chosen"] and row["outcome"] == "explored"
+    ]
+    assert (best["episodes"], best["explored"], best["best"]["moves"]) == (7, 6, min(fresh))
+    own = [row["steps"] for row in rows if row["id"] in counted]
+    assert (best["people"]["ranked"], best["people"]["you"]) == (3, round(sum(own) / 3, 1))
+    assert best["people"]["means"] == sorted([best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)])
+    text = b"".join(export_own(store, "episodes", "csv", "ada")).decode()
+    assert all(row["id"] in text for row in rows)
+    assert not any(row["id"] in text for row in others)
