@@ -52,7 +52,7 @@ function episodeRow(episode) {
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
     create("td", resultWord(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
-    create("td", String(moves), { class: "number" }), create("td", `${percent(coverage)} %`, { class: "number" }), create("td", score(episode.score), { class: "number wide" }),
+    create("td", String(moves), { class: "number" }), create("td", `${percent(coverage)} %`, { class: "number wide" }), create("td", score(episode.score), { class: "number wide" }),
   ]);
 }
 
