@@ -1,6 +1,6 @@
-"""What a participant is shown at the end: their own figures, and those of a policy on the study's warm-up terrains.
+"""What a participant is shown at the end: their own figures, and those of a policy on the study's terrains.
 
-Replays show warm-up terrains alone, because the ranked ones stay secret until the study is closed.
+Replays show warm-up terrains alone until the study is closed, because the ranked ones stay secret so long.
 """
 
 from __future__ import annotations
@@ -9,38 +9,45 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from app.play.replays import frames
 from app.storage.store import Store
 from app.storage.study_rows import Participant, TrialRow
 from app.study.folder import Study
+from app.study.progress import StageError
 from marsexplorer.episode import Episode, Record
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target
 
 _log = logging.getLogger(__name__)
+Shown = Literal["warm_up", "ranked"]
+"""The phases whose terrains a debrief can show."""
+
+
+class NoTerrainError(LookupError):
+    """The participant has played no such terrain to its end, or nothing can be shown of it."""
 
 
 @dataclass(frozen=True)
-class WarmUpRun:
-    """What the debrief policy did on a warm-up terrain."""
+class PolicyRun:
+    """What the debrief policy did on a terrain."""
 
     record: Record
     steps: int
 
 
 class Debriefs:
-    """Debriefs of one server; a study's debrief policy plays the warm-up terrains once, in a thread."""
+    """Debriefs of one server; a study's debrief policy plays the terrains of a phase once, in a thread."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._runs: dict[str, list[WarmUpRun]] = {}
+        self._runs: dict[tuple[str, Shown], list[PolicyRun]] = {}
         self._working = asyncio.Lock()
 
     async def summary(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> dict[str, Any]:
         """Return the participant's figures as the page gets them under `debrief`."""
-        config, runs = study.protocol.env_config, await self._policy_runs(study)
+        config, runs = study.protocol.env_config, await self._policy_runs(study, "warm_up")
         ranked = [trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None]
         own = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in trials if trial.phase == "warm_up"]
         steps = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in ranked]
@@ -59,42 +66,61 @@ class Debriefs:
             if runs and own
             else None,
             "warm_up_terrains": len(own) if runs else 0,
+            "ranked_terrains": 0 if study.is_open or not runs else len(ranked),
             "completion_code": participant.completion_code,
             "return_url": None if url is None else url.replace("{code}", code),
         }
 
-    async def replays(self, study: Study, trials: Sequence[TrialRow], index: int) -> dict[str, Any]:
-        """Return the participant's own warm-up episode on terrain `index` and the policy's; LookupError when there is none."""
-        own = [trial for trial in trials if trial.phase == "warm_up" and trial.terrain == index and trial.ended_ms is not None]
-        runs = await self._policy_runs(study)
-        if not own or index >= len(runs):
-            raise LookupError(f"no warm-up terrain {index}: there are {len(runs)}, counted from 0")
-        record = self._store.load_record(own[0].episode_id)
-        mine = await asyncio.to_thread(frames, record, own[0].episode_id)
-        its = await asyncio.to_thread(frames, runs[index].record, f"policy-{index}")
+    async def replays(self, study: Study, trials: Sequence[TrialRow], phase: Shown, index: int) -> dict[str, Any]:
+        """Return the participant's own episode and the policy's on the same terrain; errors as `own_trial`."""
+        own = own_trial(study, trials, phase, index)
+        runs = await self._policy_runs(study, phase)
+        if own.terrain >= len(runs):
+            raise NoTerrainError(
+                f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
+            )
+        record = self._store.load_record(own.episode_id)
+        mine = await asyncio.to_thread(frames, record, own.episode_id)
+        its = await asyncio.to_thread(frames, runs[own.terrain].record, f"policy-{own.terrain}")
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
-    async def _policy_runs(self, study: Study) -> list[WarmUpRun]:
+    async def _policy_runs(self, study: Study, phase: Shown) -> list[PolicyRun]:
         async with self._working:
-            if study.protocol_hash not in self._runs:
-                self._runs[study.protocol_hash] = await asyncio.to_thread(_play, study)
-            return self._runs[study.protocol_hash]
+            key = study.protocol_hash, phase
+            if key not in self._runs:
+                self._runs[key] = await asyncio.to_thread(_play, study, phase)
+            return self._runs[key]
 
 
-def _play(study: Study) -> list[WarmUpRun]:
-    """Return what the debrief policy does on the warm-up terrains; nothing when it cannot be loaded any more."""
-    config, runs = study.protocol.env_config, list[WarmUpRun]()
+def own_trial(study: Study, trials: Sequence[TrialRow], phase: Shown, index: int) -> TrialRow:
+    """Return a participant's ended trial: on warm-up terrain `index`, or the ranked one that they played as number `index`.
+
+    StageError for a ranked one of an open study, NoTerrainError when there is none.
+    """
+    if phase == "ranked" and study.is_open:
+        raise StageError("ranked terrains are shown once the study is closed: come back then")
+    for trial in trials:
+        number = trial.terrain if phase == "warm_up" else trial.trial
+        if trial.phase == phase and number == index and trial.ended_ms is not None:
+            return trial
+    raise NoTerrainError(f"no {phase.replace('_', '-')} terrain {index} that you have played to its end; they count from 0")
+
+
+def _play(study: Study, phase: Shown) -> list[PolicyRun]:
+    """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
+    config, runs = study.protocol.env_config, list[PolicyRun]()
+    count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
         policy = load(study.protocol.debrief_policy, config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []
-    for i in range(study.protocol.warm_up):
-        episode = Episode.begin(config, seed=study.seed("warm-up", i))
+    for i in range(count):
+        episode = Episode.begin(config, seed=study.seed("warm-up" if phase == "warm_up" else "ranked", i))
         policy.reset(i)
         while not episode.ended:
             episode.step(policy.act(episode.codes.copy()))
-        runs.append(WarmUpRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
+        runs.append(PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
     return runs
 
 

@@ -11,7 +11,8 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from app.moves.regret import POLICY
 from app.play.session import RefusedError
-from app.storage.study_rows import Participant, participant_label
+from app.storage.study_rows import Participant, TrialRow, participant_label
+from app.study.debrief import NoTerrainError, Shown, own_trial
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -45,7 +46,7 @@ def answering_study_errors() -> Iterator[None]:
         raise HTTPException(404, "there is no such study here: check the link") from error
     except DraftStudyError as error:
         raise HTTPException(409, "this study has not begun yet: come back later") from error
-    except NotJoinedError as error:
+    except (NotJoinedError, NoTerrainError) as error:
         raise HTTPException(404, str(error.args[0])) from error
     except (StageError, RefusedError) as error:
         raise HTTPException(409, str(error)) from error
@@ -254,31 +255,36 @@ async def withdraw(request: Request, progress: ProgressOf, player: Player, name:
     return await _present_state(request, name)
 
 
-@router.get("/{name}/debrief/{index}", summary="A warm-up terrain again, with a policy")
-async def debrief(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
-    """Return your own warm-up episode and the policy's on the same terrain, frame by frame, once you are at the debrief."""
+@router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")
+async def debrief(
+    request: Request, progress: ProgressOf, player: Player, name: Name, index: Index, phase: Shown = "warm_up"
+) -> dict[str, Any]:
+    """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
+
+    Ranked terrains, in the order in which you played them, are shown once the study is closed.
+    """
+    study, trials = _at_debrief(progress, player, name)
+    with answering_study_errors():
+        replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, phase, index)
+    return replays
+
+
+@router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a terrain")
+async def debrief_regret(
+    request: Request, progress: ProgressOf, player: Player, name: Name, index: Index, phase: Shown = "warm_up"
+) -> dict[str, Any]:
+    """Return the biggest losses of your own episode, once you are at the debrief; of a ranked one once the study is closed."""
+    study, trials = _at_debrief(progress, player, name)
+    with answering_study_errors():
+        own = own_trial(study, trials, phase, index)
+    record = services_of(request).store.load_record(own.episode_id)
+    return {"policy": POLICY, **await regret_of(request, record)}
+
+
+def _at_debrief(progress: ParticipantProgress, player: str | None, name: str) -> tuple[Study, list[TrialRow]]:
+    """Return a participant's study and trials, once they are at the debrief."""
     with answering_study_errors():
         study, participant = progress.study(name), progress.participant(name, player)
         if participant.stage not in ("debrief", "complete"):
             raise StageError("the debrief comes after the last ranked round")
-        trials = progress.study_store.trials(participant.id)
-        try:
-            replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, index)
-        except LookupError as error:
-            raise HTTPException(404, str(error.args[0])) from error
-    return replays
-
-
-@router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a warm-up terrain")
-async def debrief_regret(request: Request, progress: ProgressOf, player: Player, name: Name, index: Index) -> dict[str, Any]:
-    """Return the biggest losses of your own warm-up episode, once you are at the debrief; never those of a ranked one."""
-    with answering_study_errors():
-        participant = progress.participant(name, player)
-        if participant.stage not in ("debrief", "complete"):
-            raise StageError("the debrief comes after the last ranked round")
-        trials = progress.study_store.trials(participant.id)
-    own = [each for each in trials if each.phase == "warm_up" and each.terrain == index and each.ended_ms is not None]
-    if not own:
-        raise HTTPException(404, f"no warm-up terrain {index} that you have played to its end")
-    record = services_of(request).store.load_record(own[0].episode_id)
-    return {"policy": POLICY, **await regret_of(request, record)}
+        return study, progress.study_store.trials(participant.id)

@@ -7,13 +7,14 @@ import { goesOn, knowsTheEnd, screenOf } from "./state.js";
  *   state       the newest state
  *   onPassed    the end card of this episode was passed by
  *   resume      ends the pause
+ *   look        shows the debrief again to whoever has finished, or the completion code
  *   isBlocked   whether a dialog is open
  * @param {Document} page
  * @param {{state: () => import("./state.js").State, study: ReturnType<import("./api.js").createStudyApi>,
  *   navigation: ReturnType<import("./navigation.js").createNavigation>, onPassed: (episode: string) => void, resume: () => void,
- *   isBlocked: () => boolean}} how
+ *   look: (back: boolean) => void, isBlocked: () => boolean}} how
  */
-export function startActions(page, { state, study, navigation, onPassed, resume, isBlocked }) {
+export function startActions(page, { state, study, navigation, onPassed, resume, look, isBlocked }) {
   const by = elementsOf(page);
   const frame = () => state().game.player?.frame;
   const stage = () => state().participant?.stage;
@@ -56,7 +57,8 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
     agree: () => navigation.go(() => study.consent(state().participant?.consent.version ?? "", true), "consent"),
     "to-tutorial": () => navigation.go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
     begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume,
-    finish: () => navigation.go(() => study.advance("debrief"), "debrief"),
+    finish: () => (stage() === "complete" ? look(false) : navigation.go(() => study.advance("debrief"), "debrief")),
+    "look-back": () => look(true),
     "give-up-now": giveUp, "leave-now": leave, copy: copyCode,
   };
   for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);

@@ -8,7 +8,7 @@
 /**
  * Own figures and codes; null before the debrief.
  * @typedef {{mean_score: number | null, mean_steps: number | null, episodes: {trial: number, outcome: string, steps: number, score: number}[],
- *   policy: {name: string, mean_steps_warm_up: number | null, own_mean_steps_warm_up: number | null} | null, warm_up_terrains: number,
+ *   policy: {name: string, mean_steps_warm_up: number | null, own_mean_steps_warm_up: number | null} | null, warm_up_terrains: number, ranked_terrains: number,
  *   completion_code: string | null, return_url: string | null}} Debrief
  */
 /**
@@ -113,13 +113,15 @@ export function createStudyApi(request, name) {
     withdraw: () => request(`${path}/withdraw`, {}),
     /**
      * @param {number} index
+     * @param {import("./debrief.js").Shown} phase
      * @returns {Promise<import("./replay.js").Runs>}
      */
-    terrain: (index) => request(`${path}/debrief/${index}`),
+    terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
     /**
      * @param {number} index
+     * @param {import("./debrief.js").Shown} phase
      * @returns {Promise<import("../common/losses.js").Regret>}
      */
-    losses: (index) => request(`${path}/debrief/${index}/regret`, undefined, 120_000),
+    losses: (index, phase) => request(`${path}/debrief/${index}/regret?phase=${phase}`, undefined, 120_000),
   };
 }

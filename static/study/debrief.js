@@ -12,27 +12,30 @@ import { debriefLine } from "./words.js";
 /**
  * @typedef {import("./state.js").State} State
  * @typedef {import("./api.js").Debrief} Debrief
+ * @typedef {"warm_up" | "ranked"} Shown  the phase of a terrain
  */
 
 const TICK_MS = 160;
 
 /**
  * @param {Document} page
- * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number) => Promise<import("./replay.js").Runs>,
- *   losses: (index: number) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, replay: () => import("./replay.js").Replay | null}} how
+ * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number, phase: Shown) => Promise<import("./replay.js").Runs>,
+ *   losses: (index: number, phase: Shown) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, warmUps: () => number, replay: () => import("./replay.js").Replay | null}} how
  */
-export function createDebrief(page, { look, terrain, losses, dispatch, replay: current }) {
+export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, replay: current }) {
   const by = elementsOf(page);
 
   /**
-   * Load both runs of a warm-up terrain.
+   * Load both runs of a terrain: the warm-up ones first, then the ranked ones, which a closed study shows.
    * @param {number} index
    */
   async function load(index) {
+    const phase = index < warmUps() ? "warm_up" : "ranked";
+    const number = phase === "ranked" ? index - warmUps() : index;
     try {
       by("own-losses").replaceChildren();
-      dispatch({ kind: "replay-loaded", index, runs: await terrain(index) });
-      const regret = await losses(index).catch(() => null); // a board too large for it, or a busy server: nothing is shown
+      dispatch({ kind: "replay-loaded", index, runs: await terrain(number, phase) });
+      const regret = await losses(number, phase).catch(() => null); // a board too large for it, or a busy server: nothing is shown
       const onChoose = (/** @type {import("../common/losses.js").Loss} */ { step }) => dispatch({ kind: "replay-moved", step });
       if (regret && current()?.index === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
     } catch (error) {
@@ -47,15 +50,18 @@ export function createDebrief(page, { look, terrain, losses, dispatch, replay: c
 
   /** @param {Debrief} debrief */
   function paintFigures(debrief) {
-    const { episodes, mean_score, mean_steps, warm_up_terrains: terrains } = debrief;
+    const { episodes, mean_score, mean_steps, warm_up_terrains: terrains, ranked_terrains: ranked } = debrief;
     put(by("own-score"), score(mean_score));
     put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
     put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
     put(by("debrief-line"), debriefLine(debrief));
     by("trials").replaceChildren(create("h2", "Terrain by terrain"), trialTable(episodes));
     const choice = by("replay-index", HTMLSelectElement);
-    if (choice.options.length !== terrains) {
-      choice.replaceChildren(...Array.from({ length: terrains }, (_, index) => new Option(`${index + 1} of ${terrains}`, String(index))));
+    put(by("replay-label"), ranked ? "Terrain" : "Warm-up terrain");
+    if (choice.options.length !== terrains + ranked) {
+      const named = (/** @type {number} */ count, /** @type {string} */ before, /** @type {number} */ first) =>
+        Array.from({ length: count }, (_, index) => new Option(`${before}${index + 1} of ${count}`, String(first + index)));
+      choice.replaceChildren(...named(terrains, ranked ? "warm-up " : "", 0), ...named(ranked, "ranked ", terrains));
     }
   }
   /**
@@ -121,6 +127,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, replay: c
       if (screenOf(state) !== "debrief" || !state.participant?.debrief) return;
       const isNew = before === null || screenOf(before) !== "debrief";
       if (isNew || state.participant !== before.participant) paintFigures(state.participant.debrief);
+      put(by("finish"), state.looksBack ? "Back to my completion code" : "Finish and get my completion code");
       by("replay").hidden = state.replay === null;
       if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay);
     },

@@ -71,7 +71,7 @@ const look = () => {
 const pages = createPages(document);
 const playScreen = createPlayScreen(document, { look, keys: () => ({ east: keyName(settings.get().keys.east[0], layout), south: keyName(settings.get().keys.south[0], layout) }) });
 const supervision = startSupervision(document, { supervise: study.supervise, dispatch });
-const debrief = createDebrief(document, { look, terrain: study.terrain, losses: study.losses, dispatch, replay: () => state.replay });
+const debrief = createDebrief(document, { look, terrain: study.terrain, losses: study.losses, dispatch, replay: () => state.replay, warmUps: () => state.participant?.debrief?.warm_up_terrains ?? 0 });
 const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
 const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), invitation: invitationIn(location.search), channel, onJoined(participant) {
   history.replaceState(history.state, "", withoutInvitation(location.href));
@@ -119,7 +119,7 @@ function dispatch(event) {
     // another tab began an episode, or this one has ended: the server knows where that leads
     if ((is.outcome && !knowsTheEnd(state)) || state.participant?.about?.frame.episode !== is.episode) navigation.refresh();
   }
-  if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.participant?.debrief?.warm_up_terrains) debrief.load(0);
+  if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.participant?.debrief?.warm_up_terrains) debrief.load(state.looksBack ? state.participant.debrief.warm_up_terrains : 0);
   repaint();
 }
 
@@ -146,6 +146,7 @@ function paint(before) {
 }
 
 const actions = startActions(document, { state: () => state, study, navigation, resume: () => pause.set(false), isBlocked: dialogs.isOpen,
+  look: (looksBack) => dispatch({ kind: "looked-back", looksBack }),
   onPassed(episode) {
     sessionStorage.setItem(keep("passed"), episode);
     dispatch({ kind: "passed", episode });

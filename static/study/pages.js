@@ -63,6 +63,7 @@ export function createPages(page) {
   function paintComplete({ debrief, participant }) {
     put(by("code"), debrief?.completion_code ?? "");
     by("return-line").hidden = !debrief?.return_url;
+    by("look-back-line").hidden = !debrief?.ranked_terrains;
     if (debrief?.return_url) by("return", HTMLAnchorElement).href = debrief.return_url;
     put(by("label"), participant);
   }

@@ -16,18 +16,19 @@ import * as replays from "./replay.js";
  *   passed   the finished episode whose end card was passed by
  *   isPaused the board waits for a key
  *   replay   the debrief's, null until one is loaded
+ *   looksBack  whoever has finished looks at the debrief again
  * @typedef {{game: import("../common/game_state.js").State, participant: Participant | null, problem: string | null, passed: string | null, isPaused: boolean,
- *   replay: Replay | null}} State
+ *   replay: Replay | null, looksBack: boolean}} State
  */
 /**
  * @typedef {import("../common/game_state.js").Event | {kind: "participant", participant: Participant} | {kind: "problem", text: string} | {kind: "passed", episode: string}
  *   | {kind: "paused", isPaused: boolean} | {kind: "replay-loaded", index: number, runs: import("./replay.js").Runs}
- *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number}} Event
+ *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number} | {kind: "looked-back", looksBack: boolean}} Event
  */
 
 /** @returns {State} */
 export function initialState() {
-  return { game: gameState.initialState(), participant: null, problem: null, passed: null, isPaused: false, replay: null };
+  return { game: gameState.initialState(), participant: null, problem: null, passed: null, isPaused: false, replay: null, looksBack: false };
 }
 
 /**
@@ -67,6 +68,7 @@ export function apply(state, event) {
     case "replay-toggled": return replay ? { ...state, replay: replays.toggled(replay) } : state;
     case "replay-stepped": return replay ? { ...state, replay: replays.stepped(replay) } : state;
     case "replay-moved": return replay ? { ...state, replay: replays.moved(replay, event.step) } : state;
+    case "looked-back": return { ...state, looksBack: event.looksBack };
     default: {
       const game = gameState.apply(state.game, event);
       return game === state.game ? state : settled({ ...state, game });
@@ -90,14 +92,14 @@ function endsHere({ stage, phase }) {
  * @param {State} state
  * @returns {Screen}
  */
-export function screenOf({ participant, game, passed, problem }) {
+export function screenOf({ participant, game, passed, problem, looksBack }) {
   if (problem !== null) return "problem";
   if (!participant) return "loading";
   const { stage } = participant;
   const frame = game.player?.frame;
   if (frame && endsHere(participant) && (!frame.outcome || frame.episode !== passed)) return "play";
   if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && participant.break_due ? "break" : "ready";
-  return stage;
+  return stage === "complete" && looksBack ? "debrief" : stage;
 }
 
 /**

@@ -102,6 +102,25 @@ def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_on
     assert person.client.get(f"/api/sessions/{done.where['session']}").status_code == 404
 
 
+def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(server, study, played, tmp_path):
+    done, person = played
+    ranked = [f"{done.url}/debrief/{index}{end}?phase=ranked" for index in range(3) for end in ("", "/regret")]
+    assert {done.client.get(url).status_code for url in ranked} == {409}
+    assert done.me()["debrief"]["ranked_terrains"] == 0
+    Folder(tmp_path / "studies").close("small")
+    count = done.me()["debrief"]["ranked_terrains"]
+    assert count == len(done.me()["debrief"]["episodes"]) > 0
+    for index in range(count):
+        found = done.client.get(f"{done.url}/debrief/{index}?phase=ranked").json()
+        own, its = found["own"], found["policy"]["frames"]
+        trial = done.me()["debrief"]["episodes"][index]
+        assert (own[-1]["step"], own[-1]["outcome"]) == (trial["steps"], trial["outcome"])
+        assert (own[0]["grid"], its[0]["step"]) == (its[0]["grid"], 0), "the policy drives on the same terrain"
+        assert done.client.get(f"{done.url}/debrief/{index}/regret?phase=ranked").json()["policy"] == "ppo"
+    assert done.client.get(f"{done.url}/debrief/{count}?phase=ranked").status_code == 404
+    assert person.client.get(f"{person.url}/debrief/0?phase=ranked").status_code == 409, "they have not come so far"
+
+
 @pytest.mark.parametrize("cookie", ["none", "stranger", "another participant", "forged"])
 def test_a_board_is_its_participants_alone(server, study, played, cookie):
     done, person = played

@@ -16,7 +16,7 @@ test("calls go below api, from wherever the page lies", async () => {
   const study = createStudyApi(createRequest(fetcher, "../"), "demo");
   await study.join({ A: "1" });
   await study.giveUp("e1", 3);
-  await study.terrain(2);
+  await study.terrain(2, "ranked");
   assert.deepEqual(asked, [["../api/studies/demo/join", '{"outside_ids":{"A":"1"}}'], ["../api/studies/demo/give-up", '{"episode":"e1","step":3}'],
-    ["../api/studies/demo/debrief/2", undefined]]);
+    ["../api/studies/demo/debrief/2?phase=ranked", undefined]]);
 });

@@ -17,6 +17,9 @@ test("the screen follows the stage, and the board stands before it while it is d
   for (const stage of ["consent", "instructions", "questions", "debrief", "complete", "withdrawn"]) assert.equal(screenOf(standing({ stage })), stage);
   for (const stage of ["tutorial", "warm_up", "ranked"]) assert.equal(screenOf(standing({ stage })), "ready");
   assert.equal(screenOf(standing({ break_due: true })), "break");
+  const back = apply(standing({ stage: "complete" }), { kind: "looked-back", looksBack: true });
+  assert.equal(screenOf(back), "debrief", "whoever has finished may look at the debrief again");
+  assert.equal(screenOf(apply(back, { kind: "looked-back", looksBack: false })), "complete");
   assert.equal(screenOf(playing()), "play");
   assert.equal(screenOf(apply(playing(), { kind: "problem", text: "no" })), "problem");
 });
