@@ -12,12 +12,22 @@ from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
 from tests.support.servers import eventually
 
 
+MATRIX_HAS_THE_STAGE = """() => {
+  const find = (name) => document.querySelector(`[data-testid=${name}-player]`);
+  return find("viewer").dataset.drawn ? null : find("canvas").clientHeight > 0.8 * find("stage").clientHeight;
+}"""
+
+
 def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve, player, tmp_path):
     server = serve()
     me = player(server, AS_A_PERSON)
     me.goto()
     about = me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
+    assert me.page.evaluate(MATRIX_HAS_THE_STAGE) in (True, None), "until the board is drawn in 3-D there is a matrix to play on"
+    me.page.locator("[data-testid=viewer-player][data-drawn]").wait_for()
+    stage, corner = (me.page.get_by_test_id(each).bounding_box() for each in ("stage-player", "canvas-player"))
+    assert corner["width"] < stage["width"] / 3, "then it is a small map in a corner"
 
     view, matrix = me.still("stage-player"), me.still("canvas-player")
     there, back = ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")  # a rock may be in the way
