@@ -24,7 +24,9 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     me.goto()
     about = me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
-    assert me.page.evaluate(MATRIX_HAS_THE_STAGE) in (True, None), "until the board is drawn in 3-D there is a matrix to play on"
+    assert me.page.evaluate(MATRIX_HAS_THE_STAGE) in (True, None), (
+        "until the board is drawn in 3-D there is a matrix to play on"
+    )
     me.page.locator("[data-testid=viewer-player][data-drawn]").wait_for()
     stage, corner = (me.page.get_by_test_id(each).bounding_box() for each in ("stage-player", "canvas-player"))
     assert corner["width"] < stage["width"] / 3, "then it is a small map in a corner"

@@ -85,7 +85,9 @@ def test_the_playground_asks_for_all_its_modules_at_once():
     page = STATIC / "play" / "index.html"
     asked = set(re.findall(r'<link rel="modulepreload" href="([^"]+)">', page.read_text()))
     needed = imported_by(STATIC / "play" / "main.js")
-    assert asked == needed, f"modulepreload lines of play/index.html: add {sorted(needed - asked)}, remove {sorted(asked - needed)}"
+    assert asked == needed, (
+        f"modulepreload lines of play/index.html: add {sorted(needed - asked)}, remove {sorted(asked - needed)}"
+    )
 
 
 def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
