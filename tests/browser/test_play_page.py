@@ -11,7 +11,6 @@ from marsexplorer import policies
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
 from tests.support.servers import eventually
 
-
 MATRIX_HAS_THE_STAGE = """() => {
   const find = (name) => document.querySelector(`[data-testid=${name}-player]`);
   return find("viewer").dataset.drawn ? null : find("canvas").clientHeight > 0.8 * find("stage").clientHeight;
