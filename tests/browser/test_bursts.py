@@ -1,4 +1,4 @@
-"""Every press is answered or dropped in sight: bursts without pauses, a key that is held, presses at the end of an episode."""
+"""Every press is answered or dropped in sight: bursts without pauses, a held key, presses after the end, and Enter there."""
 
 import re
 import time
@@ -69,5 +69,16 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     eventually(lambda: "The episode has ended: 4 presses dropped." in me.page.get_by_test_id("dropped").text_content())
     assert me.state()["outcome"] == "out_of_bounds"
     assert me.state()["step"] == PRESSES + 1
-    assert level_of(tmp_path, me.state()["episode"]) == ATTESTED
+    episode = me.state()["episode"]
+    assert level_of(tmp_path, episode) == ATTESTED
+
+    # Enter goes on, also after a dialog and after a click on something else
+    is_next = "document.activeElement.dataset.part === 'next'"
+    me.page.get_by_test_id("open-settings").click()
+    me.page.keyboard.press("Escape")
+    me.wait(is_next)
+    me.page.get_by_test_id("sound").click()
+    me.wait(is_next)
+    me.page.keyboard.press("Enter")
+    me.wait(f"window.mars.state.player.frame.episode !== '{episode}'")
     assert me.errors == []

@@ -9,8 +9,11 @@ import pytest
 from app.cli.main import main
 from app.play.attestation import COPIED
 from app.storage import chain
+from app.storage.checks import PlayedEpisode
 from app.study import verification
+from app.study.checks import check_attestation
 from app.study.verification import verify_database
+from tests.app.play.test_attestation import STARTED, burst
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
 
 
@@ -288,6 +291,27 @@ def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
     conn.execute("UPDATE input_events SET trusted = 0")
     write_chain_anew(conn)
     assert {finding.what for finding in verify_database(path).findings} == {"attestation"}
+
+
+def test_a_burst_is_attested_on_the_playground_alone_and_what_earlier_versions_stored_of_one_stands(copy):
+    conn, _ = copy
+    typed, fields = burst(40), ["kind", "code", "repeat", "trusted", "client_ms", "step", "round_trip_ms", "server_ms"]
+    (ident,) = conn.execute("SELECT episode_id FROM study_episodes").fetchone()
+    conn.execute("DELETE FROM input_events WHERE episode_id = ?", [ident])
+    conn.execute("UPDATE episodes SET ended_ms = ? WHERE id = ?", [STARTED + 3_600_000, ident])
+    rows = [(ident, number, *(event[name] for name in fields)) for number, event in enumerate(typed.events)]
+    conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+    conn.row_factory = sqlite3.Row
+
+    def is_right(level, reason=None):
+        row = {"id": ident, "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
+               "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
+        return not list(check_attestation(conn, PlayedEpisode(row, typed.moves)))
+
+    earlier = ("unattested", "step 15: the press answers the frame of step 6")
+    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (False, True, False)
+    conn.execute("DELETE FROM study_episodes WHERE episode_id = ?", [ident])
+    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (True, True, False)
 
 
 def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
