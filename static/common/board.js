@@ -62,7 +62,7 @@ export function paintBoard(canvas, board, look) {
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const soil = look.soil ?? boardColours(canvas).soil;
   paintCells(context, frame, size, soil);
-  if (look.tint) paintExpected(context, look.tint, size, look.accent);
+  if (look.tint) paintExpected(context, look.tint, size, boardColours(canvas).policy);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
   if (look.lidar_cells && !frame.outcome) paintRange(context, frame.position, size, { reach_px: look.lidar_cells * size, accent: look.accent, dpr: look.dpr });

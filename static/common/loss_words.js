@@ -19,18 +19,24 @@ const WAYS = {
 };
 
 /**
+ * Return "low" or "high" where numbers reach that end of 0..length-1 and lie in its half alone, "" otherwise.
+ * @param {number[]} numbers
+ * @param {number} length
+ */
+function endOf(numbers, length) {
+  const [low, high] = [Math.min(...numbers), Math.max(...numbers)];
+  if (low === 0 && high < length / 2) return "low";
+  return high === length - 1 && low >= length / 2 ? "high" : "";
+}
+
+/**
  * Return where on the map cells lie: in a corner, at an edge, or "" for anywhere else.
  * @param {Cell[]} cells
  * @param {string[]} grid
  */
 export function placeOf(cells, grid) {
-  const touches = (/** @type {(cell: Cell) => boolean} */ test) => cells.some(test);
-  const north = touches(([row]) => row === 0);
-  const south = touches(([row]) => row === grid.length - 1);
-  const west = touches(([, col]) => col === 0);
-  const east = touches(([, col]) => col === grid[0].length - 1);
-  const up = north === south ? "" : north ? "north" : "south";
-  const across = west === east ? "" : west ? "west" : "east";
+  const up = { low: "north", high: "south", "": "" }[endOf(cells.map(([row]) => row), grid.length)];
+  const across = { low: "west", high: "east", "": "" }[endOf(cells.map(([, col]) => col), grid[0].length)];
   if (up && across) return ` in the ${up}-${across} corner`;
   return up || across ? ` at the ${up || across} edge` : "";
 }

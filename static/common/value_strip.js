@@ -23,7 +23,7 @@ export function valueLine(names) {
 export function stripTicks([low, high]) {
   const found = ticks(low, high);
   const ends = [found[0], found[found.length - 1]];
-  const isBetween = (/** @type {number} */ tick) => Math.min(tick - ends[0], ends[1] - tick) > 0.3 * (ends[1] - ends[0]);
+  const isBetween = (/** @type {number} */ tick) => Math.min(tick - ends[0], ends[1] - tick) > 0.4 * (ends[1] - ends[0]);
   return [...new Set(found.length < 2 ? found : [ends[0], ...found.filter((tick) => tick === 0 && isBetween(tick)), ends[1]])];
 }
 

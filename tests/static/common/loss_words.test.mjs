@@ -24,10 +24,13 @@ test("an accident says what was hit", () => {
 });
 
 test("cells lie in a corner, at an edge, or anywhere", () => {
-  assert.equal(placeOf([[0, 0]], GRID), " in the north-west corner");
-  assert.equal(placeOf([[2, 1], [1, 2]], GRID), " at the south edge");
-  assert.equal(placeOf([[0, 1], [2, 1]], GRID), "", "from one edge to the other is nowhere in particular");
-  assert.equal(placeOf([[1, 2]], GRID), "");
+  const grid = Array.from({ length: 6 }, () => "????????");
+  assert.equal(placeOf([[0, 0], [2, 3]], grid), " in the north-west corner");
+  assert.equal(placeOf([[5, 1], [4, 6]], grid), " at the south edge");
+  assert.equal(placeOf([[1, 7], [4, 5]], grid), " at the east edge");
+  assert.equal(placeOf([[0, 0], [3, 1]], grid), " at the west edge", "they reach too far south for a corner");
+  assert.equal(placeOf([[0, 1], [5, 6]], grid), "", "from one edge to the other is nowhere in particular");
+  assert.equal(placeOf([[2, 3]], grid), "");
 });
 
 test("the summary says by what moves are judged", () => {
