@@ -18,7 +18,7 @@ def small(monkeypatch):
     monkeypatch.setattr(daily_terrain, "CONFIG", EnvConfig.of("random", (7, 9)))
 
 
-def judge(page, name, found, themes=("dark",)):
+def check_screen(page, name, found, themes=("dark",)):
     """Keep what axe finds, and a picture of each size; nothing is wider than the screen."""
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
@@ -36,11 +36,11 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(s
     page, wrong = me.page, []
     page.goto(f"{server.url}/me")
     page.get_by_test_id("nothing").wait_for()
-    judge(page, "me-empty", wrong)
+    check_screen(page, "me-empty", wrong)
     page.get_by_role("link", name="Today's terrain").click()
     me.wait("window.mars && window.mars.state.link === 'open' && window.mars.state.player")
     assert page.get_by_test_id("prompt").inner_text().startswith("Press an arrow key")
-    judge(page, "daily-start", wrong)
+    check_screen(page, "daily-start", wrong)
     policy = load("frontier-cost")
     me.explore(policy, lambda frame: frame["step"] >= 2)
     page.reload()
@@ -56,14 +56,14 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(s
     shared = page.evaluate("() => navigator.clipboard.readText()")
     assert shared.startswith("MarsExplorer daily 20")
     assert shared.endswith(f"{server.url}/daily")
-    judge(page, "daily-end", wrong, ("light", "dark"))
+    check_screen(page, "daily-end", wrong, ("light", "dark"))
     page.reload()
     page.get_by_test_id("end-card").wait_for()
     assert me.state()["step"] == moves
     page.keyboard.press("ArrowUp")
     page.goto(f"{server.url}/me")
     assert page.get_by_test_id("best").inner_text() == str(moves)
-    judge(page, "me", wrong, ("light", "dark"))
+    check_screen(page, "me", wrong, ("light", "dark"))
     assert wrong == []
     assert me.errors == []
 
