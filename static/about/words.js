@@ -10,7 +10,7 @@ import { many } from "../common/words.js";
  * @param {ShownBoard} board
  */
 export function boardLine(name, { actions, coverage }) {
-  const percent = `${Math.floor(100 * coverage)} %`;
+  const percent = `${Math.floor(100 * coverage)}\u00a0%`;
   const moves = many(actions.length, "move");
   if (name === "start") return `The lidar shows the first ${percent} before any move.`;
   if (name === "done") return `${percent} is known after ${moves}.`;

@@ -6,9 +6,9 @@ import { joinable, lengthLine } from "../../../static/studies/words.js";
 
 test("a board is said in moves and in whole percent, never rounded up", () => {
   const board = { actions: Array(24).fill(1), outcome: "running", coverage: 0.4599 };
-  assert.equal(boardLine("way", board), "45 % is known after 24 moves. The line is the path.");
-  assert.equal(boardLine("crash", { ...board, outcome: "collided" }), "Crashed at 45 % after 24 moves.");
-  assert.match(boardLine("start", { ...board, actions: [], coverage: 0.077 }), /first 7 %/);
+  assert.equal(boardLine("way", board), "45\u00a0% is known after 24 moves. The line is the path.");
+  assert.equal(boardLine("crash", { ...board, outcome: "collided" }), "Crashed at 45\u00a0% after 24 moves.");
+  assert.match(boardLine("start", { ...board, actions: [], coverage: 0.077 }), /first 7\u00a0%/);
 });
 
 test("only open studies that are open to everybody are listed", () => {
