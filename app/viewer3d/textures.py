@@ -1,4 +1,4 @@
-"""The two pictures of the ground: the soil, fixed for each size, and the fog over it, made from what the rover knows."""
+"""The pictures: the soil, fixed for each size, the fog over it, made from what the rover knows, and the sky behind them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from PIL import Image
 from marsexplorer.config import OBSTACLE, UNKNOWN
 
 NIGHT = (14, 11, 13)
-SOIL = (181, 101, 58)
+SOIL = (168, 98, 60)
+DUST, GLOW = (120, 70, 46), (255, 206, 158)
 
 CLEAR, FOG, LINE, EDGE, SHADE = range(5)
 FOG_COLOURS = bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20])
@@ -42,6 +43,18 @@ def soil(rows: int, cols: int) -> bytes:
     ground[lines] *= 0.86
     ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
     return encoded(Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8)), format="JPEG", quality=80)
+
+
+@lru_cache(maxsize=1)
+def sky() -> NDArray[np.uint8]:
+    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, night below it."""
+    down, across = np.mgrid[0:1:160j, 0:1:256j]
+    dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
+    away = np.hypot((across - 0.24) * 1.6, down - 0.07)
+    glow = (0.5 * np.exp(-((away / 0.22) ** 2)) + 0.9 * np.exp(-((away / 0.025) ** 4)))[..., None]
+    colours = np.array(NIGHT) * (1 - 0.85 * dust) + np.array(DUST) * 0.85 * dust + np.array(GLOW) * glow
+    picture: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8)
+    return picture
 
 
 def encoded(image: Image.Image, **options: Any) -> bytes:

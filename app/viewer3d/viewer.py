@@ -6,10 +6,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 from unittest import mock
 
-import numpy as np
 import viser
 import viser.infra
 from starlette.websockets import WebSocket
@@ -19,9 +19,11 @@ from app.play.session import Session
 from app.viewer3d.camera import BoardCamera
 from app.viewer3d.client_page import ClientPage
 from app.viewer3d.scene import Scene
-from app.viewer3d.textures import NIGHT
 from app.viewer3d.view_options import ViewOptions
 from app.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
+
+GLIDE, GLIDE_PAUSE_S = (0.4, 0.75, 1.0), 0.022
+"""Shares of a move at which a browser with effects is shown the rover, and the seconds between them."""
 
 _log = logging.getLogger(__name__)
 
@@ -48,17 +50,12 @@ class Viewer:
         self.page = ClientPage.load()
 
     def _set_up_scene(self) -> None:
-        """Set what all boards share: dark theme, light, and the colour of night around them."""
+        """Set what all boards share: a dark theme and no light but a scene's own."""
         server = self._server
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(False)
         server.scene.configure_environment_map(None)
-        server.scene.add_light_ambient("/sky", intensity=1.5)
-        server.scene.add_light_directional(
-            "/sun", color=(255, 226, 196), intensity=2.4, position=(-30, -20, 50), cast_shadow=False
-        )
-        server.scene.set_background_image(np.full((2, 2, 3), NIGHT, np.uint8), format="png")
 
     @property
     def clients(self) -> int:
@@ -105,15 +102,39 @@ class Viewer:
 async def keep_scene(client: viser.ClientHandle, session: Session, options: ViewOptions) -> None:
     """Keep one browser's scene up to date with the session's board, until cancelled."""
     scene: Scene | None = None
-    camera = BoardCamera(client)
+    camera = BoardCamera(client, options)
     with session.channel.subscribe() as subscriber, PairedBoardListener(session, subscriber.wake) as paired_board:
         async for _ in subscriber:
             paired_board.update()
             episode = session.episode
             with client.atomic():
                 if scene is None:
-                    scene = Scene(client.scene, episode, session.is_second)
+                    scene = Scene(client.scene, episode, session.is_second, options)
+                steps = scene.steps
                 scene.show(episode)
                 scene.show_paired_path(paired_episode(session))
-                camera.show(episode.config.rows, episode.config.cols)
+                scene.show_thought(probabilities_of(session) if options.shows_thoughts else None)
+                camera.show(episode.config.rows, episode.config.cols, scene.rover_place)
             client.flush()
+            if options.has_effects and scene.steps != steps:
+                await glide(client, scene, camera)
+
+
+async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -> None:
+    """Move the rover, what it has discovered and a camera that follows it to their places in a few steps."""
+    for share in GLIDE:
+        with client.atomic():
+            scene.glide(share)
+            camera.show(scene.episode.config.rows, scene.episode.config.cols, scene.rover_place)
+        client.flush()
+        await asyncio.sleep(GLIDE_PAUSE_S)
+
+
+def probabilities_of(session: Session) -> list[float] | None:
+    """Return the policy's probabilities for the newest frame, [north, east, south, west], or None when there are none."""
+    if not session.thought or session.episode.ended:
+        return None
+    thought = json.loads(session.thought)
+    if (thought["episode"], thought["step"]) != (session.current.id, session.episode.steps):
+        return None
+    return [float(share) for share in thought["probabilities"]]

@@ -108,6 +108,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       page.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
       paintBoards(state, before, dpr);
       paintPanels(state, before);
+      views.paintCamera(state.player?.frame);
       if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state, dpr);
       visit.paint(state);
       paintBar(state, page, rivalName());

@@ -1,5 +1,7 @@
 // @ts-check
-// 3-D or matrix: which of the two fills a board, and what the canvases measure.
+// 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and what the canvases measure.
+import { elementsOf } from "../common/page.js";
+import { startCameraControl } from "./camera_control.js";
 
 /**
  * Return whether this browser can draw the 3-D view, and whether its processor has to do it.
@@ -43,6 +45,14 @@ export function showBoard(viewer, name, isSoftware) {
 }
 
 /**
+ * Return whether shadows, haze and movement are drawn: as chosen ("on", "off"), else where a GPU draws and nobody asks for calm.
+ * @param {string | null} choice what is kept in mars.effects
+ * @param {boolean} isSoftware
+ * @param {boolean} isCalm the system asks for reduced motion
+ */
+export const hasEffects = (choice, isSoftware, isCalm) => choice === "on" || (choice !== "off" && !isSoftware && !isCalm);
+
+/**
  * @param {{page: Document, panels: import("./panels.js").Panel[], storage: Storage, onChange: () => void}} how
  */
 export function createViews({ page, panels, storage, onChange }) {
@@ -54,11 +64,25 @@ export function createViews({ page, panels, storage, onChange }) {
     for (const { target, contentRect } of entries) sizes.set(/** @type {HTMLElement} */ (target), { width_px: contentRect.width, height_px: contentRect.height });
     onChange();
   });
+  const calm = matchMedia("(prefers-reduced-motion: reduce)");
+  /** @param {string} session */
+  const nameOf = (session) => {
+    const chosen = storage.getItem("mars.camera");
+    const effects = hasEffects(storage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
+    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: storage.getItem("mars.thoughts") !== "false" ? "on" : "off" };
+    return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
+  };
+  const effectsChoice = elementsOf(page)("effects", HTMLSelectElement);
+  effectsChoice.value = storage.getItem("mars.effects") ?? "auto";
+  effectsChoice.addEventListener("change", () => { storage.setItem("mars.effects", effectsChoice.value); onChange(); });
+  const camera = panels[0].part.camera; // for both boards
+  const repaintCamera = startCameraControl(camera, storage, onChange);
   const button = panels[0].part.view;
   let isMatrixOnly = false;
   function show() {
     page.body.dataset.view = isMatrixOnly ? "matrix" : view;
     button.hidden = !can3d || isMatrixOnly;
+    camera.hidden = !can3d || isMatrixOnly || view === "matrix";
     button.textContent = view === "3d" ? "Matrix" : "3-D";
     button.setAttribute("aria-label", view === "3d" ? "Show the state matrix large" : "Show the 3-D view");
   }
@@ -85,14 +109,17 @@ export function createViews({ page, panels, storage, onChange }) {
     /** @param {HTMLElement} element */
     size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
     /**
-     * Show a session in 3-D, once; nothing is loaded while the matrix is on stage.
+     * Show a session in 3-D as it is wished for now; nothing is loaded while the matrix is on stage.
      * @param {import("./panels.js").Panel} panel
      * @param {string | null} session
      */
     load({ viewer }, session) {
-      if (view !== "3d" || viewer.dataset.session === (session ?? "")) return;
-      viewer.dataset.session = session ?? "";
-      showBoard(viewer, session, isSoftware);
+      const name = session && nameOf(session);
+      if (view !== "3d" || viewer.dataset.name === (name ?? "")) return;
+      viewer.dataset.name = name ?? "";
+      showBoard(viewer, name, isSoftware);
     },
+    /** @param {import("../common/messages.js").Frame | null | undefined} frame */
+    paintCamera: (frame) => repaintCamera(Math.max(frame?.rows ?? 0, frame?.cols ?? 0)),
   };
 }

@@ -14,7 +14,8 @@ from websockets.sync.client import connect
 
 from app.play.channel import Channel
 from app.viewer3d.camera import FOV, TILT, camera_for
-from app.viewer3d.scene import Scene, dashes
+from app.viewer3d.models import dashes
+from app.viewer3d.scene import Scene
 from app.viewer3d.textures import fog, soil
 from app.viewer3d.view_options import ViewOptions
 from app.viewer3d.viewer import Viewer, keep_scene
@@ -186,28 +187,32 @@ def encode(message):
     return body + b"".join(bytes(blob) for blob in blobs)
 
 
-def record(episode, actions=()):
+def record(episode, actions=(), options=None):
     """Every message, encoded, of a scene that shows the episode and then each of the moves."""
 
     async def run():
         viewer, sent = Viewer(), []
         transport = viewer._server._websock_server
         transport.queue_message = lambda message: sent.append(encode(message))
-        picture = Scene(viewer._server.scene, episode, False)
+        picture = Scene(viewer._server.scene, episode, False, options or ViewOptions())
         for action in actions:
             episode.step(action)
             picture.show(episode)
+            picture.glide(0.5)
+            picture.glide(1.0)
         viewer.close()
         return sent
 
     return asyncio.run(run())
 
 
-def test_the_scene_shows_nothing_of_what_is_hidden():
+@pytest.mark.parametrize("has_effects", [False, True])
+def test_the_scene_shows_nothing_of_what_is_hidden(has_effects):
     """Two terrains that agree on every cell seen so far give the same messages, byte for byte."""
     one, other = twins()
     actions = (2, 1, 1, 2, 0, 3)
-    first, second = record(one, actions), record(other, actions)
+    options = ViewOptions(has_effects=has_effects)
+    first, second = record(one, actions, options), record(other, actions, options)
     assert (one.terrain != other.terrain).any()
     assert (one.codes == other.codes).all()
     assert len(first) > 30
@@ -217,7 +222,7 @@ def test_the_scene_shows_nothing_of_what_is_hidden():
 def test_the_scene_never_asks_for_the_terrain():
     episode, _ = twins()
     blind = SimpleNamespace(
-        **{name: getattr(episode, name) for name in ("config", "codes", "position", "heading", "path", "steps")}
+        **{name: getattr(episode, name) for name in ("config", "codes", "position", "heading", "path", "steps", "outcome")}
     )
     assert record(blind) == record(twins()[0])
 
@@ -324,6 +329,37 @@ def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leave
             assert colour_of(seen[-1]) == paired
 
 
+def test_a_view_is_drawn_as_its_address_wishes(server):
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "ppo"}).json()
+    rival = about["rival"]["session"]
+    eventually(lambda: client.get(f"/api/sessions/{rival}").json()["step"] == 0)
+
+    def first_picture(query):
+        with open_view(server, f"{rival}{query}") as view:
+            view.send(CAMERA)
+            return read_all(view, "/border")
+
+    def is_thought(message):
+        return message.get("name") == "/thought" and message.get("visible") is True
+
+    plain, full = first_picture(""), first_picture("?camera=follow&effects=on&thoughts=on")
+    assert not any(is_thought(message) or message.get("name") == "/shade" for message in plain)
+    assert any(is_thought(message) for message in full)
+    assert any(message.get("name") == "/shade" for message in full)
+    looks = [[m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1] for seen in (plain, full)]
+    assert looks[0][0] == 5.5
+    assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
+
+
+def test_large_boards_are_followed_unless_the_map_is_wished_for():
+    assert not ViewOptions().follows(21, 30)
+    assert ViewOptions().follows(12, 31)
+    assert not ViewOptions.from_query({"camera": "map"}).follows(84, 84)
+    assert ViewOptions.from_query({"camera": "follow", "effects": "on"}) == ViewOptions("follow", True, False)
+    assert ViewOptions.from_query({"camera": "no such", "effects": "1"}) == ViewOptions()
+
+
 def test_a_replay_on_another_terrain_leaves_no_path(server):
     client = server.client()
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
@@ -386,7 +422,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        session = SimpleNamespace(id="s", channel=channel, episode=episode, paired_with=None, is_second=False)
+        session = SimpleNamespace(id="s", channel=channel, episode=episode, paired_with=None, is_second=False, thought="")
         channel.publish("frame")
         client = SimpleNamespace(
             scene=viewer._server.scene,

@@ -1,0 +1,161 @@
+"""The bodies of the scene, in metres: rocks of a few shapes, the rover's parts, wedges and flat marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+Corners = NDArray[np.float32]
+Faces = NDArray[np.uint32]
+
+ROCK = (220, 203, 184)
+PALE, DARK, CELLS = (236, 229, 220), (46, 42, 44), (44, 52, 78)
+ROCK_SHAPES = 4
+OUTWARD = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+"""Unit vectors (x, y) of north, east, south, west."""
+LEAST_SHARE = 0.02
+"""Probabilities below it draw nothing, as on the map (`static/common/thoughts.js`)."""
+
+DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
+"""Corners of a dash of the paired path around the middle of its step: along and across it, in steps."""
+
+
+def rock(shape: int) -> tuple[Corners, Faces]:
+    """Return corners[25, 3] and faces[46, 3] of a rock on one square metre, about a metre high: worn rings and a blunt top.
+
+    shape  0 .. ROCK_SHAPES - 1: which corners stand out follows from it
+    """
+    rng = np.random.default_rng(shape)
+    turn = np.linspace(0, 2 * np.pi, 8, endpoint=False) + rng.uniform(0, 0.7)
+    rings = []
+    for height, radius in ((0.0, 0.56), (0.34, 0.53), (0.74, 0.36)):
+        worn = radius * rng.uniform(0.82, 1.1, 8)
+        rings.append(
+            np.stack([np.cos(turn) * worn, np.sin(turn) * worn, np.full(8, height) + rng.uniform(-0.05, 0.08, 8)], axis=1)
+        )
+    rings[0][:, 2] = 0.0
+    top = np.array([[rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), 0.97]])
+    faces = [[16 + side, 16 + (side + 1) % 8, 24] for side in range(8)]
+    for low in (0, 8):
+        for side in range(8):
+            one, two = low + side, low + (side + 1) % 8
+            faces += [[one, two, two + 8], [one, two + 8, one + 8]]
+    corners = np.clip(np.vstack([*rings, top]), -0.6, 1.1)
+    return corners.astype(np.float32), np.array(faces, np.uint32)
+
+
+ROCKS = tuple(rock(shape) for shape in range(ROCK_SHAPES))
+
+
+def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return sRGB 0..255 as the linear 0..255 that batched meshes and fog are drawn with."""
+    share = np.clip(colour, 0, 255) / 255
+    low, high = share / 12.92, ((share + 0.055) / 1.055) ** 2.4
+    colours: NDArray[np.uint8] = np.rint(255 * np.where(share <= 0.04045, low, high)).astype(np.uint8)
+    return colours
+
+
+def shape_of(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return which shape, 0 .. ROCK_SHAPES - 1, the rock on each of cells[n, 2] has."""
+    shapes: NDArray[np.int64] = (cells[:, 0] * 5 + cells[:, 1] * 3 + cells[:, 0] * cells[:, 1]) % ROCK_SHAPES
+    return shapes
+
+
+def add_rocks(
+    scene: viser.SceneApi, name: str, shape: int, cells: NDArray[np.int64], has_shadows: bool
+) -> viser.BatchedMeshHandle:
+    """Add a rock on each of cells[n, 2], (row, col), and return their node; height, turn and colour follow from the cell."""
+    row, col = cells[:, 0], cells[:, 1]
+    grain = (row * 7919 + col * 104729) % 97 / 96
+    turn = (row * 31 + col * 17) % 8 * (np.pi / 8)
+    still = np.zeros(len(cells))
+    width = 0.9 + 0.16 * grain
+    return scene.add_batched_meshes_simple(
+        name,
+        *ROCKS[shape],
+        np.stack([np.cos(turn), still, still, np.sin(turn)], axis=1).astype(np.float32),
+        np.stack([col, -row, still], axis=1).astype(np.float32),
+        batched_scales=np.stack([width, width, 0.55 + 0.45 * grain], axis=1).astype(np.float32),
+        batched_colors=linear(np.array(ROCK) * (0.8 + 0.24 * grain[:, None])),
+        flat_shading=True,
+        lod="off",
+        cast_shadow=has_shadows,
+        receive_shadow=has_shadows,
+    )
+
+
+def add_rover(scene: viser.SceneApi, accent: tuple[int, int, int], has_shadows: bool) -> viser.FrameHandle:
+    """Add the rover, facing east (+x), and return the frame that all of its parts hang on."""
+    rover = scene.add_frame("/rover", show_axes=False)
+    common: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": False}
+    for name, colour, dimensions, position in (
+        ("body", PALE, (0.72, 0.46, 0.2), (0.0, 0.0, 0.36)),
+        ("deck", accent, (0.66, 0.5, 0.06), (-0.02, 0.0, 0.49)),
+        ("panel", CELLS, (0.34, 0.9, 0.04), (-0.22, 0.0, 0.55)),
+        ("power", DARK, (0.2, 0.2, 0.2), (-0.46, 0.0, 0.5)),
+        ("mast", PALE, (0.07, 0.07, 0.46), (0.27, 0.0, 0.72)),
+        ("head", accent, (0.16, 0.36, 0.15), (0.3, 0.0, 1.0)),
+        ("eyes", DARK, (0.03, 0.26, 0.08), (0.39, 0.0, 1.0)),
+        ("arm", PALE, (0.3, 0.06, 0.06), (0.48, 0.12, 0.34)),
+    ):
+        scene.add_box(f"/rover/{name}", color=colour, dimensions=dimensions, position=position, **common)
+    wheel: dict[str, Any] = {"color": DARK, "radius": 0.16, "height": 0.14, "radial_segments": 12, **common}
+    for number, (x, y) in enumerate((x, y) for x in (-0.33, 0.0, 0.33) for y in (-0.36, 0.36)):
+        scene.add_cylinder(f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel)
+    return rover
+
+
+def circle(radius: float, pieces: int, height: float) -> Corners:
+    """Return segments[pieces, 2, 3] of a level circle around the origin, metres."""
+    turn = np.linspace(0, 2 * np.pi, pieces + 1)
+    points = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, height)], axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+
+
+def wedges(probabilities: Sequence[float]) -> tuple[Corners, Faces]:
+    """Return corners[3 n, 3] and faces[n, 3] of a wedge outward for each of north, east, south, west that has a share.
+
+    Their sizes are those of the map (`static/common/thoughts.js`), in cells.
+    """
+    corners = []
+    for (x, y), share in zip(OUTWARD, probabilities, strict=True):
+        if share >= LEAST_SHARE:
+            far, half = 0.97 + 1.15 * share, 0.2 + 0.22 * share
+            corners += [
+                (x * far, y * far),
+                (0.62 * x - y * half, 0.62 * y + x * half),
+                (0.62 * x + y * half, 0.62 * y - x * half),
+            ]
+    points = np.array(corners, np.float32).reshape(-1, 2)
+    level = np.hstack([points, np.zeros((len(points), 1), np.float32)])
+    return level.astype(np.float32), np.arange(len(points), dtype=np.uint32).reshape(-1, 3)
+
+
+def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
+    """Return corners[4 n, 3] and faces[2 n, 3] of a square on each of cells[n, 2], (row, col), a little smaller."""
+    around = 0.46 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    middles = np.stack([cells[:, 1], -cells[:, 0]], axis=1)[:, None]
+    return flat(np.asarray(middles + around), 0.0)
+
+
+def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
+    """Return corners[4 n, 3] and faces[2 n, 3] of flat dashes, one over each step of a path of (row, col)."""
+    steps = {frozenset((one, two)): (one, two) for one, two in pairwise(path) if one != two}
+    cells = np.array(list(steps.values()), np.float32).reshape(-1, 2, 2)
+    places = np.stack([cells[..., 1], -cells[..., 0]], axis=-1)
+    middle, ahead = places.mean(axis=1), places[:, 1] - places[:, 0]
+    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
+    return flat(np.stack([middle + long * ahead + wide * aside for long, wide in DASH], axis=1), 0.05)
+
+
+def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:
+    """Return corners[4 n, 3] and faces[2 n, 3] of level quadrilaterals corners[n, 4, 2] at a height."""
+    points = corners.reshape(-1, 2)
+    level = np.hstack([points, np.full((len(points), 1), height)]).astype(np.float32)
+    first = 4 * np.arange(len(corners), dtype=np.uint32)[:, None, None]
+    return level, (first + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)).reshape(-1, 3)
