@@ -54,7 +54,7 @@ function paint() {
   put(part.noun, frame.step === 1 ? "move" : "moves");
   put(part.coverage, percent(frame.coverage));
   const colours = chartColours(chart);
-  const curve = curveOf(board, { colour: colours.you, isDashed: false, hasValues: false });
+  const curve = curveOf(board, { colour: colours.you, isDashed: false });
   paintCoverage(chart, [curve], { width_px: by("plot").clientWidth, height_px: by("plot").clientHeight, dpr, font: colours.font, inks: colours.inks });
   chart.setAttribute("aria-label", `${board.name}: ${percent(frame.coverage)} percent after ${frame.step} moves`);
 }
