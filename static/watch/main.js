@@ -39,7 +39,7 @@ function dispatch(event) {
 }
 
 function paint() {
-  paintLink(by("link"), state.link, "live");
+  paintLink(by("link"), state.link, state.player?.frame.outcome ? "ended" : "connected");
   const board = state.player;
   if (!board) return;
   const { frame } = board;

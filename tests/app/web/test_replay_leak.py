@@ -1,0 +1,122 @@
+"""No replay, file, preview, live view or command tells a terrain before its time: what is secret is answered like nothing."""
+
+import pytest
+
+from app.cli.main import main
+from app.storage.reader import now_ms, utc_day
+from app.storage.store import Store
+from app.web.cookies import PLAYER_COOKIE
+from marsexplorer.config import EnvConfig
+from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play, tour
+from tests.support.recorded_daily import play_daily
+from tests.support.stored_studies import StudyRecorder, freeze
+
+CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
+FORMS = ("html", "gif", "mp4", "png")
+REPLAYS = (
+    "/replay/{}", *(f"/replay/{{}}.{form}" for form in FORMS),
+    "/api/episodes/{}/replay", "/api/episodes/{}/ghost?policy=frontier-cost",
+)  # fmt: skip
+WATCHING = ("/watch/{}", "/api/watch/{}")
+UNKNOWN = "00000000"
+
+
+def answers(client, episode, paths):
+    """What each path answers about an episode, its id taken out."""
+    found = {}
+    for path in paths:
+        answer = client.get(path.format(episode))
+        headers = {name: value for name, value in answer.headers.items() if name not in ("date", "content-length")}
+        found[path] = (answer.status_code, headers, answer.content.replace(episode.encode(), b"ID"))
+    return found
+
+
+@pytest.fixture
+def command(capsys, tmp_path):
+    """`command(database, episode)` -> what `marsexplorer replay` says of an episode, its id taken out, and its exit code."""
+
+    def call(database, episode):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main(["replay", episode, "--out", str(tmp_path / "leak.png"), "--ghost", "none", "--database", str(database)])
+        return left.value.code, capsys.readouterr().err.replace(episode, "ID")
+
+    return call
+
+
+@pytest.fixture
+def secret(tmp_path):
+    """The ids of episodes of every secret sort by what they are, and the study that two of them belong to."""
+    path = tmp_path / "playground.db"
+    study = freeze(tmp_path / "studies", close=False)
+    recorder = StudyRecorder(path, study)
+    person = recorder.join(0)
+    ids = {
+        "warm-up": recorder.play(person, "warm_up", 0),
+        "ranked in a study": recorder.play(person, "ranked", 0),
+        "left in a study": recorder.play(person, "ranked", 1, "abandon"),
+    }
+    recorder.close()
+    store = Store(path)
+    store.connection.execute("UPDATE sessions SET control = 'cookie'")
+    running, practice = add_session(store, "bob"), add_session(store, "eve")
+    for name, session in (("ranked", running), ("practice", practice)):
+        row, episode = open_episode(store, session, 6, CONFIG, assisted=name == "practice")
+        add_steps(store, row, episode, free_moves(episode)[:2])
+        ids[name] = row.id
+    rival = add_session(store, None, "frontier-cost", practice)
+    row, episode = open_episode(store, rival, 6, CONFIG, driver="policy:frontier-cost")
+    add_steps(store, row, episode, tour(episode), "policy:frontier-cost")
+    ids["rival"] = row.id
+    ids["daily"] = play_daily(store, "ada", utc_day(now_ms()), explore=True).id
+    ids["ended"] = play(store, 8, "zoe", config=CONFIG).id  # left after two moves: for everybody to see
+    store.close()
+    return ids
+
+
+def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path, secret, command):
+    server = serve()
+    client, database = server.client(), tmp_path / "playground.db"
+    nothing = answers(client, UNKNOWN, (*REPLAYS, *WATCHING))
+    assert {status for status, *_ in nothing.values()} == {404}
+    no_file = command(database, UNKNOWN)
+    assert no_file[0] == 2
+    for name in ("warm-up", "ranked in a study", "left in a study", "daily"):
+        assert answers(client, secret[name], (*REPLAYS, *WATCHING)) == nothing, name
+    for name in ("ranked", "practice", "rival"):
+        files = {path: nothing[path] for path in REPLAYS[1:]}
+        assert answers(client, secret[name], REPLAYS[1:]) == files, name
+    for name in set(secret) - {"ended"}:
+        assert command(database, secret[name]) == no_file, name
+        assert not (tmp_path / "leak.png").exists()
+
+    assert answers(client, secret["rival"], REPLAYS[:1])[REPLAYS[0]] == nothing[REPLAYS[0]]
+    for name in ("ranked", "practice"):
+        page = client.get(f"/replay/{secret[name]}")
+        assert (page.status_code, page.headers["location"], page.content) == (303, f"../watch/{secret[name]}", b"")
+        live = client.get(f"/watch/{secret[name]}")
+        assert live.content == client.get("/static/watch/index.html").content, "the same page for every episode"
+        watched = client.get(f"/api/watch/{secret[name]}").json()
+        stored = server.services.store.find_episode(secret[name]).episode
+        assert watched["frames"] is None
+        known = sum(cell != "?" for line in watched["frame"]["grid"] for cell in line)
+        assert known == watched["frame"]["discovered"] < CONFIG.n
+        assert stored.terrain.hex() not in str(watched)
+        assert "seed" not in str(watched)
+
+
+def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_player(serve, tmp_path, secret, command):
+    server = serve()
+    client = server.client()
+    found = answers(client, secret["ended"], REPLAYS)
+    assert {path: status for path, (status, *_) in found.items()} == dict.fromkeys(REPLAYS, 200)
+    assert client.get(f"/watch/{secret['ended']}").headers["location"] == f"../replay/{secret['ended']}"
+    assert command(tmp_path / "playground.db", secret["ended"])[0] == 0
+    row = server.services.store.find_episode(secret["ended"]).episode
+    for path, (_, headers, content) in found.items():
+        assert row.terrain.hex().encode() not in content, path
+        assert b'"seed"' not in content, path
+        assert "player" not in str(headers), path
+    token = server.services.player_tokens.sign("ada")
+    own = server.client(cookies={PLAYER_COOKIE: token})
+    assert {path: own.get(path.format(secret["daily"])).status_code for path in REPLAYS} == dict.fromkeys(REPLAYS, 200)
