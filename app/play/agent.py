@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from app.play.decision_queue import DecisionQueue
 from app.play.messages import encode_thought
-from app.play.session import Move, Session, restore_episode
+from app.play.replays import restore_episode
+from app.play.session import Move, Session
 from app.storage.store import EpisodeRow
 from marsexplorer.policies import Policy
 

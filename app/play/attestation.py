@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any, Literal, get_args
 
+from app.storage.input_events import has_copied_timing, input_events
+from app.storage.store import Store
 from marsexplorer.config import ACTIONS
 
 Attestation = Literal["unattested", "declared", "attested", "supervised"]
@@ -144,6 +146,14 @@ def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) 
         return Attested("unattested", str(mismatch), mismatch.step)
     is_supervised = any(0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS for at_ms in conditions.supervised_ms)
     return Attested("supervised" if is_supervised else "attested")
+
+
+def attest_stored(store: Store, episode_id: str, conditions: Conditions) -> Attested:
+    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too."""
+    found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+    if found.level != "unattested" and has_copied_timing(store, episode_id):
+        return Attested("unattested", COPIED)
+    return found
 
 
 def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> list[Row]:

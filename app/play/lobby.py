@@ -18,7 +18,8 @@ from app.play.board_group import BoardGroup
 from app.play.decision_queue import DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.policy_catalogue import PolicyCatalogue
-from app.play.session import HUMAN, Participation, Session, restore_episode
+from app.play.replays import restore_episode
+from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources
 from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store, StoreError
 from marsexplorer.config import EnvConfig

@@ -1,4 +1,4 @@
-"""A finished episode as the frames that were on screen while it ran."""
+"""Episodes made again from what is stored: a finished one as its frames, and one of a row as it stood."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from app.play.messages import encode_frame
+from app.storage.store import EpisodeRow
 from marsexplorer.episode import Episode, Record, replay
 
 MAX_REPLAY_CELLS = 2_000_000
@@ -25,3 +26,20 @@ def frames(record: Record, episode_id: str) -> list[dict[str, Any]]:
     if record.outcome == "abandoned":
         texts.append(encode_frame(episode_id, replay(record)))
     return [json.loads(each) for each in texts]
+
+
+def restore_episode(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episode:
+    """Return the episode of a row after its actions; one that had ended without an ending move was abandoned."""
+    record = Record(
+        config=row.config,
+        seed=row.seed,
+        terrain=row.terrain,
+        start=row.start,
+        actions=actions,
+        outcome="abandoned" if ended else "running",
+        total=0.0,
+        steps=0,
+        discovered=0,
+        trajectory_hash="",
+    )
+    return replay(record)

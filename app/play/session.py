@@ -12,12 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from app.play.attestation import COPIED, Attested, Conditions, attest, key_map_of, level_reaches
+from app.play.attestation import Attested, Conditions, attest_stored, key_map_of, level_reaches
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
-from app.storage.input_events import InputEventRow, add_input_events, has_copied_timing, input_events
+from app.play.replays import restore_episode
+from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
-from marsexplorer.episode import Episode, Record, replay
+from marsexplorer.episode import Episode
 
 HUMAN, SCRIPT = "human", "script"
 
@@ -286,14 +287,8 @@ class Session:
         study = self.participation
         key_map = key_map_of(study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
-        id_, conditions = (
-            self.current.id,
-            Conditions(self.current.started_ms, key_map, supervised_ms, types_ahead=study is None),
-        )
-        found = attest(self._store.steps(id_), input_events(self._store, id_), conditions)
-        if found.level != "unattested" and has_copied_timing(self._store, id_):
-            return Attested("unattested", COPIED)
-        return found
+        conditions = Conditions(self.current.started_ms, key_map, supervised_ms, types_ahead=study is None)
+        return attest_stored(self._store, self.current.id, conditions)
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:
@@ -319,20 +314,3 @@ class Session:
             input=move.input,
             driver=move.driver,
         )
-
-
-def restore_episode(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episode:
-    """Return the episode of a row after its actions; one that had ended without an ending move was abandoned."""
-    record = Record(
-        config=row.config,
-        seed=row.seed,
-        terrain=row.terrain,
-        start=row.start,
-        actions=actions,
-        outcome="abandoned" if ended else "running",
-        total=0.0,
-        steps=0,
-        discovered=0,
-        trajectory_hash="",
-    )
-    return replay(record)

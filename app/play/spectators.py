@@ -14,8 +14,8 @@ from typing import Any
 
 from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
-from app.play.replays import frames
-from app.play.session import Session, restore_episode
+from app.play.replays import frames, restore_episode
+from app.play.session import Session
 from app.storage.boards import watchable_session
 from app.storage.store import Resumable
 from marsexplorer.episode import Episode, replay

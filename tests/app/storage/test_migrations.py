@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from app.play.session import restore_episode
+from app.play.replays import restore_episode
 from app.storage import chain, database
 from app.storage.database import StoreError, open_database
 from app.storage.migrations import MIGRATIONS
