@@ -54,14 +54,12 @@ def render_docs(schema: dict[str, Any]) -> str:
 
 
 def _groups(paths: dict[str, Any], models: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Return the calls in the schema's order, grouped under one heading for each run of a tag."""
-    groups: list[tuple[str, list[dict[str, Any]]]] = []
+    """Return the calls in the schema's order, grouped under one heading for each tag."""
+    groups: dict[str, list[dict[str, Any]]] = {}
     for path, verbs in paths.items():
         for verb, call in verbs.items():
             heading = call["tags"][0].capitalize()
-            if not groups or groups[-1][0] != heading:
-                groups.append((heading, []))
-            groups[-1][1].append(
+            groups.setdefault(heading, []).append(
                 {
                     "verb": verb.upper(),
                     "path": path,
@@ -70,7 +68,7 @@ def _groups(paths: dict[str, Any], models: dict[str, Any]) -> list[tuple[str, li
                     "tables": _tables(call, models),
                 }
             )
-    return groups
+    return list(groups.items())
 
 
 def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
