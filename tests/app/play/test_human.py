@@ -38,6 +38,31 @@ def test_keys_and_touches_from_the_page_count(server):
     assert client.get("/api/human-level").json()["figures"][0]["episodes"] == 1
 
 
+def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
+    client = server.page()
+    begun = client.post("/api/sessions").json()
+    with server.socket(begun["session"], client) as connection:
+        first = connection.receive("frame")
+        ways = (
+            (("south", "ArrowDown"), ("north", "ArrowUp"))
+            if first["grid"][1][0] == "."
+            else (("east", "KeyD"), ("west", "KeyA"))
+        )
+        for step in range(10):  # one more than may wait where a page keeps four presses
+            action, code = ways[step % 2]
+            server.clock.skipped_ms += 50
+            now = server.clock.page_ms()
+            press = {"kind": "keydown", "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": 0}
+            connection.send({"kind": "events", "episode": first["episode"], "events": [press]})
+            times = {"input": "key", "key_down_ms": now, "client_ms": now}
+            connection.send({"kind": "act", "episode": first["episode"], "step": step, "action": action, **times})
+        frame = connection.frame_after(9)
+        connection.act(frame, "north", input="key")
+        frame = connection.frame_after(frame["step"])
+    kept = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (True, "attested", None)
+
+
 @pytest.mark.parametrize("acts", [(("away", None), *KEYS[1:]), (*KEYS[:2], ("off", None))])
 def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, acts):
     client = server.page()
