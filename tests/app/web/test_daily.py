@@ -69,7 +69,8 @@ def hidden_from(client, about, terrain):
     routes = [
         "/", "/docs", "/api/daily", f"/api/daily/{terrain.day}", f"/api/daily/{terrain.day}/results", "/api/episodes",
         "/api/me/history", "/api/me/session", "/api/human-level", "/api/leaderboard", "/api/health",
-        *(f"/api/episodes/{episode}{more}" for more in of_episode), f"/replay/{episode}", f"/api/watch/{episode}",
+        *(f"/api/episodes/{episode}{more}" for more in of_episode), f"/api/watch/{episode}", f"/watch/{episode}",
+        *(f"/replay/{episode}{form}" for form in ("", ".html", ".gif", ".png")),
         f"/api/me/session?episode={episode}", f"/api/me/session?session={about['session']}",
         *(f"/api/sessions/{about['session']}{more}" for more in ("", "/about", "/history")), f"/viewer/{about['session']}/",
         *exports,
