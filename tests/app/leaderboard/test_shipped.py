@@ -28,7 +28,7 @@ def jobs_of(entry):
     return entry.jobs({name: name for name, size in sizes().items() if size in (None, (entry.config.rows, entry.config.cols))})
 
 
-@pytest.mark.parametrize("board", [board for board in offered_boards() if board != "random-84x84"])
+@pytest.mark.parametrize("board", offered_boards())
 def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
     entry = offered_boards()[board]
     shipped = ShippedFigures()
