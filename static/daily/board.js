@@ -51,6 +51,7 @@ export function createBoard(page, { onChange, dismiss }) {
       page.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
       by("prompt").hidden = frame.step > 0 || Boolean(frame.outcome);
       views.load(panel, board.session || null);
+      views.paintCamera(frame);
       painted = board;
     },
   };
