@@ -42,7 +42,7 @@ function newestText(name, values) {
 export function createThinking({ page, storage, send, onChange }) {
   const by = elementsOf(page);
   const wanted = by("show-thoughts", HTMLInputElement);
-  wanted.checked = storage.getItem("mars.thoughts") !== "false";
+  wanted.checked = storage.getItem("mars.thoughts") === "true";
   const arrange = () => { page.body.dataset.thinking = String(wanted.checked); };
   wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); arrange(); onChange(); });
   arrange();

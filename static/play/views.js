@@ -69,7 +69,7 @@ export function createViews({ page, panels, storage, onChange }) {
   const nameOf = (session) => {
     const chosen = storage.getItem("mars.camera");
     const effects = hasEffects(storage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
-    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: storage.getItem("mars.thoughts") !== "false" ? "on" : "off" };
+    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: storage.getItem("mars.thoughts") === "true" ? "on" : "off" };
     return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
   };
   const effectsChoice = elementsOf(page)("effects", HTMLSelectElement);

@@ -19,34 +19,51 @@ def pytest_collection_modifyitems(items):
                 )
 
 
-@pytest.fixture(scope="package")
-def browsers():
-    """`browsers(flags)` is Chromium with these flags: started once, used by all tests of this folder."""
-    from playwright.sync_api import sync_playwright
+class Browsers:
+    """Chromium with each set of flags that the tests ask for: started once, used by all tests of this folder."""
 
-    with sync_playwright() as playwright:
-        started = {}
+    def __init__(self):
+        self.started = {}
+        self._driver = None
 
-        def start(flags):
-            if flags not in started:
-                started[flags] = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=list(flags))
-            return started[flags]
+    def start(self, flags):
+        if self._driver is None:
+            from playwright.sync_api import sync_playwright
 
-        start.started = started
-        yield start
-        for browser in started.values():
+            self._driver = sync_playwright().start()
+        if flags not in self.started:
+            self.started[flags] = self._driver.chromium.launch(executable_path=chromium_path(), headless=True, args=list(flags))
+        return self.started[flags]
+
+    def close(self):
+        for browser in self.started.values():
             browser.close()
+        self.started = {}
+        if self._driver is not None:
+            self._driver.stop()
+        self._driver = None
+
+
+BROWSERS = Browsers()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Close the browsers after a run of browser tests: the driver's event loop would be in the way of other tests' own."""
+    del item
+    if nextitem is None or "browser" not in Path(nextitem.fspath).parts:
+        BROWSERS.close()
 
 
 @pytest.fixture
-def open_browser(browsers):
+def open_browser():
     """`open_browser(flags)` is Chromium without any profile; every profile that a test opens is closed at its end."""
 
     def start(flags=()):
-        return browsers((*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])))
+        return BROWSERS.start((*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])))
 
     yield start
-    for browser in browsers.started.values():
+    for browser in BROWSERS.started.values():
         for profile in list(browser.contexts):
             profile.close()
 

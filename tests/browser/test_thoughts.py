@@ -21,7 +21,10 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     assert shares[0] == shares[3] == 0, "north and west of the corner lies nothing"
     me.wait("window.mars.state.rival.values.length === 1")
     switch = me.page.get_by_test_id("show-thoughts")
-    assert switch.is_checked()
+    assert not switch.is_checked(), "a stranger sees the ground first"
+    me.still("canvas-rival")
+    plain = drawn(me)
+    switch.check()
     me.wait("window.mars.state.rival.expected && window.mars.state.rival.expected.step === 0")
     assert me.state("player.expected") is None, "nothing is said about a person's board"
     note, strip = me.page.get_by_test_id("thoughts-note"), me.page.get_by_test_id("value-strip")
@@ -30,13 +33,13 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     assert "What ppo expects to earn from here on" in strip.inner_text()
     assert me.page.get_by_test_id("values").get_attribute("aria-label").startswith("ppo expects")
     me.still("canvas-rival")
-    shown = drawn(me)
-    switch.uncheck()
+    assert drawn(me) != plain
+    me.page.reload()
+    me.wait(f"window.mars && window.mars.state.rival && {FIRST}")
+    assert me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
+    me.page.get_by_test_id("show-thoughts").uncheck()
     strip.wait_for(state="hidden")
     assert note.is_hidden()
-    me.still("canvas-rival")
-    plain = drawn(me)
-    assert plain != shown
     me.page.reload()
     me.wait(f"window.mars && window.mars.state.rival && {FIRST}")
     assert not me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
