@@ -11,7 +11,7 @@ from app.leaderboard.evaluations import PolicyEvaluations
 from app.leaderboard.jobs import EvaluationJob
 from app.play.daily_terrain import seed_of
 from app.play.policy_catalogue import PolicyOffer
-from app.storage.daily import DailyTerrain
+from app.storage.playground import DailyTerrain
 from marsexplorer import policies
 
 WAIT_S = 3.0

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.play.daily_terrain import day_before, day_start_ms
-from app.storage.daily import DailyAttempt, DailyTerrain, results
+from app.storage.playground import DailyAttempt, DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
 from marsexplorer.config import EnvConfig

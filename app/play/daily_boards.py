@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 from app.play.daily_terrain import seed_of, terrain_of_day
 from app.play.lobby import Lobby
 from app.play.session import Session
-from app.storage.daily import DailyAttempt, DailyTerrain, daily_secret, find_attempt, find_terrain, keep_terrain
+from app.storage.playground import DailyAttempt, DailyTerrain, daily_secret, find_attempt, find_terrain, keep_terrain
 from app.storage.reader import utc_day
 from app.storage.store import DailyDay
 from marsexplorer.config import EnvConfig

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from datetime import UTC, date, datetime
 from typing import Any
 
-from app.storage.daily import DailyTerrain, daily_causes, daily_terrains
+from app.storage.playground import DailyTerrain, daily_causes, daily_terrains
 from app.storage.reader import utc_day
 from app.storage.resimulation import Finding
 from app.storage.store import DAY_MS

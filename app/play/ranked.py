@@ -1,7 +1,7 @@
 """Boards that the page begins: a ranked episode cannot be dropped by leaving it.
 
-A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew (`app.storage.boards`). Once a
-move is made it counts, however it ends:
+A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew
+(`app.storage.playground`). Once a move is made it counts, however it ends:
 
 - whoever asks for a ranked board of the same configuration gets the open one back, where it stood;
 - whoever begins any other board abandons the open one, which then counts at what that outcome costs;
@@ -22,7 +22,7 @@ from weakref import WeakValueDictionary
 from app.play.lobby import Lobby, UnknownSessionError, next_config
 from app.play.messages import NewEpisode, NewSession
 from app.play.session import HUMAN, RefusedError, Session
-from app.storage.boards import OpenRanked, newest_session, open_ranked, ranked_left_since, watchable_session
+from app.storage.playground import OpenRanked, newest_session, open_ranked, ranked_left_since, watchable_session
 from app.storage.store import StoreError
 from marsexplorer.config import EnvConfig
 

@@ -16,7 +16,7 @@ from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.replays import frames, restore_episode
 from app.play.session import Session
-from app.storage.boards import watchable_session
+from app.storage.playground import watchable_session
 from app.storage.store import Resumable
 from marsexplorer.episode import Episode, replay
 

@@ -15,7 +15,7 @@ from app.replay.episodes import UnknownReplayError
 from app.replay.files import MEDIA_TYPES, Format, offered
 from app.replay.page import Addresses, render
 from app.replay.service import ReplayBusyError
-from app.storage.boards import watchable_session
+from app.storage.playground import watchable_session
 from app.web.access import asker_of, services_of
 from app.web.cookies import is_secure
 
@@ -46,10 +46,14 @@ async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
 
 
 @router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
-async def get_ghost(request: Request, episode_id: str, policy: PolicyName) -> dict[str, Any]:
-    """Return the course of a policy from the same start on the same terrain, as the call before; 404 as for the episode."""
+async def get_ghost(request: Request, episode_id: str, policy: PolicyName | None = None) -> dict[str, Any]:
+    """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
+    asker, replays = asker_of(request), services_of(request).replays
     with _replay_errors():
-        return (await services_of(request).replays.ghost(episode_id, policy, asker_of(request))).to_dict()
+        chosen = policy or (await replays.replay(episode_id, asker)).preferred
+        if chosen is None:
+            raise HTTPException(404, "no policy on offer plays boards of this size; GET /api/policies lists them")
+        return (await replays.ghost(episode_id, chosen, asker)).to_dict()
 
 
 @router.get(

@@ -13,7 +13,7 @@ from fastapi.responses import FileResponse, RedirectResponse, Response
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
 from app.settings import STATIC
-from app.storage.boards import watchable_session
+from app.storage.playground import watchable_session
 from app.web.access import asker_of, has_own_origin, player_of, services_of
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 

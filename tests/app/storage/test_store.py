@@ -238,7 +238,12 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
     sql = dict(store._db.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall())
     play = {"meta", "players", "sessions", "episodes", "steps"}
     studies = {"studies", "participants", "identities", "stage_events", "study_episodes", "input_events", "forgotten"}
-    assert set(sql) == play | studies | {"chain", "chain_salts", "releases", "forgotten_people"}
+    assert set(sql) == play | studies | {"daily_terrains", "daily_attempts"} | {
+        "chain",
+        "chain_salts",
+        "releases",
+        "forgotten_people",
+    }
     assert all("STRICT" in text for text in sql.values())
     pragma = {
         name: store._db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("journal_mode", "synchronous", "foreign_keys")

@@ -32,7 +32,8 @@ def rows(server, sql, *values):
 
 def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server, study, tmp_path):
     client = server.client()
-    assert client.get("/api/studies").json() == [{"name": "small", "title": study.protocol.title, "status": "open"}]
+    offered = {"recruitment": "open", "warm_up": 2, "ranked": 3}
+    assert client.get("/api/studies").json() == [{"name": "small", "title": study.protocol.title, "status": "open", **offered}]
     described = client.get("/api/studies/small").json()
     assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
