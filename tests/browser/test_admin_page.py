@@ -3,10 +3,9 @@
 import threading
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from app.leaderboard import entries
-from tests.support.browser import NO_3D, SCREENSHOTS
+from tests.support.browser import NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -29,14 +28,11 @@ def look():
     """`look(page, name)` at both sizes: nothing that axe finds, nothing wider than the screen; a picture is kept."""
 
     def at(page, name):
-        SCREENSHOTS.mkdir(exist_ok=True)
         for size, (width, height) in SIZES.items():
             page.set_viewport_size({"width": width, "height": height})
-            page.wait_for_timeout(150)
-            found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]
-            assert [f"{each['id']}: {each['nodes'][0]['html'][:120]}" for each in found] == [], f"{name}, {size}"
+            assert violations(page) == [], f"{name}, {size}"
             assert page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
-            page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png", full_page=True)
+            keep_picture(page, f"{name}-{size}", full_page=True)
         page.set_viewport_size({"width": 1440, "height": 900})
 
     return at

@@ -1,12 +1,11 @@
 """The daily page and the page of one's own episodes in a real browser: one story, from nothing to the result."""
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from app.play import daily_terrain
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
-from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 
 SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
@@ -23,12 +22,10 @@ def check_screen(page, name, found, themes=("dark",)):
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), f"{name} at {size}"
-        page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png", full_page=True)
+        keep_picture(page, f"{name}-{size}", full_page=True)
     for theme in themes:
         page.emulate_media(color_scheme=theme)
-        found += [
-            f"{name}, {theme}: {each['id']} {each['nodes'][0]['target']}" for each in Axe().run(page).response["violations"]
-        ]
+        found += [f"{name}, {theme}: {each}" for each in violations(page)]
 
 
 def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(server, player, small):

@@ -1,9 +1,8 @@
 """The address can be given away, and a ranked episode cannot be dropped: two browsers, real keys, the database's own word."""
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
-from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 
 SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
 PERSON = [*NO_3D, *AS_A_PERSON]
@@ -11,13 +10,10 @@ PERSON = [*NO_3D, *AS_A_PERSON]
 
 def look(page, name, found):
     """Keep what axe finds at both sizes, and a picture of each; nothing is wider than the screen."""
-    SCREENSHOTS.mkdir(exist_ok=True)
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_timeout(150)
-        page.screenshot(path=SCREENSHOTS / f"{name}-{size}.png")
-        answer = Axe().run(page).response
-        found += [f"{name}, {size}: {rule['id']} {rule['nodes'][0]['target']}" for rule in answer["violations"]]
+        keep_picture(page, f"{name}-{size}")
+        found += [f"{name}, {size}: {each}" for each in violations(page)]
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width, name
     page.set_viewport_size({"width": 1440, "height": 900})
 

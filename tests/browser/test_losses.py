@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marsexplorer.observation import valid_actions
-from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
 
@@ -26,6 +26,7 @@ class Wanderer:
 ASK = "Where did I lose moves?"
 
 
+@pytest.mark.long
 def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_practice(serve, player):
     server = serve()
     me = player(server, FLAGS)
@@ -77,7 +78,7 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     first.wait_for()
     lines = me.page.locator("[data-part=losses] li .loss span").all_inner_texts()
     assert all(" cost about " in line for line in lines)
-    me.page.screenshot(path=str(SCREENSHOTS / f"losses-{width}x{height}.png"))
+    keep_picture(me.page, f"losses-{width}x{height}")
     answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/regret").json()
     biggest = answer["losses"][0]
     assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")

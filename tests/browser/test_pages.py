@@ -1,10 +1,9 @@
 """Every page in a browser: axe finds nothing in either theme, nothing is too wide, and the choice of colours stays."""
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from app.storage.store import Store
-from tests.support.browser import NO_3D
+from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S
 from tests.support.study import freeze
@@ -43,9 +42,7 @@ class Reader:
         self.page.goto(f"{self.url}/{path}", wait_until="load")
         self.page.wait_for_function("() => document.fonts.status === 'loaded' && Boolean(document.querySelector('main'))")
         where = f"/{path} {self.theme} {size}"
-        report = Axe().run(self.page, options={"resultTypes": ["violations"]}).response
-        for each in report["violations"]:
-            self.found.append(f"{where}: {each['id']} {each['nodes'][0]['html'][:120]}")
+        self.found += [f"{where}: {each}" for each in violations(self.page)]
         self.check_width(where, width)
 
     def check_width(self, where, width):

@@ -8,7 +8,7 @@ import sqlite3
 import pytest
 
 from marsexplorer import policies
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
 from tests.support.servers import eventually
 
 MATRIX_HAS_THE_STAGE = """() => {
@@ -217,9 +217,7 @@ def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     me.begin(seed=11, rival=policies.names()[0])
     frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["coverage"] > 0.6)
     me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
-    me.page.wait_for_timeout(2500 if flags != NO_3D else 300)
-    SCREENSHOTS.mkdir(exist_ok=True)
-    me.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+    keep_picture(me.page, name)
     fits(me.page, ("board-player", "board-rival", "chart", "steps-player", "steps-rival"), 1440, 900)
     apart(me.page, "board-player", "board-rival", "chart")
     board, stage = (me.page.get_by_test_id(f"{part}-player").bounding_box() for part in ("board", "stage"))

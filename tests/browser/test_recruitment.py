@@ -10,8 +10,8 @@ from app.cli.main import main
 from app.study.folder import Folder
 from app.study.invitations import Invitations, link_of
 from app.study.supervision import code_of
-from tests.browser.test_study_page import SIZES, Participant, violations
-from tests.support.browser import AS_A_PERSON, NO_3D, SCREENSHOTS
+from tests.browser.test_study_page import SIZES, Participant
+from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 from tests.support.study import freeze
 
@@ -36,12 +36,11 @@ def visitor(open_browser):
 
 def look(person, name):
     """Judge a screen at both sizes with axe, and keep pictures of it."""
-    SCREENSHOTS.mkdir(exist_ok=True)
     for size, (width, height) in SIZES.items():
         person.page.set_viewport_size({"width": width, "height": height})
         assert violations(person.page) == [], f"{name}, {size}"
         assert person.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
-        person.page.screenshot(path=SCREENSHOTS / f"study-{name}-{size}.png")
+        keep_picture(person.page, f"study-{name}-{size}")
     person.page.set_viewport_size({"width": 1440, "height": 900})
 
 
@@ -135,7 +134,7 @@ def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_wher
         operator.set_viewport_size({"width": width, "height": height})
         assert violations(operator) == [], size
         assert operator.evaluate("() => document.documentElement.scrollWidth") <= width
-        operator.screenshot(path=SCREENSHOTS / f"admin-invitations-{size}.png", full_page=True)
+        keep_picture(operator, f"admin-invitations-{size}", full_page=True)
     assert "has been taken back" in refusal(visitor(link_of(study, second.id, server.url), server))
 
 

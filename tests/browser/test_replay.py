@@ -3,14 +3,13 @@
 import re
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from app.replay.course import course_of
 from app.replay.files import file_of
 from app.replay.ghosts import play_ghost
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
-from tests.support.browser import NO_3D
+from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play
 
 CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
@@ -90,8 +89,7 @@ def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player
     go_through(replay, record)
     for theme in ("dark", "light"):
         me.page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
-        found = Axe().run(me.page).response["violations"]
-        assert not found, [(each["id"], [node["html"][:90] for node in each["nodes"]]) for each in found]
+        assert violations(me.page) == [], theme
     me.page.get_by_test_id("ghost").select_option("frontier-cost")
     replay.shows("compared", "frontier-cost mapped")
     me.page.get_by_test_id("downloads").click()

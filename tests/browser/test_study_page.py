@@ -4,13 +4,12 @@ import json
 import sqlite3
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SCREENSHOTS, Hand
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, Hand, keep_picture, violations
 from tests.support.servers import PATIENCE_S, eventually
 
 ACTIONS = ("north", "east", "south", "west")
@@ -441,17 +440,10 @@ def test_a_closed_and_an_unknown_study_say_so(serve, studies, participant):
     assert "no such study" in me.page.get_by_test_id("problem").inner_text()
 
 
-def violations(page, **options):
-    """What axe finds on the page as it stands: "rule: what it is (first place)"."""
-    found = Axe().run(page, options={"resultTypes": ["violations"], **options}).response["violations"]
-    return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
-
-
 def test_axe_finds_nothing_on_any_screen_of_the_study(serve, studies, participant):
     server = serve(studies=studies(size=(9, 12), pause_after_s=5, break_every=1))
     me = participant(server, reduced_motion="reduce")
     found, seen = {}, []
-    SCREENSHOTS.mkdir(exist_ok=True)
 
     def look(name):
         """Judge a screen at both sizes, and its colours in the other palettes."""
@@ -460,7 +452,7 @@ def test_axe_finds_nothing_on_any_screen_of_the_study(serve, studies, participan
             width, height = SIZES[size]
             me.page.set_viewport_size({"width": width, "height": height})
             found[f"{name}, {size}"] = violations(me.page)
-            me.page.screenshot(path=SCREENSHOTS / f"study-{name}-{size}.png")
+            keep_picture(me.page, f"study-{name}-{size}")
             assert me.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
         for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
             me.page.evaluate(f"() => {{ document.documentElement.dataset.palette = '{palette}' }}")

@@ -1,5 +1,6 @@
 """What the browser tests share: where Chromium is, how it is started, where pictures go."""
 
+import os
 import random
 import shutil
 import socket
@@ -7,7 +8,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from axe_playwright_python.base import AXE_SCRIPT
+
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
+"""Where pictures of the screens go, when MARS_PICTURES is set."""
+
 KEY_OF = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--no-sandbox"]
 SOFTWARE_3D = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -28,6 +33,22 @@ def free_port():
         with socket.socket() as sock, suppress(OSError):
             sock.bind(("127.0.0.1", port))
             return port
+
+
+def violations(page, **options):
+    """What axe finds on the page as it stands: "rule: what it is (first place)"."""
+    if not page.evaluate("() => 'axe' in window"):
+        page.evaluate(AXE_SCRIPT)
+    wanted = {"resultTypes": ["violations"], "preload": False, **options}  # the default rules look at nothing preloaded
+    found = page.evaluate("options => axe.run(options).then(({ violations }) => violations)", wanted)
+    return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
+
+
+def keep_picture(page, name, full_page=False):
+    """Keep a picture of a screen for people to look at, when MARS_PICTURES is set."""
+    if os.environ.get("MARS_PICTURES"):
+        SCREENSHOTS.mkdir(exist_ok=True)
+        page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=full_page)
 
 
 class Hand:

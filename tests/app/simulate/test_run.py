@@ -115,7 +115,8 @@ def check_labels(data):
         if script == "cheater":
             assert counts["none"] == 0 < counts["no key-up"]
         else:
-            assert set(counts) == {"none"}, (script, counts)
+            # of skilled players too, a few short episodes on small boards show no effort (docs/report.md has the rates)
+            assert set(counts) - {"no effort"} == {"none"}, (script, counts)
     return found
 
 
