@@ -14,16 +14,12 @@ PRESSES = 300
 """The policy makes 385 moves on the terrain of 42x42."""
 MOST_MS = {42: 50, 84: 100}
 """Side of the grid in cells -> what p95 is to stay under."""
-SLOW_WITHOUT_A_GPU = pytest.mark.xfail(
-    reason="known miss: while the processor draws, p95 is 69 ms (p50 10 to 14 ms), its pictures and the page share two cores",
-    strict=False,
-)
 
 
 @pytest.mark.parametrize("side", MOST_MS)
 @pytest.mark.parametrize(
     ("drawn", "flags"),
-    [("matrix alone", NO_3D), pytest.param("matrix and 3-D by the processor", SOFTWARE_3D, marks=SLOW_WITHOUT_A_GPU)],
+    [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)],
 )
 def test_keydown_to_repaint(spawn, drawn, flags, side):
     from playwright.sync_api import sync_playwright
