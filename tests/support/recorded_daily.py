@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from app.storage.playground import daily_secret, keep_terrain
-
 from app.play.daily_terrain import day_start_ms, seed_of, terrain_of_day
+from app.storage.playground import daily_secret, keep_terrain
 from app.storage.store import DailyDay, Store
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play

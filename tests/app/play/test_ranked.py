@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import httpx
 import pytest
-from app.storage.playground import open_ranked
 
 from app.play.lobby import Lobby
 from app.play.messages import NewEpisode, NewSession
@@ -17,6 +16,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources, now_ms
+from app.storage.playground import open_ranked
 from app.storage.store import Store
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.evaluation.episodes import play_episode

@@ -4,13 +4,13 @@ import sqlite3
 from contextlib import closing
 
 import pytest
-from app.storage.playground import attempts_of, daily_secret, find_attempt, find_terrain, keep_terrain
 
 from app.play.daily_terrain import commitment_of
 from app.statistics.human_level import human_level
 from app.storage.erasure import forget
 from app.storage.export import export_table
 from app.storage.merging import MergeError, merge
+from app.storage.playground import attempts_of, daily_secret, find_attempt, find_terrain, keep_terrain
 from app.storage.reader import Reader
 from app.storage.store import Store, StoreError
 from app.study.verification import verify_database

@@ -6,7 +6,6 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from app.storage.playground import find_attempt, find_terrain
 
 from app.play import daily_terrain
 from app.play.daily_boards import DailyBoards, DailyPlayedError
@@ -17,6 +16,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources
+from app.storage.playground import find_attempt, find_terrain
 from app.storage.reader import utc_day
 from app.storage.store import DAY_MS, Store
 from app.study.verification import verify_database
