@@ -117,6 +117,18 @@ def circle(radius: float, pieces: int, height: float) -> Corners:
     return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
 
 
+def sector(radius: float, width: float, pieces: int) -> tuple[Corners, Faces]:
+    """Return corners[pieces + 2, 3] and faces[pieces, 3] of a level sector of a circle around the origin, towards +x.
+
+    radius  metres
+    width   of the sector, radians
+    """
+    turn = np.linspace(-width / 2, width / 2, pieces + 1)
+    rim = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, np.zeros_like(turn)], axis=1)
+    faces = np.array([[0, number + 1, number + 2] for number in range(pieces)], np.uint32)
+    return np.vstack([np.zeros((1, 3)), rim]).astype(np.float32), faces
+
+
 def wedges(probabilities: Sequence[float]) -> tuple[Corners, Faces]:
     """Return corners[3 n, 3] and faces[n, 3] of a wedge outward for each of north, east, south, west that has a share.
 

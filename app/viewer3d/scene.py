@@ -3,7 +3,8 @@
 It is built from what the rover knows (`Episode.codes`, `Episode.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
 a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move. With
-effects the sun casts shadows and newly discovered cells rise; without them nothing costs more than the boards themselves.
+effects the sun casts shadows, newly discovered cells rise and the lidar sweeps; without them nothing costs more than the
+boards themselves.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ ITEMS_PER_NODE = 32
 """Rocks, and steps of a path, in one node of the scene: a move sends only the last one again."""
 RISE = 0.4
 """How far below the ground newly discovered cells begin to rise, metres."""
+SWEEP_WIDTH = float(np.deg2rad(70))
+"""Of the sector that turns once around the rover while it moves, radians."""
 CRASHES = ("collided", "out_of_bounds")
 
 
@@ -53,7 +56,7 @@ class Scene:
         self._add_ground()
         self._rover = models.add_rover(scene, self._accent, options.has_effects)
         self._add_lidar_range(episode.config.sensor_radius)
-        self._add_marks()
+        self._add_marks(episode.config.sensor_radius)
         self._begin(episode)
         self.show(episode)
 
@@ -100,7 +103,10 @@ class Scene:
         )  # fmt: skip
         if self._options.has_effects:
             self._found.position = (0.0, 0.0, 0.05 - RISE * (1 - share))
-            self._found.visible = share < 1
+            self._found.visible = self._sweep.visible = share < 1
+            self._sweep.position = (*self._place, 0.12)
+            angle = np.pi * share
+            self._sweep.wxyz = (float(np.cos(angle)), 0.0, 0.0, float(np.sin(angle)))
 
     def show_thought(self, probabilities: Sequence[float] | None) -> None:
         """Draw wedges around the rover for the policy's probabilities of north, east, south and west; None hides them."""
@@ -185,8 +191,8 @@ class Scene:
                 f"/rover/{name}", segments, colors=self._accent, thickness=thickness, thickness_units="screen"
             )
 
-    def _add_marks(self) -> None:
-        """Add what is hidden most of the time: the policy's thought, the mark of a crash, and cells that rise."""
+    def _add_marks(self, radius: int) -> None:
+        """Add what is hidden most of the time: the policy's thought, a crash, cells that rise, the lidar's sweep of a move."""
         corners, faces = models.wedges((1, 0, 0, 0))
         self._thought = self._add_mark("/thought", corners, faces, self._accent, visible=False)
         burst = np.array(
@@ -198,6 +204,8 @@ class Scene:
         if self._options.has_effects:
             self._found = self._add_mark("/found", *models.squares(np.zeros((1, 2), np.int64)), self._accent, visible=False)
             self._found.opacity = 0.5
+            self._sweep = self._add_mark("/sweep", *models.sector(radius, SWEEP_WIDTH, 12), self._accent, visible=False)
+            self._sweep.opacity = 0.22
 
     def _add_mark(
         self, name: str, corners: models.Corners, faces: models.Faces, colour: tuple[int, int, int], visible: bool = True

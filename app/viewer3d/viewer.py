@@ -22,7 +22,7 @@ from app.viewer3d.scene import Scene
 from app.viewer3d.view_options import ViewOptions
 from app.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
 
-GLIDE, GLIDE_PAUSE_S = (0.4, 0.75, 1.0), 0.022
+GLIDE, GLIDE_PAUSE_S = (0.2, 0.4, 0.6, 0.8, 1.0), 0.018
 """Shares of a move at which a browser with effects is shown the rover, and the seconds between them."""
 
 _log = logging.getLogger(__name__)

@@ -94,7 +94,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     if (plot) losses().paintChart(plot, { you, ground, ink: inks.goal });
     thinking.paint(state, { ...views.size(by("values-plot")), dpr, font, inks, colours, end: stepsEnd(curves) });
     chart.setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
-      `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; "));
+      `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; ") || "Coverage over moves");
   }
   return {
     /** Return the frame of the player's board that was painted last. */

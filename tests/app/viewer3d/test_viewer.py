@@ -219,6 +219,19 @@ def test_the_scene_shows_nothing_of_what_is_hidden(has_effects):
     assert first == second
 
 
+def test_the_lidar_sweeps_in_each_move_where_effects_are_wished_for():
+    def about_sweep(options):
+        return [message for message in record(twins()[0], (2, 1), options) if b"/sweep" in message]
+
+    assert about_sweep(ViewOptions()) == []
+    said = about_sweep(ViewOptions(has_effects=True))
+    visible = [b"visible\xc3" in message for message in said if b"SetSceneNodeVisibility" in message]
+    assert [shown for shown, before in zip(visible[1:], visible, strict=False) if shown != before] == [True, False] * 2, (
+        "once a move"
+    )
+    assert len({message for message in said if b"wxyz" in message}) > 2, "it turns"
+
+
 def test_the_scene_never_asks_for_the_terrain():
     episode, _ = twins()
     blind = SimpleNamespace(
