@@ -23,6 +23,7 @@ export function paintEndCard(part, { mode, player, rival }, paysBonus) {
   const compared = compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
   put(part["end-compare"], compared);
   part["end-compare"].hidden = !compared;
+  part.again.hidden = mode === "ranked"; // a terrain counts once
   /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
   return wasHidden;
 }

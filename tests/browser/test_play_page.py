@@ -155,6 +155,8 @@ def test_the_ranked_game_shows_no_rival_until_its_end(serve, player):
     assert me.state("rival") is None
     me.press("north")
     me.wait("window.mars.state.rival && window.mars.state.rival.frame.step > 2")
+    me.page.get_by_test_id("end-card").wait_for()
+    assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     assert me.errors == []
 
 
