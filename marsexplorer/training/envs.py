@@ -57,11 +57,17 @@ STATE_ARRAYS = ("visited", "headings", "steps", "returns", "cells")
 
 @dataclass
 class RecentEpisodes:
-    """The last thousand episodes that ended in training, with sampled actions: steps, whether explored, return."""
+    """The last thousand episodes that ended in training: steps, whether explored, return, coverage, outcome.
+
+    count  episodes that ended in all
+    """
 
     steps: deque[int] = field(default_factory=lambda: deque(maxlen=1000))
     explored: deque[bool] = field(default_factory=lambda: deque(maxlen=1000))
     returns: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
+    coverages: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
+    outcomes: deque[str] = field(default_factory=lambda: deque(maxlen=1000))
+    count: int = 0
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,9 @@ class TrainingEnvs:
             self.recent.steps += self.steps[dones].tolist()
             self.recent.explored += explored[dones].tolist()
             self.recent.returns += self.returns[dones].tolist()
+            self.recent.coverages += info["final_info"]["coverage"][dones].tolist()
+            self.recent.outcomes += info["final_info"]["outcome"][dones].tolist()
+            self.recent.count += int(dones.sum())
             if len(late):
                 final_obs = self._final_observations(late, info)
             refuse_evaluation_seeds(info["terrain_seed"])
@@ -138,16 +147,17 @@ class TrainingEnvs:
         """Return everything that changes, as tensors and lists."""
         arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in STATE_ARRAYS}
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
-        recent = {name: list(values) for name, values in vars(self.recent).items()}
-        return {"arrays": arrays, "worlds": worlds, "recent_episodes": recent}
+        recent = {name: list(values) for name, values in vars(self.recent).items() if name != "count"}
+        return {"arrays": arrays, "worlds": worlds, "recent_episodes": recent, "num_episodes": self.recent.count}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it."""
         for name in STATE_ARRAYS:
             setattr(self, name, state["arrays"][name].numpy().copy())
         self.codes = self.env.restore({name: tensor.numpy() for name, tensor in state["worlds"].items()})
-        for name, values in state["recent_episodes"].items():
+        for name, values in state["recent_episodes"].items():  # earlier checkpoints have no coverages and outcomes
             getattr(self.recent, name).extend(values)
+        self.recent.count = state.get("num_episodes", len(self.recent.steps))
 
 
 class MixedEnvs:

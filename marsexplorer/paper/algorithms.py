@@ -1,0 +1,21 @@
+"""The trainers by the name of the algorithm."""
+
+from __future__ import annotations
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.paper.trainer import Trainer
+
+ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
+"""Name, as `--algorithms` takes it -> what it is."""
+
+
+def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
+    """Return the trainer of an algorithm at its beginning.
+
+    variant  "paper" is the letter of the paper, "works" what completes terrains; each algorithm's module lists its others
+    moves    of the whole training, which schedules may depend on
+
+    ValueError when there is no such algorithm or variant.
+    """
+    del variant, config, seed, moves
+    raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")

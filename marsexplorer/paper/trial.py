@@ -1,0 +1,239 @@
+"""A trial: the training of one algorithm on one level and size with one seed, and the measurement of what it learnt.
+
+Its folder has
+
+    log.jsonl          "kind": "trial", the trial, its settings and versions; then lines of "kind": "curve"; last "result"
+    checkpoint.pt      what an interrupted trial goes on from: tensors and numbers, no pickled code
+    NAME.safetensors   the policy with its card
+
+A line of the curve is of the moment: `moves` and `cpu_s` (CPU seconds of this process) so far, `episodes` ended so far, and
+means over the last EPISODES_PER_LINE episodes as they were played in training: normalized `score`, `coverage`, `steps`,
+and how they ended, as shares (`explored` is completion, then `collided`, `out_of_bounds`, `timed_out`).
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation import RULES, evaluate
+from marsexplorer.files import replace_whole, write_whole
+from marsexplorer.paper.algorithms import begin
+from marsexplorer.paper.job import OnProgress
+from marsexplorer.paper.trainer import Trainer
+from marsexplorer.score import score
+from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
+
+FORMAT_VERSION = 1
+EPISODES_PER_LINE = 100
+LINES = 100
+"""Lines of the curve of a whole trial."""
+CHECKPOINT_INTERVAL_S = 60.0
+"""Seconds between checkpoints."""
+ENDINGS = ("explored", "collided", "out_of_bounds", "timed_out")
+HELD_OUT_TERRAINS = 200
+"""Terrains that the trained policy is measured on."""
+LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
+MOVES_PER_CPU_SECOND = {"a2c": 5000.0, "ppo": 2200.0, "rainbow": 350.0, "sac": 180.0}
+"""What forecasts begin from."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One training as a job.
+
+    algorithm, variant  of `algorithms.begin`
+    level, size         of the environment; size is the side of a square grid, cells
+    seed                of everything drawn in training
+    moves               to train for
+    terrains            held-out terrains to measure the policy on
+    """
+
+    algorithm: str
+    variant: str
+    level: str
+    size: int
+    seed: int
+    moves: int
+    terrains: int = HELD_OUT_TERRAINS
+
+    @property
+    def name(self) -> str:
+        """Name of its folder and policy file."""
+        return f"{self.algorithm}-{self.variant}-{self.level}-{self.size}-s{self.seed}"
+
+    @property
+    def config(self) -> EnvConfig:
+        """The environment."""
+        return EnvConfig.of(self.level, self.size)
+
+    @property
+    def forecast(self) -> float:
+        """CPU seconds, about."""
+        return self.moves / MOVES_PER_CPU_SECOND.get(self.algorithm, 1000.0)
+
+    def is_done(self, folder: Path) -> bool:
+        """Return whether its log ends with a result."""
+        lines = read_log(folder / self.name / "log.jsonl")
+        return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
+
+    def run(self, folder: Path, on_progress: OnProgress) -> None:
+        """Train, from the checkpoint if there is one, and measure; ValueError when the folder is another trial's."""
+        torch.set_num_threads(1)
+        trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
+        run = _Run(self, trainer, folder / self.name)
+        run.resume()
+        try:
+            while trainer.moves < self.moves:
+                run.advance()
+                on_progress(min(1.0, trainer.moves / self.moves))
+        except KeyboardInterrupt:
+            run.save()
+            raise
+        run.finish()
+
+
+class _Run:
+    """A trial under way and its files."""
+
+    def __init__(self, trial: Trial, trainer: Trainer, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._trial, self._trainer, self._folder = trial, trainer, folder
+        self.policy = folder / f"{trial.name}.safetensors"
+        self._head = {
+            "kind": "trial",
+            "trial": asdict(trial),
+            "settings": trainer.settings,
+            "versions": {name: _version(name) for name in LIBRARIES},
+            "hardware": f"{platform.machine()}, one thread",
+        }
+        self._lines: list[dict[str, Any]] = []
+        self._cpu_before, self._cpu_begun, self._saved = 0.0, time.process_time(), time.monotonic()
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU seconds of this process for the trial, those before an interruption included."""
+        return self._cpu_before + time.process_time() - self._cpu_begun
+
+    def resume(self) -> None:
+        """Set everything to where the checkpoint left it, if there is one."""
+        path = self._folder / "checkpoint.pt"
+        if not path.is_file():
+            return
+        checkpoint = torch.load(path, weights_only=True)
+        if json.loads(checkpoint["identity"]) != self._identity:
+            raise ValueError(f"{self._folder} holds another trial; give another --out, or the options that it began with")
+        self._trainer.load_state_dict(checkpoint["trainer"])
+        self._cpu_before = checkpoint["cpu_s"]
+        lines = read_log(self._folder / "log.jsonl")
+        self._lines = [line for line in lines if line["kind"] == "curve" and line["moves"] <= self._trainer.moves]
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        """What must agree for a checkpoint to go on."""
+        head: dict[str, Any] = json.loads(json.dumps({name: self._head[name] for name in ("trial", "settings")}))
+        return {"version": FORMAT_VERSION, **head}
+
+    def advance(self) -> None:
+        """Make one round; add a line to the curve where one is due, and save when the last checkpoint is old."""
+        trainer, interval = self._trainer, max(1, self._trial.moves // LINES)
+        before = trainer.moves
+        numbers = trainer.advance()
+        if before // interval < trainer.moves // interval or trainer.moves >= self._trial.moves:
+            self._lines.append(self._line(numbers))
+        if time.monotonic() - self._saved > CHECKPOINT_INTERVAL_S:
+            self.save()
+
+    def _line(self, numbers: dict[str, float]) -> dict[str, Any]:
+        means = recent_means(self._trial.config, self._trainer.envs.recent)
+        rounded = {name: round(value, 6) if np.isfinite(value) else None for name, value in {**means, **numbers}.items()}
+        return {"kind": "curve", "moves": self._trainer.moves, "cpu_s": round(self.cpu_seconds, 2), **rounded}
+
+    def save(self) -> None:
+        """Write the checkpoint, the log and the policy; the log goes first: lines beyond a checkpoint are dropped again."""
+        self._write_log(self._lines)
+        self._save_policy({})
+        checkpoint = {
+            "identity": json.dumps(self._identity),
+            "trainer": self._trainer.state_dict(),
+            "cpu_s": self.cpu_seconds,
+        }
+        with replace_whole(self._folder / "checkpoint.pt") as path:
+            torch.save(checkpoint, path)
+        self._saved = time.monotonic()
+
+    def finish(self) -> None:
+        """Measure the policy on held-out terrains, write the result and drop the checkpoint."""
+        self.save()
+        result = measure(self.policy, self._trial)
+        self._save_policy({f"{self._trial.level} {self._trial.size}x{self._trial.size}": result})
+        last = {"kind": "result", "moves": self._trainer.moves, "cpu_s": round(self.cpu_seconds, 2), **result}
+        self._write_log([*self._lines, last])
+        (self._folder / "checkpoint.pt").unlink()
+
+    def _write_log(self, lines: list[dict[str, Any]]) -> None:
+        text = "".join(json.dumps(line) + "\n" for line in [self._head, *lines])
+        with write_whole(self._folder / "log.jsonl") as file:
+            file.write(text.encode())
+
+    def _save_policy(self, results: dict[str, Any]) -> None:
+        trial, moves = self._trial, self._trainer.moves
+        card = {
+            "summary": f"{trial.algorithm} ({trial.variant}): {moves:,} moves on {trial.level}, seed {trial.seed}.",
+            "hardware": self._head["hardware"],
+            "size": [trial.size, trial.size],
+            "training": {"trial": asdict(trial), "settings": self._trainer.settings, "moves": moves},
+            **({"results": results} if results else {}),
+        }
+        self._trainer.save_policy(self.policy, card)
+
+
+def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
+    """Return the means over the last EPISODES_PER_LINE episodes, NaN before the first has ended."""
+    steps, returns, coverages = (list(each)[-EPISODES_PER_LINE:] for each in (recent.steps, recent.returns, recent.coverages))
+    outcomes = list(recent.outcomes)[-EPISODES_PER_LINE:]
+    count = len(outcomes)
+    shares = {ending: outcomes.count(ending) / count if count else float("nan") for ending in ENDINGS}
+    columns: dict[str, list[float]] = {
+        "score": [score(config, each) for each in returns],
+        "coverage": coverages,
+        "steps": [float(each) for each in steps],
+    }
+    means = {name: float(np.mean(values)) if count else float("nan") for name, values in columns.items()}
+    return {"episodes": float(recent.count), **means, **shares}
+
+
+def measure(policy: Path, trial: Trial) -> dict[str, Any]:
+    """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
+    table = evaluate([str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, workers=1)
+    own, *rules = table.rows
+    return {
+        "terrains": trial.terrains,
+        "first_seed": EVALUATION_SEEDS.start,
+        "steps": round(own.steps_mean, 2),
+        "completion": own.completion,
+        "collisions": own.collisions,
+        "score": round(own.score_mean, 4),
+        "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
+    }
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a log, none where there is no file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
