@@ -1,0 +1,143 @@
+"""docs/paper.md says what the shipped results say, and the verdicts follow from the numbers."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from marsexplorer.paper import checks, page, settings
+from marsexplorer.paper.algorithms import ALGORITHMS
+from marsexplorer.paper.claims import CLAIMS
+from marsexplorer.paper.results import FOLDER, read
+from marsexplorer.paper.verdicts import NOT_REPRODUCED, NOT_YET, REPRODUCED, VERDICTS
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
+LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
+
+
+def log_of(algorithm, seed, scores, level="random", variant="paper", moves_per_line=1000):
+    """The lines of one ended trial whose training had these scores."""
+    trial = {"algorithm": algorithm, "variant": variant, "level": level, "size": 21, "seed": seed, "moves": 3000}
+    curve = [
+        {"kind": "curve", "moves": k * moves_per_line, "cpu_s": 10.0 * k, "score": value, "coverage": value}
+        for k, value in enumerate(scores, 1)
+    ]
+    return [{"kind": "trial", "trial": trial, "settings": {}}, *curve, {"kind": "result", "completion": 0.0}]
+
+
+def results_of(folder, *logs):
+    (folder / "runs.jsonl").write_text("".join(json.dumps(line) + "\n" for log in logs for line in log))
+    return read(folder)
+
+
+def verdict_of(name, results):
+    return CLAIMS[name].judge(results).verdict
+
+
+def figure_4(folder, seeds=3, **finals):
+    logs = [log_of(name, seed, [0.1, value + 0.01 * seed]) for name, value in finals.items() for seed in range(seeds)]
+    return results_of(folder, *logs)
+
+
+def test_every_claim_has_its_row_and_every_row_its_claim():
+    names = page.names_of(DOCUMENT.read_text())
+    assert sorted(names) == sorted(CLAIMS)
+
+
+def test_the_page_is_what_the_shipped_results_draw():
+    text = DOCUMENT.read_text()
+    assert page.redraw(text, read()) == text, "run python -m marsexplorer.paper.page"
+
+
+def test_other_results_draw_another_page(tmp_path):
+    text = DOCUMENT.read_text()
+    drawn = page.redraw(text, figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1))
+    assert re.search(r"^\| `best` \|.*ppo 0\.810 ± 0\.025.*\| reproduced \|$", drawn, re.M)
+    assert re.search(r"^\| `actions` \|.*\| not yet measured \|$", drawn, re.M)
+    assert page.redraw(drawn, read()) == text
+
+
+def test_the_checks_of_the_environment_find_what_is_shipped():
+    shipped = [json.loads(line) for line in (FOLDER / "environment.jsonl").read_text().splitlines()]
+    assert checks.run() == shipped
+
+
+def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
+    with pytest.raises(SystemExit):
+        checks.main(["rewards"])
+    assert "no check 'rewards'; choose from: actions, state, reward," in capsys.readouterr().err
+
+
+def test_figure_4_is_judged_by_who_is_best_and_second(tmp_path):
+    results = figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1)
+    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [REPRODUCED] * 3
+    results = figure_4(tmp_path, ppo=0.3, rainbow=0.4, a2c=0.5, sac=0.1)
+    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED]
+
+
+def test_a_lead_within_the_noise_reproduces_nothing(tmp_path):
+    assert verdict_of("best", figure_4(tmp_path, ppo=0.405, rainbow=0.4, a2c=0.2, sac=0.1)) == NOT_REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("finals", "seeds"),
+    [({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}, 2), ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2}, 3)],
+)
+def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
+    assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
+
+
+def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
+    short = {"rainbow": [0.2, 0.3], "a2c": [0.1, 0.1, 0.9], "sac": [0.1, 0.1], "ppo": [0.3, 0.4, 0.8]}
+    logs = [log_of(name, seed, [each + 0.001 * seed for each in values]) for name, values in short.items() for seed in range(3)]
+    measured = CLAIMS["best"].judge(results_of(tmp_path, *logs)).measured
+    assert "at the end a2c 0.901" in measured
+    assert "at equal moves ppo 0.401 ± 0.002, rainbow 0.301 ± 0.002, " in measured
+    assert "at equal CPU time ppo 0.401" in measured
+
+
+def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
+    def results(topology, morphology, bonus):
+        def score(level):
+            t, m, b = map(int, level.split("-"))
+            return 0.95 - topology * (t - 1) - morphology * (m - 1) - bonus * (b - 1)
+
+        return results_of(tmp_path, *[log_of("ppo", s, [score(lv) + 0.001 * s], lv) for lv in LEVELS for s in range(3)])
+
+    names = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
+    assert [verdict_of(name, results(0.02, 0.28, 0.01)) for name in names] == [REPRODUCED] * 4
+    assert [verdict_of(name, results(0.2, 0.0, 0.3)) for name in names] == [NOT_REPRODUCED] * 4
+
+
+def test_a_line_that_is_none_of_ours_is_an_error_with_its_place(tmp_path):
+    (tmp_path / "odd.jsonl").write_text('{"kind": "check", "claim": "state"}\n[1]\n')
+    with pytest.raises(ValueError, match=r"odd\.jsonl, line 2: expected an object with a `kind`"):
+        read(tmp_path)
+
+
+def test_every_verdict_is_one_of_the_five():
+    shipped = read()
+    assert {verdict_of(name, shipped) for name in CLAIMS} <= set(VERDICTS)
+
+
+def test_the_settings_have_every_number_of_the_appendix():
+    assert {row.algorithm for row in settings.SETTINGS} == set(ALGORITHMS)
+    printed = {name: sum(row.paper is not None for row in settings.of(name)) for name in ALGORITHMS}
+    assert printed == {"ppo": 7, "a2c": 6, "rainbow": 10, "sac": 8}
+
+
+def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
+    row = settings.Setting("ppo", "discount", "0.95", "0.9", "optimizer.gamma", 0.95, 0.99)
+    monkeypatch.setattr(settings, "SETTINGS", (row,))
+    assert settings.differences("ppo", "paper", {"optimizer": {"gamma": 0.95}}) == []
+    assert settings.differences("ppo", "works", {"optimizer": {"gamma": 0.95}}) == [
+        "ppo works: discount is 0.99 in the table and was 0.95 in the run"
+    ]
+    assert "the run logged no 'optimizer.gamma'" in settings.differences("ppo", "paper", {})[0]
+
+
+def test_every_shipped_run_has_the_settings_of_the_table():
+    runs = read().runs
+    found = [settings.differences(run.trial["algorithm"], run.trial["variant"], run.head["settings"]) for run in runs]
+    assert [each for each in found if each] == []
