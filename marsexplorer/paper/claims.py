@@ -12,7 +12,7 @@ from marsexplorer.paper import training_claims as training
 from marsexplorer.paper.checks import CHECKS
 from marsexplorer.paper.checks import COMMAND as CHECK
 from marsexplorer.paper.results import Results
-from marsexplorer.paper.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, Judge, Judgement, verdict
+from marsexplorer.paper.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, Decide, Judgement, verdict
 
 
 @dataclass(frozen=True)
@@ -20,23 +20,23 @@ class Claim:
     """One statement of the paper.
 
     command  what measures it, None where nothing does
-    judge    results -> what was measured, and the verdict
+    decide    results -> what was measured, and the verdict
     """
 
     command: str | None
-    judge: Judge
+    decide: Decide
 
 
 def checked(name: str) -> Claim:
     """Return the claim that a check of the environment decides."""
 
-    def judge(results: Results) -> Judgement:
+    def decide(results: Results) -> Judgement:
         line = results.checks.get(name)
         if line is None:
             return NOTHING
         return Judgement(line["measured"], verdict(line["holds"]))
 
-    return Claim(f"{CHECK} {name}", judge)
+    return Claim(f"{CHECK} {name}", decide)
 
 
 def settled(measured: str, said: str, command: str | None = None) -> Claim:
@@ -105,7 +105,7 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
 def cells(name: str, results: Results) -> tuple[str, str]:
     """Return the last two cells of a claim's row, as Markdown: what was measured with its command, and the verdict."""
     claim = CLAIMS[name]
-    judgement = claim.judge(results)
+    judgement = claim.decide(results)
     parts = [judgement.measured] if judgement.measured else []
     if claim.command is not None:
         parts.append(f"`{claim.command}`")

@@ -43,7 +43,7 @@ def redraw(text: str, results: Results) -> str:
 
 def summary(results: Results) -> str:
     """Return how many claims have which verdict."""
-    counts = Counter(claim.judge(results).verdict for claim in CLAIMS.values())
+    counts = Counter(claim.decide(results).verdict for claim in CLAIMS.values())
     lines = ["| verdict | claims |", "|---|---|", *(f"| {verdict} | {counts[verdict]} |" for verdict in VERDICTS)]
     return "\n".join(lines)
 

@@ -27,7 +27,7 @@ class Judgement:
 
 
 NOTHING = Judgement("", NOT_YET)
-Judge = Callable[[Results], Judgement]
+Decide = Callable[[Results], Judgement]
 
 
 def verdict(holds: bool) -> str:

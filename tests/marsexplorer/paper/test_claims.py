@@ -32,7 +32,7 @@ def results_of(folder, *logs):
 
 
 def verdict_of(name, results):
-    return CLAIMS[name].judge(results).verdict
+    return CLAIMS[name].decide(results).verdict
 
 
 def figure_4(folder, seeds=3, **finals):
@@ -91,7 +91,7 @@ def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
 def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
     short = {"rainbow": [0.2, 0.3], "a2c": [0.1, 0.1, 0.9], "sac": [0.1, 0.1], "ppo": [0.3, 0.4, 0.8]}
     logs = [log_of(name, seed, [each + 0.001 * seed for each in values]) for name, values in short.items() for seed in range(3)]
-    measured = CLAIMS["best"].judge(results_of(tmp_path, *logs)).measured
+    measured = CLAIMS["best"].decide(results_of(tmp_path, *logs)).measured
     assert "at the end a2c 0.901" in measured
     assert "at equal moves ppo 0.401 ± 0.002, rainbow 0.301 ± 0.002, " in measured
     assert "at equal CPU time ppo 0.401" in measured
