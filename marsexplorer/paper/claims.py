@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from marsexplorer.paper import training_claims as training
 from marsexplorer.paper.checks import CHECKS
 from marsexplorer.paper.checks import COMMAND as CHECK
-from marsexplorer.paper.results import Results
+from marsexplorer.paper.shipped import Results
 from marsexplorer.paper.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, Decide, Judgement, verdict
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from marsexplorer.files import write_whole
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS, cells
-from marsexplorer.paper.results import FOLDER, Results, read
 from marsexplorer.paper.settings import as_table
+from marsexplorer.paper.shipped import FOLDER, Results, read
 from marsexplorer.paper.verdicts import VERDICTS
 
 PAGE = FOLDER.parents[1] / "docs" / "paper.md"
