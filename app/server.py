@@ -90,9 +90,10 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     app.add_middleware(SecurityHeaders)
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
-        app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
+        app.include_router(module.router)
     if login is not None:
-        app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
+        app.include_router(admin.router)
+        app.include_router(pages.admin_router)
     app.mount("/static", pages.static_files, name="static")
     return app
 

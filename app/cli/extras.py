@@ -45,6 +45,7 @@ EXTRA_OF_COMMAND = {
     "train": "train",
     "refine": "train",
     "sweep": "ray",
+    "paper": "train",
     "bench": "train",
     "study": "study",
     "simulate": "study",

@@ -223,6 +223,7 @@ def measure(policy: Path, trial: Trial) -> dict[str, Any]:
         "completion": own.completion,
         "collisions": own.collisions,
         "score": round(own.score_mean, 4),
+        "coverage": round(own.coverage_mean, 4),
         "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
     }
 

@@ -1,7 +1,7 @@
 """The results that are shipped, as they stand in `data/paper/*.jsonl`: one JSON object a line, told apart by its `kind`.
 
-Lines of the kinds "trial", "curve" and "result" are logs of trials (see `trial`), one after the other; a "check" is what
-`checks` found; figures 6 and 7 have kinds of their own.
+Lines of the kinds "trial", "curve" and "result" are logs of trials (see `trial`), one after the other, or a "trial" has its
+curve and result in it, as `export` writes them; a "check" is what `checks` found; figures 6 and 7 have kinds of their own.
 """
 
 from __future__ import annotations
@@ -74,9 +74,17 @@ def read(folder: Path = FOLDER) -> Results:
             if kind == "check":
                 checks[line["claim"]] = line
             elif kind == "trial":
-                runs.append(TrainedRun(line))
+                runs.append(_run_of(line))
             elif kind in ("curve", "result"):
                 getattr(runs[-1], kind).append(line)
             else:
                 lines[kind].append(line)
     return Results(runs, checks, dict(lines))
+
+
+def _run_of(line: Line) -> TrainedRun:
+    """Return the run that a line of kind "trial" begins: only begun in a log, whole where `export` wrote it."""
+    if "curve" not in line:
+        return TrainedRun(line)
+    rows = zip(*line["curve"].values(), strict=True)
+    return TrainedRun(line, [dict(zip(line["curve"], row, strict=True)) for row in rows], [line["result"]])

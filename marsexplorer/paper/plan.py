@@ -1,0 +1,127 @@
+"""What `marsexplorer paper` does for each figure and budget, as jobs.
+
+The order is by seed first, so that a run that is stopped leaves a whole: everything with one seed, then with two, and so on.
+Budgets are planned in CPU seconds, the same for all algorithms, and laid down in moves, so that a trial is the same wherever
+it runs. The rates were measured on two busy cores: moves a CPU second of PPO 2,400, A2C 5,450, Rainbow 380, SAC 175 to 225.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from marsexplorer.config import LEVELS
+from marsexplorer.paper.algorithms import ALGORITHMS
+from marsexplorer.paper.job import Job
+from marsexplorer.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
+
+FIGURES = ("4", "5", "6", "7")
+LEVEL, SIZE = "random", 21
+"""Of figure 4 (section 4.2 and table 1 of the paper)."""
+SEEDS = 3
+DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
+"""The 12 levels of figure 5."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much is trained.
+
+    moves     algorithm -> moves of a trial of figure 4
+    level     moves of a trial of figure 5
+    terrains  held-out terrains that each policy is measured on
+    """
+
+    moves: dict[str, int]
+    level: int
+    terrains: int
+
+
+BUDGETS = {
+    "small": Budget({"a2c": 560_000, "ppo": 240_000, "rainbow": 40_000, "sac": 20_000}, 240_000, 50),
+    "full": Budget({"a2c": 12_000_000, "ppo": 5_000_000, "rainbow": 880_000, "sac": 440_000}, 5_000_000, HELD_OUT_TERRAINS),
+}
+"""small: about 2 CPU minutes a trial; full: about 40."""
+VARIANTS = {"4": ("paper", "works"), "5": ("paper",)}
+"""Figure -> the variants that it has unless others are asked for."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for.
+
+    figures     of FIGURES
+    budget      a name in BUDGETS
+    algorithms  of figure 4; () takes all four
+    variants    of figures 4 and 5; () takes VARIANTS
+    seeds       of figures 4 and 5: how many, from 0 on
+    moves, terrains  in place of the budget's, for every trial
+    """
+
+    figures: tuple[str, ...]
+    budget: str = "small"
+    algorithms: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    seeds: int = SEEDS
+    moves: int | None = None
+    terrains: int | None = None
+
+
+def plan(request: Request) -> list[Job]:
+    """Return the jobs in the order in which they begin; ValueError when an algorithm or variant is unknown."""
+    for algorithm in request.algorithms:
+        if algorithm not in ALGORITHMS:
+            raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
+    jobs: dict[str, Job] = {}
+    for figure in request.figures:
+        for job in _figure_jobs(figure, request):
+            jobs.setdefault(job.name, job)
+    return list(jobs.values())
+
+
+def _figure_jobs(figure: str, request: Request) -> Iterable[Job]:
+    if figure == "4":
+        return comparison(request)
+    if figure == "5":
+        return difficulties(request)
+    raise ValueError(f"no figure {figure!r}; choose of: {', '.join(FIGURES)}")
+
+
+def comparison(request: Request) -> list[Trial]:
+    """Return the trials of figure 4: each algorithm and variant on level random, the longest first within a seed."""
+    budget = BUDGETS[request.budget]
+    return [
+        _trial(request, algorithm, variant, LEVEL, seed, budget.moves[algorithm])
+        for seed in range(request.seeds)
+        for variant in request.variants or VARIANTS["4"]
+        for algorithm in request.algorithms or ALGORITHMS
+    ]
+
+
+def difficulties(request: Request) -> list[Trial]:
+    """Return the trials of figure 5: PPO on each of the 12 levels."""
+    return [
+        _trial(request, "ppo", variant, level, seed, BUDGETS[request.budget].level)
+        for seed in range(request.seeds)
+        for variant in request.variants or VARIANTS["5"]
+        for level in DIFFICULTIES
+    ]
+
+
+def _trial(request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int) -> Trial:
+    terrains = request.terrains or BUDGETS[request.budget].terrains
+    return Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
+
+
+def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:
+    """Return a sentence about the first trial that `folder` holds with other options, None where all agree."""
+    for job in jobs:
+        if not isinstance(job, Trial):
+            continue
+        head = next(iter(read_log(folder / job.name / "log.jsonl")), None)
+        if head is not None and (begun := Trial(**head["trial"])) != job:
+            was = f"{begun.moves:,} moves and {begun.terrains} terrains"
+            asked = f"{job.moves:,} and {job.terrains} are asked for"
+            return f"{folder / job.name} was begun with {was}, and {asked}; give another --out, or those"
+    return None
