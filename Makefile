@@ -7,10 +7,14 @@ VENV    := .venv
 BIN     := $(VENV)/bin
 PLAY    := $(VENV)/.play
 DEV     := $(VENV)/.dev
-INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on --constraint constraints.txt --editable
+# tianshou wants an older pandas than the rest, so the paper's experiments have an environment of their own
+PAPER   := .venv-paper
+PIP     := -m pip --disable-pip-version-check install --progress-bar on
+INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
+PAPERINSTALL := $(PAPER)/bin/python $(PIP) --constraint constraints-paper.txt --editable
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long check format docs bench clean browser
+.PHONY: help play test test-long paper test-paper check format docs bench clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -24,6 +28,12 @@ test: $(DEV) browser ## all tests but the long campaigns, real browser included 
 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600
+
+paper: $(PAPER)/.paper ## what the paper's four algorithms need, in an environment of its own
+	@echo "Next: $(PAPER)/bin/marsexplorer paper --figure 4 --budget small   (--help lists the rest)"
+
+test-paper: $(PAPER)/.test ## the tests of the paper's experiments, where tianshou is
+	$(PAPER)/bin/python -m pytest tests/marsexplorer/paper
 
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
 	$(BIN)/python -m pytest -m bench -s -p no:cacheprovider --timeout 3600
@@ -60,5 +70,15 @@ $(DEV): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) '.[dev]'
 	@touch $@ $(PLAY)
 
-clean: ## remove the virtual environment and caches (never data/)
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+$(PAPER)/.paper: pyproject.toml constraints-paper.txt
+	@$(MAKE) --no-print-directory VENV=$(PAPER) $(PAPER)/bin/python
+	@echo "Installing what the paper's algorithms need into $(PAPER): about 1.5 GB, some minutes when nothing has been downloaded before."
+	$(PAPERINSTALL) '.[paper]'
+	@touch $@
+
+$(PAPER)/.test: $(PAPER)/.paper
+	$(PAPERINSTALL) '.[play,paper]' pytest pytest-timeout httpx
+	@touch $@
+
+clean: ## remove the virtual environments and caches (never data/)
+	rm -rf $(VENV) $(PAPER) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist

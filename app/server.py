@@ -90,10 +90,9 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     app.add_middleware(SecurityHeaders)
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
-        app.include_router(module.router)
+        app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
     if login is not None:
-        app.include_router(admin.router)
-        app.include_router(pages.admin_router)
+        app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     app.mount("/static", pages.static_files, name="static")
     return app
 

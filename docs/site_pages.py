@@ -14,6 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = {"readme.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 """Page of the site -> the file at the root that it shows."""
 
+WIDE_PAGES = {"paper.md"}
+"""Pages whose tables need the room of the lists at their sides."""
+
 REFERENCE = (
     "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector", "marsexplorer.score",
     "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.run",
@@ -31,7 +34,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Mend the links of a page that lead out of docs/."""
+    """Mend the links of a page that lead out of docs/, and give pages with wide tables the whole width."""
+    if page.file.src_uri in WIDE_PAGES:
+        page.meta["hide"] = ["navigation", "toc"]
     return mend(markdown, page.file.src_uri)
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import ssl
+from functools import cache
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -36,6 +38,12 @@ class RequestRefusedError(Exception):
         self.status, self.detail = status, detail
 
 
+@cache
+def _certificates() -> ssl.SSLContext:
+    """Return the certificates that servers are checked against, read once for all players."""
+    return httpx.create_ssl_context(trust_env=False)
+
+
 class Page:
     """One browser tab: an HTTP client with the player's cookie, and at most one socket; ValueError for no http address."""
 
@@ -45,7 +53,9 @@ class Page:
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError(f"an address must be like http://127.0.0.1:8000, got {url!r}")
         self._origin = f"{parts.scheme}://{parts.netloc}"
-        self._http = httpx.AsyncClient(timeout=ANSWER_TIMEOUT_S, trust_env=False, headers={"Origin": self._origin})
+        self._http = httpx.AsyncClient(
+            timeout=ANSWER_TIMEOUT_S, trust_env=False, verify=_certificates(), headers={"Origin": self._origin}
+        )
         if cookie is not None:
             self._http.headers["Cookie"] = f"{COOKIE_NAME}={cookie}"
         self.cookie = cookie

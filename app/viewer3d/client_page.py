@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import viser
@@ -41,8 +42,9 @@ class ClientPage:
         return f'"{self.version}"'
 
     @classmethod
+    @cache
     def load(cls) -> ClientPage:
-        """Read the page from the installed viser."""
+        """Read the page from the installed viser, once for a process."""
         scripts = "".join(f"<script>{path.read_text()}</script>" for path in SCRIPTS)
         head = f"<head><style>{STYLE}</style>{scripts}"
         html = CLIENT_PAGE.read_bytes().replace(b"<head>", head.encode(), 1)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from marsexplorer.paper import training_claims as training
 from marsexplorer.paper.checks import CHECKS
-from marsexplorer.paper.checks import COMMAND as CHECK
-from marsexplorer.paper.results import Results
+from marsexplorer.paper.shipped import Results
 from marsexplorer.paper.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, Decide, Judgement, verdict
 
 
@@ -19,7 +18,7 @@ from marsexplorer.paper.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, 
 class Claim:
     """One statement of the paper.
 
-    command  what measures it, None where nothing does
+    command  what measures it, None for checks, which have one command, and where nothing does
     decide    results -> what was measured, and the verdict
     """
 
@@ -36,7 +35,7 @@ def checked(name: str) -> Claim:
             return NOTHING
         return Judgement(line["measured"], verdict(line["holds"]))
 
-    return Claim(f"{CHECK} {name}", decide)
+    return Claim(None, decide)
 
 
 def settled(measured: str, said: str, command: str | None = None) -> Claim:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from marsexplorer.files import write_whole
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS, cells
-from marsexplorer.paper.results import FOLDER, Results, read
 from marsexplorer.paper.settings import as_table
+from marsexplorer.paper.shipped import FOLDER, Results, read
 from marsexplorer.paper.verdicts import VERDICTS
 
 PAGE = FOLDER.parents[1] / "docs" / "paper.md"
@@ -36,25 +36,38 @@ def redraw(text: str, results: Results) -> str:
         return f"| `{match['name']}` |{match['says']}|{match['does']}| {measured} | {verdict} |"
 
     def block(match: re.Match[str]) -> str:
-        return f"<!-- drawn: {match['name']} -->\n{BLOCKS[match['name']](results)}\n<!-- end -->"
+        name = match["name"]
+        drawn = summary(text, results) if name == "summary" else SETTINGS_TABLES[name]()
+        return f"<!-- drawn: {name} -->\n{drawn}\n<!-- end -->"
 
     return BLOCK.sub(block, ROW.sub(row, text))
 
 
-def summary(results: Results) -> str:
-    """Return how many claims have which verdict."""
-    counts = Counter(claim.decide(results).verdict for claim in CLAIMS.values())
-    lines = ["| verdict | claims |", "|---|---|", *(f"| {verdict} | {counts[verdict]} |" for verdict in VERDICTS)]
-    return "\n".join(lines)
+def summary(text: str, results: Results) -> str:
+    """Return how many claims of each section of the document have which verdict, as a table in Markdown."""
+    lines = ["| section | " + " | ".join(VERDICTS) + " |", "|---" * (len(VERDICTS) + 1) + "|"]
+    totals: Counter[str] = Counter()
+    for section in re.split(r"^## ", text, flags=re.M)[1:]:
+        counts = Counter(CLAIMS[name].decide(results).verdict for name in names_of(section))
+        if counts:
+            totals += counts
+            heading = section.split("\n", 1)[0]
+            lines.append(summary_line(f"[{heading}](#{anchor(heading)})", counts))
+    return "\n".join([*lines, summary_line("together", totals)])
 
 
-def settings(algorithm: str) -> Callable[[Results], str]:
-    """Return what draws the table of settings of an algorithm."""
-    return lambda results: as_table(algorithm)
+def summary_line(name: str, counts: Counter[str]) -> str:
+    """Return a line of the summary; an empty cell for none."""
+    return f"| {name} | " + " | ".join(str(counts[verdict] or "") for verdict in VERDICTS) + " |"
 
 
-BLOCKS = {"summary": summary} | {f"settings {name}": settings(name) for name in ALGORITHMS}
-"""What stands between `<!-- drawn: NAME -->` and `<!-- end -->`."""
+def anchor(heading: str) -> str:
+    """Return the anchor that the site gives a heading."""
+    return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+SETTINGS_TABLES = {f"settings {name}": partial(as_table, name) for name in ALGORITHMS}
+"""What stands between `<!-- drawn: NAME -->` and `<!-- end -->`, besides the summary."""
 
 
 def main(page: Path = PAGE) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.algorithms import ALGORITHMS
-from marsexplorer.paper.results import Results, TrainedRun
+from marsexplorer.paper.shipped import Results, TrainedRun
 from marsexplorer.paper.verdicts import NOT_YET, NOTHING, Judgement, Values, is_above, mean_of, verdict
 
 SEEDS = 3

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.paper.results import Results
+from marsexplorer.paper.shipped import Results
 
 REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
 DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"

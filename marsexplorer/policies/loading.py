@@ -10,7 +10,7 @@ from marsexplorer.config import MAX_RADIUS
 from marsexplorer.policies.base import Policy, PolicyNotFoundError
 from marsexplorer.policies.files.card import SUFFIX, read_card, shipped
 from marsexplorer.policies.files.extras import check_extra
-from marsexplorer.policies.files.formats import PAPER_FORMAT
+from marsexplorer.policies.files.formats import PAPER_FORMAT, PAPER_NETWORK_FORMAT
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.random_policy import RandomPolicy
@@ -89,12 +89,15 @@ def policy_hash(name: str) -> str | None:
 
 
 def _load_safetensors(path: Path, sensor_radius: int) -> Policy:
-    is_paper = read_card(path).get("format") == PAPER_FORMAT
+    found = read_card(path).get("format")
     check_extra("networks")
     from marsexplorer.policies.network.model import load_network
     from marsexplorer.policies.network.paper_model import load_paper_policy
+    from marsexplorer.policies.network.paper_policy import load_paper_network_policy
 
-    return load_paper_policy(path) if is_paper else load_network(path, sensor_radius)
+    if found == PAPER_FORMAT:
+        return load_paper_policy(path)
+    return (load_paper_network_policy if found == PAPER_NETWORK_FORMAT else load_network)(path, sensor_radius)
 
 
 def _load_onnx(path: Path, sensor_radius: int) -> Policy:

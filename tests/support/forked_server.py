@@ -10,21 +10,16 @@ import sys
 import time
 from pathlib import Path
 
-from app.server import run
 from app.settings import Settings
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
-from marsexplorer.policies import load
-
-Episode.begin(EnvConfig.of("random", 5), seed=0).step(1)
-load("frontier-utility").act(Episode.begin(EnvConfig.of("random", 5), seed=0).codes)  # kernels are read from the cache once
 
 _forks = multiprocessing.get_context("forkserver")
-_forks.set_forkserver_preload([__name__])
+_forks.set_forkserver_preload([__name__, "tests.support.loaded_app"])
 
 
 def serve(settings, log, environment):
     """Run a server whose output goes to the file `log`."""
+    from tests.support.loaded_app import run
+
     os.environ.clear()
     os.environ.update(environment)
     with Path(log).open("ab") as file:

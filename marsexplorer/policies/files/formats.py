@@ -13,6 +13,8 @@ from typing import Any
 
 NETWORK_FORMAT = "marsexplorer-network-3"
 PAPER_FORMAT = "marsexplorer-paper-2"
+PAPER_NETWORK_FORMAT = "marsexplorer-paper-3"
+"""Of the paper's four algorithms; not a newer form of PAPER_FORMAT, whose files stay as they are."""
 
 NEWER_FORMATS = {"marsexplorer-network-2": NETWORK_FORMAT, "marsexplorer-paper-1": PAPER_FORMAT}
 """Older format -> what it is converted to."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import pickletools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,15 @@ CALLING_OPERATIONS = {"STACK_GLOBAL", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX", "EXT
 
 def save_network(net: nn.Module, path: Path, card: dict[str, Any], file_format: str = NETWORK_FORMAT) -> None:
     """Write a policy file, whole or not at all: the weights of a network, and its card with the format added."""
+    save_tensors(net.state_dict(), path, card, file_format)
+
+
+def save_tensors(tensors: Mapping[str, Tensor], path: Path, card: dict[str, Any], file_format: str) -> None:
+    """Write a policy file, whole or not at all: weights by name, and their card with the format added."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in net.state_dict().items()}
+    stored = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     with replace_whole(path) as unfinished:
-        save_file(tensors, unfinished, metadata={"card": json.dumps({"format": file_format, **card}, indent=1)})
+        save_file(stored, unfinished, metadata={"card": json.dumps({"format": file_format, **card}, indent=1)})
 
 
 def read_weights(net: nn.Module, path: Path) -> None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import row_words, sight_table
+from marsexplorer.policies.base import Memory
 from marsexplorer.policies.kernels.grid import (
     UNREACHABLE,
     completion_target,
@@ -278,3 +279,20 @@ class FeatureExtractor:
         planes, moves = self.planes[:num], self.moves[:num]
         extract_features(codes, cells, visited, headings, self._lidar, self._kept, self._scratch, planes, moves)
         return planes, moves
+
+
+class RememberedFeatures:
+    """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells)."""
+
+    def __init__(self, sensor_radius: int) -> None:
+        self._radius = sensor_radius
+        self._extractor: FeatureExtractor | None = None
+
+    def __call__(self, memory: Memory) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return (planes, moves) of the newest observation, [1, ...]; the arrays change with the next call."""
+        rows, cols = memory.codes.shape
+        if self._extractor is None or self._extractor.size != (rows, cols):
+            self._extractor = FeatureExtractor(1, rows, cols, self._radius)
+        cell = np.array([memory.position[0] * cols + memory.position[1]])
+        visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
+        return self._extractor(memory.codes[None], cell, visited, heading)

@@ -6,8 +6,9 @@ Files are checked before a weight is used, and whatever is not as expected is re
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -21,7 +22,7 @@ from marsexplorer.policies.files.card import read_card, refuse
 from marsexplorer.policies.files.formats import NETWORK_FORMAT
 from marsexplorer.policies.files.weights import read_weights
 from marsexplorer.policies.guard import LoopGuard
-from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES, FeatureExtractor
+from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES, RememberedFeatures
 
 
 class Net(nn.Module):
@@ -60,6 +61,9 @@ class Net(nn.Module):
         return logits.numpy(), values.numpy()
 
 
+AnyNet = TypeVar("AnyNet", bound=nn.Module)
+
+
 class InfersLogits(Protocol):
     """What a NetworkPolicy asks: `Net`, or its like in another runtime."""
 
@@ -85,9 +89,8 @@ class NetworkPolicy:
 
     def __init__(self, name: str, net: InfersLogits, sensor_radius: int) -> None:
         self.name = name
-        self.net, self._radius = net, sensor_radius
-        self._memory, self._guard = Memory(), LoopGuard(sensor_radius)
-        self._extractor: FeatureExtractor | None = None
+        self.net = net
+        self._memory, self._guard, self._features = Memory(), LoopGuard(sensor_radius), RememberedFeatures(sensor_radius)
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
 
     def reset(self, seed: int) -> None:
@@ -103,14 +106,8 @@ class NetworkPolicy:
 
     def extract_features(self, observation: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Remember an observation and return (planes, moves) of one board; the arrays change with the next."""
-        memory = self._memory
-        memory.observe(observation)
-        rows, cols = memory.codes.shape
-        if self._extractor is None or self._extractor.size != (rows, cols):
-            self._extractor = FeatureExtractor(1, rows, cols, self._radius)
-        cell = np.array([memory.position[0] * cols + memory.position[1]])
-        visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
-        return self._extractor(memory.codes[None], cell, visited, heading)
+        self._memory.observe(observation)
+        return self._features(self._memory)
 
     def choose(self, logits: NDArray[np.float32], value: float) -> int:
         """Return the action for the last observation: the one of the highest logit, unless the guard takes over.
@@ -146,12 +143,17 @@ def load_network(path: Path, sensor_radius: int) -> Policy:
 
     Boards that share a network can be decided together (see `batch`).
     """
+    return NetworkPolicy(path.stem, load_shared(path, load_net), sensor_radius)
+
+
+def load_shared(path: Path, load: Callable[[Path], AnyNet]) -> AnyNet:
+    """Return the network in a file, the one of the last call as long as it is in use and the file has not changed."""
     state = path.stat()
     key = (str(path.resolve()), state.st_mtime_ns, state.st_size)
     net = _NETS.get(key)
     if net is None:
-        net = _NETS[key] = load_net(path)
-    return NetworkPolicy(path.stem, net, sensor_radius)
+        net = _NETS[key] = load(path)
+    return net  # type: ignore[return-value]
 
 
-_NETS: WeakValueDictionary[tuple[str, int, int], Net] = WeakValueDictionary()
+_NETS: WeakValueDictionary[tuple[str, int, int], nn.Module] = WeakValueDictionary()

@@ -9,7 +9,7 @@ import pytest
 from marsexplorer.paper import checks, page, settings
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS
-from marsexplorer.paper.results import FOLDER, read
+from marsexplorer.paper.shipped import FOLDER, read
 from marsexplorer.paper.verdicts import NOT_REPRODUCED, NOT_YET, REPRODUCED, VERDICTS
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"

@@ -1,0 +1,15 @@
+"""The app imported and every policy loaded once, for the process from which the servers of the tests are forked.
+
+What a server does at its start it still does; what it would read from the disk or compile is in its memory already.
+"""
+
+import gc
+
+from app.play.policy_catalogue import PolicyCatalogue
+from app.server import run
+
+__all__ = ["run"]
+
+PolicyCatalogue()
+gc.collect()
+gc.freeze()  # or the collection at each server's start would walk, and so copy, all of it
