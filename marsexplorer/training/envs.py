@@ -87,6 +87,13 @@ class StepResult:
     truncated: NDArray[np.intp]
     final_obs: Observation | None
 
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """bool[num_envs], whether the episode ended because of an invalid move."""
+        failed = self.dones & ~self.explored
+        failed[self.truncated] = False
+        return failed
+
 
 class TrainingEnvs:
     """Environments of one configuration with what a network needs of each: cells visited, headings, the observation."""

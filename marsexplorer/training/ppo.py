@@ -163,22 +163,28 @@ class UpdateMetrics:
 
 def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Module:
     """Make the rest of the run's updates and return the network; `on_update` is called after each and may raise to stop."""
-    config = run.config
-    buffer = RolloutBuffer.empty(config, run.envs.observe())
+    buffer = RolloutBuffer.empty(run.config, run.envs.observe())
     while run.updates_done < run.num_updates:
-        progress = run.updates_done / run.num_updates
-        learning_rate = config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
-        run.optimizer.param_groups[0]["lr"] = learning_rate
-        next_values = collect_rollout(run, buffer)
-        advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
-        metrics = update(run, buffer, advantages)
-        run.updates_done += 1
-        if config.target_entropy is not None and run.updates_done > config.value_warmup_updates:
-            target_entropy = config.target_entropy[0] + (config.target_entropy[1] - config.target_entropy[0]) * progress
-            factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
-            run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
+        metrics = make_update(run, buffer)
         on_update(UpdateMetrics(run.global_step, **episode_means(run), **metrics))
     return run.net.eval()
+
+
+def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
+    """Play one rollout into the buffer and learn from it; return entropy, ratio_change and explained_variance."""
+    config = run.config
+    progress = run.updates_done / run.num_updates
+    learning_rate = config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
+    run.optimizer.param_groups[0]["lr"] = learning_rate
+    next_values = collect_rollout(run, buffer)
+    advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
+    metrics = update(run, buffer, advantages)
+    run.updates_done += 1
+    if config.target_entropy is not None and run.updates_done > config.value_warmup_updates:
+        target_entropy = config.target_entropy[0] + (config.target_entropy[1] - config.target_entropy[0]) * progress
+        factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
+        run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
+    return metrics
 
 
 def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
@@ -209,10 +215,19 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
 def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> NDArray[np.float32]:
     """Return rewards float32[num_envs] in the unit of the configuration.
 
+    Without the bonus they are those of the levels t-m-2: nothing is paid where an episode ends, by success or by failure.
     Where an episode was truncated, the discounted value of its last observation is added: a time limit is no terminal state.
     """
-    reward_per_cell = run.config.reward_per_cell
-    rewards = rewards_in_moves(envs.config, step, reward_per_cell) if reward_per_cell else step.rewards.copy()
+    config = run.config
+    if config.reward_per_cell:
+        rewards = rewards_in_moves(envs.config, step, config.reward_per_cell)
+        if not config.has_bonus:
+            rewards[step.failed] = -1.0
+    else:
+        rewards = step.rewards.copy()
+        if not config.has_bonus:
+            rewards[step.explored] -= envs.config.r_bonus
+            rewards[step.failed] = 0.0
     if step.final_obs is not None:
         rewards[step.truncated] += run.config.gamma * forward(run, step.final_obs)[1].cpu().numpy()
     return rewards.astype(np.float32)
@@ -240,12 +255,14 @@ class Minibatch:
     obs: Observation
     actions: Tensor
     log_probs: Tensor
+    values: Tensor
     advantages: Tensor
     returns: Tensor
 
     def to(self, device: str) -> Minibatch:
         """Return the minibatch on a device."""
-        tensors = (each.to(device) for each in (self.actions, self.log_probs, self.advantages, self.returns))
+        parts = (self.actions, self.log_probs, self.values, self.advantages, self.returns)
+        tensors = (each.to(device) for each in parts)
         return Minibatch(self.obs, *tensors)
 
 
@@ -258,20 +275,22 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
     advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     obs = [part.flatten(0, 1) for part in buffer.obs]
     actions, log_probs = buffer.actions.flatten(), buffer.log_probs.flatten(0, 1)
-    sums, num_minibatches = np.zeros(3), 0
+    passes = []
     for _ in range(config.update_epochs):
         for indices in torch.split(torch.randperm(len(actions)), config.minibatch_size):
             minibatch = Minibatch(
                 obs=tuple(part[indices] for part in obs),
                 actions=actions[indices],
                 log_probs=log_probs[indices],
+                values=values[indices],
                 advantages=advantages[indices],
                 returns=returns[indices],
             )
-            sums += gradient_step(run, minibatch.to(run.device))
-            num_minibatches += 1
-    entropy, ratio_change, kl = sums / num_minibatches
+            passes.append(gradient_step(run, minibatch.to(run.device)))
+    entropy, ratio_change, kl = np.mean(passes, axis=0)
     if config.kl_coef:
+        if config.kl_of_last_epoch:
+            kl = np.mean(passes[-(len(passes) // config.update_epochs) :], axis=0)[2]
         run.kl_coef *= 1.5 if kl > 2 * config.kl_target else 0.5 if kl < config.kl_target / 2 else 1.0
     return {"entropy": float(entropy), "ratio_change": float(ratio_change), "explained_variance": explained_variance}
 
@@ -284,7 +303,7 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
     ratio = (log_probs - old_log_probs).gather(1, minibatch.actions[:, None]).squeeze(1).exp()
     clipped_ratio = ratio.clamp(1 - config.clip_coef, 1 + config.clip_coef)
     policy_objective = torch.min(ratio * advantages, clipped_ratio * advantages).mean()
-    value_loss = (values - minibatch.returns).square().clamp(max=config.vf_clip).mean()
+    value_loss = value_errors(config, values, minibatch).mean()
     entropy = -(log_probs.exp() * log_probs.clamp(min=MIN_LOG_PROB)).sum(1).mean()
     kl = (old_log_probs.exp() * (old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB))).sum(1).mean()
     loss = config.vf_coef * value_loss
@@ -299,6 +318,19 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
     torch.nn.utils.clip_grad_norm_(run.net.parameters(), config.max_grad_norm)
     run.optimizer.step()
     return float(entropy.detach()), float((ratio.detach() - 1).abs().mean()), float(kl.detach())
+
+
+def value_errors(config: TrainConfig, values: Tensor, minibatch: Minibatch) -> Tensor:
+    """Return the squared errors float32[batch] of values float32[batch] as they count in the loss.
+
+    With `vf_change_clip` they are those of RLlib 1.0.1 (ppo_tf_policy.py, PPOLoss): a value that has moved too far since the
+    rollout has no gradient, unless it has moved away from the return.
+    """
+    errors = (values - minibatch.returns).square()
+    if config.vf_change_clip < float("inf"):
+        change = (values - minibatch.values).clamp(-config.vf_change_clip, config.vf_change_clip)
+        errors = torch.max(errors, (minibatch.values + change - minibatch.returns).square())
+    return errors.clamp(max=config.vf_clip)
 
 
 def episode_means(run: TrainingRun) -> dict[str, float]:

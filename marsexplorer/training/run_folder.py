@@ -22,6 +22,7 @@ import torch
 from marsexplorer.files import replace_whole, write_whole
 from marsexplorer.policies.files.weights import save_network
 from marsexplorer.training.checkpoint import FORMAT_VERSION, load_checkpoint
+from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import TrainingEnvs
 from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, forward
 
@@ -73,7 +74,7 @@ class RunFolder:
         if not path.is_file():
             raise ValueError(f"no checkpoint in {self.folder}; leave --resume out to begin a run there")
         checkpoint = load_checkpoint(path)
-        expected, found = json.loads(json.dumps(self._run.identity)), json.loads(checkpoint["identity"])
+        expected, found = json.loads(json.dumps(self._run.identity)), _identity(checkpoint)
         if found != expected:
             differing = ", ".join(name for name in expected if found.get(name) != expected[name])
             raise ValueError(f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with")
@@ -125,6 +126,25 @@ class RunFolder:
         curve = [line for line in self._lines if "greedy" in line]
         training = {**numbers, "recipe": run.config.to_dict(), "curve": curve}
         save_network(run.net, self.policy, {**self._card, **results, "training": training}, run.config.policy_format)
+
+
+def resumed_config(folder: Path, config: TrainConfig) -> TrainConfig:
+    """Return the configuration that the run in a folder began with, where it is of the same recipe as `config`.
+
+    A recipe may have changed since; a run goes on as it began. Without such a run `config` is returned, which `resume` refuses.
+    """
+    path = folder / "checkpoint.pt"
+    if not path.is_file():
+        return config
+    began = TrainConfig.from_dict(_identity(load_checkpoint(path))["config"])
+    return began if began.name == config.name else config
+
+
+def _identity(checkpoint: dict[str, Any]) -> dict[str, Any]:
+    """Return the identity in a checkpoint with every setting that a configuration has today."""
+    identity: dict[str, Any] = json.loads(checkpoint["identity"])
+    config: dict[str, Any] = json.loads(json.dumps(TrainConfig.from_dict(identity["config"]).to_dict()))
+    return {**identity, "config": config}
 
 
 def validate(run: TrainingRun) -> tuple[float, float]:

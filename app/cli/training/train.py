@@ -99,6 +99,7 @@ def train(
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
     from marsexplorer.training.config import FAMILIES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
+    from marsexplorer.training.run_folder import resumed_config
 
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
     configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
@@ -108,6 +109,8 @@ def train(
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
     try:
+        if resume:
+            config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
         command = f"marsexplorer train --recipe {recipe} {options} --steps {steps} --seed {seed} --out {folder.name}"

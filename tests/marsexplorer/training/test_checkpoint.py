@@ -12,11 +12,12 @@ import torch
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.files.formats import current_recipe
 from marsexplorer.policies.network.model import Net
+from marsexplorer.policies.network.paper_model import PaperNet
 from marsexplorer.training import ppo
 from marsexplorer.training.checkpoint import load_checkpoint
 from marsexplorer.training.config import RECIPES, TrainConfig
 from marsexplorer.training.ppo import TrainingRun
-from marsexplorer.training.run_folder import LOG_COLUMNS, RunFolder
+from marsexplorer.training.run_folder import LOG_COLUMNS, RunFolder, resumed_config
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "training"
 ENV_CONFIGS = [EnvConfig(rows=9, cols=12, max_steps=20), EnvConfig("1-1-1", rows=12, cols=9, max_steps=20)]
@@ -45,6 +46,18 @@ def arithmetic_digest(weights):
     planes = torch.arange(64 * 4 * 323).remainder(251).view(64, 4, 323).to(torch.uint8)
     with torch.autocast("cpu", torch.bfloat16):
         logits, values = net(planes, torch.ones(64, 4, 16) / 3)
+    (logits.float().log_softmax(1)[:, 0].mean() + values.float().square().mean()).backward()
+    arrays = [logits.detach().float(), values.detach().float(), *(weight.grad for weight in net.parameters())]
+    return hashlib.sha256(b"".join(array.numpy().tobytes() for array in arrays)).hexdigest()
+
+
+def paper_arithmetic_digest():
+    """The same for the paper's network."""
+    torch.manual_seed(1)
+    net = PaperNet(9, 12)
+    codes = torch.arange(64 * 108).remainder(4).view(64, 9, 12).to(torch.uint8)
+    with torch.autocast("cpu", torch.bfloat16):
+        logits, values = net(codes)
     (logits.float().log_softmax(1)[:, 0].mean() + values.float().square().mean()).backward()
     arrays = [logits.detach().float(), values.detach().float(), *(weight.grad for weight in net.parameters())]
     return hashlib.sha256(b"".join(array.numpy().tobytes() for array in arrays)).hexdigest()
@@ -108,4 +121,40 @@ def test_the_old_names_of_a_configuration_are_read_from_checkpoints_and_cards():
         "final_rate": 5e-5, "curiosity": None, "kl_share": 0.2, "kl_target": 0.01, "value_share": 1.0, "value_clip": 10.0,
         "gamma": 0.95, "lam": 0.95, "value_updates": 0, "max_grad": None,
     }  # fmt: skip
-    assert current_recipe(old) == RECIPES["paper"].to_dict() == current_recipe(RECIPES["paper"].to_dict())
+    now = TrainConfig.from_dict(current_recipe(old))
+    assert now == TrainConfig.from_dict(now.to_dict())
+    assert (now.network, now.vf_clip, now.vf_change_clip, now.kl_of_last_epoch) == ("paper", 10.0, float("inf"), False)
+    assert (now.update_epochs, now.minibatch_size, now.max_grad_norm) == (30, 128, float("inf"))
+    assert TrainConfig.from_dict(RECIPES["best"].to_dict()) == RECIPES["best"]
+    with pytest.raises(ValueError, match="of a later version"):
+        TrainConfig.from_dict({**RECIPES["best"].to_dict(), "momentum": 0.9})
+
+
+def test_a_run_of_the_recipe_paper_before_its_correction_goes_on_with_the_loss_that_it_began_with(tmp_path):
+    expected = json.loads((FIXTURES / "expected_paper.json").read_text())
+    is_same_arithmetic = paper_arithmetic_digest() == expected["probe_sha256"]
+    env_configs = [EnvConfig(rows=9, cols=12, max_steps=20)]
+
+    def begun(config):
+        run = TrainingRun.begin(config, env_configs, 6 * config.batch_size, 5)
+        return run, RunFolder(tmp_path, run, {}, lambda *_: None)
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    first, folder = begun(TrainConfig.from_dict(expected["recipe"]))
+    with pytest.raises(KeyboardInterrupt):
+        ppo.train(first, stop)
+    folder.save()
+    checkpoint = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    identity = json.loads(checkpoint["identity"]) | {"config": expected["recipe"]}  # the settings that there were
+    torch.save({**checkpoint, "identity": json.dumps(identity)}, tmp_path / "checkpoint.pt")
+    assert resumed_config(tmp_path, RECIPES["best"]) == RECIPES["best"]
+    second, folder = begun(resumed_config(tmp_path, RECIPES["paper"]))
+    folder.resume()
+    metrics = []
+    ppo.train(second, metrics.append)
+    if not is_same_arithmetic:
+        pytest.skip("this processor or version of torch rounds bfloat16 in another way than the one of the fixture")
+    assert [list(asdict(each).values()) for each in metrics] == expected["updates"][1:]
+    assert (weights_digest(second.net), second.kl_coef) == (expected["weights_sha256"], expected["kl_coef"])

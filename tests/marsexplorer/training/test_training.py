@@ -129,6 +129,44 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
             assert float(found[t, board]) == pytest.approx(total, abs=1e-5)
 
 
+def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_and_of_its_clipped_self():
+    old, returns = torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0]), torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0])
+    values = torch.tensor([8.0, 30.0, 30.0, 12.0, 25.0], requires_grad=True)
+    minibatch = ppo.Minibatch((), torch.zeros(5), torch.zeros(5, 4), old, torch.zeros(5), returns)
+    errors = ppo.value_errors(RECIPES["paper"], values, minibatch)
+    # moved by 8: its own; by 30 towards its return: as if by 10; by 30 or 38 away from it: its own; beyond it: its own
+    assert errors.tolist() == [433.0**2, 431.0**2, 471.0**2, 429.0**2, 20.0**2]
+    errors.sum().backward()
+    assert values.grad.tolist() == [2 * -433.0, 0.0, 2 * 471.0, 2 * -429.0, 2 * 20.0]
+    unclipped = ppo.value_errors(replace(RECIPES["paper"], vf_change_clip=float("inf")), values, minibatch)
+    assert unclipped.tolist() == (values - returns).square().tolist()
+
+
+@pytest.mark.parametrize("config", [RECIPES["paper"], replace(RECIPES["best"], network="paper")], ids=["eq. 8", "moves"])
+def test_without_the_bonus_nothing_is_paid_where_an_episode_ends(config):
+    config = replace(config, num_envs=16, num_steps=8, has_bonus=False)
+    run = TrainingRun.begin(config, [EnvConfig(rows=9, cols=12, max_steps=40)], 1000, 3)
+    (envs,) = run.envs.parts
+    rules = [load("frontier-cost") for _ in range(8)]
+    for rule in rules:
+        rule.reset(0)
+    ends = {"explored": 0, "failed": 0}
+    for _ in range(40):
+        known = (envs.codes != 0).sum((1, 2))
+        blind = torch.randint(4, (8,)).tolist()
+        step = envs.step(
+            np.array([*(rule.act(codes.copy()) for rule, codes in zip(rules, envs.codes[:8], strict=True)), *blind])
+        )
+        rewards, new = ppo.compute_rewards(run, envs, step), (envs.codes != 0).sum((1, 2)) - known
+        goes_on, scale = ~step.dones, config.reward_per_cell
+        assert rewards[goes_on] == pytest.approx((scale * new - 1 if scale else new - 0.5)[goes_on])
+        assert rewards[step.failed] == pytest.approx(-1.0 if scale else 0.0)
+        assert (np.abs(rewards[step.explored]) < 40).all()
+        ends["explored"] += int(step.explored.sum())
+        ends["failed"] += int(step.failed.sum())
+    assert min(ends.values()) > 0
+
+
 def test_rewards_in_moves_are_a_cost_of_one_and_a_share_for_each_new_cell():
     envs = TrainingEnvs(SMALL, 16, 3)
     rng, explored = np.random.default_rng(0), 0
