@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.paper.ppo_trainer import PPOTrainer
 from marsexplorer.paper.trainer import Trainer
 
 ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
@@ -17,5 +18,6 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
 
     ValueError when there is no such algorithm or variant.
     """
-    del variant, config, seed, moves
+    if algorithm == "ppo":
+        return PPOTrainer(variant, config, seed, moves)
     raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")

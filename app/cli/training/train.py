@@ -6,6 +6,7 @@ import platform
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ HELD_OUT_TERRAINS = 200
     show_default=True,
     help="best explores best; paper is the training of the paper.",
 )
+@click.option("--appendix", is_flag=True, help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.")
 @click.option(
     "--level",
     "levels",
@@ -70,6 +72,7 @@ HELD_OUT_TERRAINS = 200
 )
 def train(
     recipe: str,
+    appendix: bool,
     levels: tuple[str, ...],
     sizes: tuple[Any, ...],
     minutes: float | None,
@@ -97,14 +100,16 @@ def train(
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
     if resume and (steps is None or out is None):
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
-    from marsexplorer.training.config import FAMILIES, RECIPES
+    if appendix and recipe != "paper":
+        raise click.UsageError("--appendix is of the paper's recipe; add --recipe paper, or leave it out")
+    from marsexplorer.training.config import APPENDIX_PASSES, FAMILIES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.run_folder import resumed_config
 
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
     configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     _check_device(device)
-    config = RECIPES[recipe]
+    config = replace(RECIPES[recipe], **APPENDIX_PASSES) if appendix else RECIPES[recipe]
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
@@ -113,7 +118,8 @@ def train(
             config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
-        command = f"marsexplorer train --recipe {recipe} {options} --steps {steps} --seed {seed} --out {folder.name}"
+        passes = " --appendix" if appendix else ""
+        command = f"marsexplorer train --recipe {recipe}{passes} {options} --steps {steps} --seed {seed} --out {folder.name}"
         click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
         _train(run, steps, folder, resume, command)

@@ -1,0 +1,100 @@
+"""PPO as the paper's experiments train it: the recipe `paper`, what makes it complete terrains, and one change at a time.
+
+A variant is the recipe `paper` with some CHANGES:
+
+    paper, appendix        none; the appendix's run makes RLlib's 30 passes in minibatches of 128
+    works                  WORKS, the smallest set that completes terrains
+    works-no-CHANGE        the same without one of them
+    paper+CHANGE           the recipe with one of them, or with several: paper+reward+mask
+    paper-no-bonus         eq. 8 without +-n at the end of an episode, as on the levels t-m-2
+    paper-no-value-clip    the values' change since the rollout is not clipped
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.training.config import APPENDIX_PASSES, LIMITS, RECIPES, TrainConfig
+from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, make_update
+
+BEST = RECIPES["best"]
+CHANGES: dict[str, dict[str, Any]] = {
+    "reward": {"reward_per_cell": BEST.reward_per_cell, "has_bonus": False},
+    "discount": {"gamma": BEST.gamma},
+    "features": {"network": BEST.network},
+}
+OTHERS = {"name", "network", "gamma", *CHANGES["reward"]}
+CHANGES["batch"] = {field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS}
+"""Name of a change -> the settings of the recipe `best` that it takes over.
+
+reward    units of moves, nothing at the end
+discount  0.997 for 0.95
+features  our network and its features, which know the valid moves, for the state matrix
+batch     the optimiser's: larger batches, fewer passes, a falling learning rate, an entropy target
+"""
+WORKS = ("reward", "discount", "features", "batch")
+
+
+def settings_for(changes: Iterable[str]) -> dict[str, Any]:
+    """Return the settings of some CHANGES together."""
+    return {name: value for change in changes for name, value in CHANGES[change].items()}
+
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "paper": {},
+    "appendix": APPENDIX_PASSES,
+    "paper-no-bonus": {"has_bonus": False},
+    "paper-no-value-clip": {"vf_change_clip": float("inf")},
+    "works": settings_for(WORKS),
+    **{f"works-no-{left_out}": settings_for(each for each in WORKS if each != left_out) for left_out in WORKS},
+}
+"""Variant -> the settings in which it differs from the recipe `paper`; besides, paper+CHANGE stands for any set of changes."""
+
+
+def config_of(variant: str) -> TrainConfig:
+    """Return the configuration of a variant; ValueError when there is none of that name."""
+    start, plus, names = variant.partition("+")
+    changes = names.split("+")
+    if start == "paper" and plus and set(changes) <= set(CHANGES):
+        return replace(RECIPES["paper"], **settings_for(changes))
+    if variant not in VARIANTS:
+        known = ", ".join([*VARIANTS, *(f"paper+{change}" for change in CHANGES)])
+        raise ValueError(f"PPO has no variant {variant!r}; choose one of: {known}")
+    return replace(RECIPES["paper"], **VARIANTS[variant])
+
+
+class PPOTrainer:
+    """Train by PPO; see `marsexplorer.paper.trainer` for what each part is. A round is an update."""
+
+    def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
+        self._run = TrainingRun.begin(config_of(variant), [config], moves, seed)
+        self._buffer = RolloutBuffer.empty(self._run.config, self._run.envs.observe())
+        self.settings = self._run.config.to_dict()
+        (self.envs,) = self._run.envs.parts
+        self.moves = 0
+
+    def advance(self) -> dict[str, float]:
+        """Make an update; return the policy's entropy, how far it moved, and how well the values explain the returns."""
+        numbers = make_update(self._run, self._buffer)
+        self.moves = self._run.global_step
+        return {**numbers, "kl_coef": self._run.kl_coef}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that changes: the buffer is filled anew by each update."""
+        return self._run.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it."""
+        self._run.load_state_dict(state)
+        self.moves = self._run.global_step
+
+    def save_policy(self, path: Path, card: dict[str, Any]) -> None:
+        """Write the policy with a card."""
+        config = self._run.config
+        limits = LIMITS["best" if config.network == "features" else "paper"]
+        save_network(self._run.net, path, {"limits": limits, **card}, config.policy_format)
