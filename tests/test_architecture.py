@@ -277,6 +277,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.observation",
         "marsexplorer.policies",
+        "marsexplorer.policies.files",
         "marsexplorer.rules",
         "marsexplorer.score",
         "marsexplorer.terrain",
