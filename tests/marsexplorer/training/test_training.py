@@ -143,7 +143,7 @@ def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_
 
 
 @pytest.mark.parametrize("config", [RECIPES["paper"], replace(RECIPES["best"], network="paper")], ids=["eq. 8", "moves"])
-def test_without_the_bonus_nothing_is_paid_where_an_episode_ends(config):
+def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
     config = replace(config, num_envs=16, num_steps=8, has_bonus=False)
     run = TrainingRun.begin(config, [EnvConfig(rows=9, cols=12, max_steps=40)], 1000, 3)
     (envs,) = run.envs.parts
