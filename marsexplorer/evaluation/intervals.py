@@ -1,4 +1,5 @@
-"""Student's t intervals: the one place where the repository takes a t quantile for the mean of independent values."""
+"""Student's t intervals, the one place where the repository takes a t quantile for the mean of independent values; and
+Wilson's interval of a share."""
 
 from __future__ import annotations
 
@@ -27,3 +28,9 @@ def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, 
     half_width = t_quantile(count - 1, confidence) * values.std(-1, ddof=1) / np.sqrt(count)
     mean = values.mean(-1)
     return mean - half_width, mean + half_width
+
+
+def wilson_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return (low, high) of Wilson's score interval for a share, 0..1 each, from `count` of `total` independent cases."""
+    interval = stats.binomtest(count, total).proportion_ci(confidence, "wilson")
+    return float(interval.low), float(interval.high)
