@@ -271,6 +271,7 @@ ALLOWED: dict[str, set[str]] = {
     "marsexplorer.lidar": {"marsexplorer.compiled"},
     "marsexplorer.observation": {"marsexplorer.compiled", "marsexplorer.config"},
     "marsexplorer.paper": {
+        "marsexplorer.compiled",
         "marsexplorer.config",
         "marsexplorer.episode",
         "marsexplorer.evaluation",
@@ -278,6 +279,8 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.observation",
         "marsexplorer.policies",
         "marsexplorer.policies.files",
+        "marsexplorer.policies.kernels",
+        "marsexplorer.random_numbers",
         "marsexplorer.rules",
         "marsexplorer.score",
         "marsexplorer.terrain",
