@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from marsexplorer.evaluation import INFORMED
 from marsexplorer.evaluation.plots import PLOT_COLOURS
@@ -62,7 +63,7 @@ def heading(figure: Figure, title: str, text: str) -> None:
     figure.text(0.1 / figure.get_figwidth(), 1 - 0.08 / height, title, va="top", fontsize=13, fontweight="bold", color=INK)
     figure.text(0.1 / figure.get_figwidth(), 1 - 0.36 / height, text, va="top", fontsize=8.5, color=SOFT_INK, linespacing=1.35)
     engine = figure.get_layout_engine()
-    assert engine is not None
+    assert isinstance(engine, ConstrainedLayoutEngine)
     engine.set(rect=(0, 0, 1, 1 - (0.48 + 0.16 * len(text.splitlines())) / height))
 
 
