@@ -15,10 +15,10 @@ from marsexplorer.files import write_whole
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS, cells
 from marsexplorer.paper.settings import as_table
-from marsexplorer.paper.shipped import FOLDER, Results, read
+from marsexplorer.paper.shipped import Results, read
 from marsexplorer.paper.verdicts import VERDICTS
 
-PAGE = FOLDER.parents[1] / "docs" / "paper.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
 ROW = re.compile(r"^\| `(?P<name>[a-z0-9-]+)` \|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M)
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$", re.M | re.S)
 

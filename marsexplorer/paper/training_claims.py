@@ -6,28 +6,34 @@ import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.algorithms import ALGORITHMS
-from marsexplorer.paper.shipped import Results, TrainedRun
+from marsexplorer.paper.curves import TITLES, Record
+from marsexplorer.paper.shipped import Results
 from marsexplorer.paper.verdicts import NOT_YET, NOTHING, Judgement, Values, is_above, mean_of, verdict
 
 SEEDS = 3
 """Fewest seeds that a verdict is given on."""
 FIGURE_4 = {"level": "random", "size": 21}
-COLUMNS = {"paper": "by the letter of the paper", "works": "as it works"}
-"""Variant -> what the page calls it."""
 TOPOLOGIES, MORPHOLOGIES, BONUSES = (1, 2, 3), (1, 2), (1, 2)
 
 
-def figure_4(results: Results, variant: str) -> dict[str, list[TrainedRun]]:
-    """Return the ended runs of each algorithm, empty unless all four have SEEDS of them."""
-    runs = {name: results.ended(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS}
-    return runs if all(len(each) >= SEEDS for each in runs.values()) else {}
+def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
+    """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
+    found = {name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS}
+    return found if all(len(each) >= SEEDS for each in found.values()) else {}
 
 
-def scores_at(runs: dict[str, list[TrainedRun]], axis: str | None) -> dict[str, Values]:
-    """Return the scores by algorithm, best first, at the end or where the shortest run has ended on `axis`."""
-    limit = min(run.curve[-1][axis] for each in runs.values() for run in each) if axis else np.inf
+def score_at(record: Record, axis: str, limit: float) -> float:
+    """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is at most the limit; 0 before the first."""
+    points = zip(record.curve[axis], record.curve["score"], strict=True)
+    return next((score for x, score in reversed([*points]) if x is not None and score is not None and x <= limit), 0.0)
+
+
+def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Values]:
+    """Return the scores by algorithm, best first, at the end or where the shortest trial has ended on `axis`."""
+    ends = [float(record.curve[axis][-1] or 0) for each in trials.values() for record in each] if axis else [np.inf]
     found = {
-        name: np.array([run.at(axis or "moves", limit)["score"] for run in each], np.float64) for name, each in runs.items()
+        name: np.array([score_at(record, axis or "moves", min(ends)) for record in each], np.float64)
+        for name, each in trials.items()
     }
     return dict(sorted(found.items(), key=lambda item: -item[1].mean()))
 
@@ -40,12 +46,12 @@ def order(scores: dict[str, Values]) -> str:
 def best(results: Results) -> Judgement:
     """PPO achieves the highest average episodic reward."""
     parts, judged = [], NOT_YET
-    for variant, column in COLUMNS.items():
-        runs = figure_4(results, variant)
-        if not runs:
+    for variant, column in TITLES.items():
+        trials = figure_4(results, variant)
+        if not trials:
             continue
         views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
-        scores = {words: scores_at(runs, axis) for words, axis in views.items()}
+        scores = {words: scores_at(trials, axis) for words, axis in views.items()}
         parts.append(f"{column}: " + "; ".join(f"{words} {order(each)}" for words, each in scores.items()))
         if variant == "paper":
             first, second = list(scores["at the end"].items())[:2]
@@ -56,19 +62,19 @@ def best(results: Results) -> Judgement:
 
 def second(results: Results) -> Judgement:
     """DQN-Rainbow achieves the second-best performance."""
-    runs = figure_4(results, "paper")
-    if not runs:
+    trials = figure_4(results, "paper")
+    if not trials:
         return NOTHING
-    scores = scores_at(runs, None)
+    scores = scores_at(trials, None)
     return Judgement(f"at the end {order(scores)}", verdict(list(scores)[1] == "rainbow"))
 
 
 def half(results: Results) -> Judgement:
     """Rainbow's average is 50.04 % of PPO's."""
-    runs = figure_4(results, "paper")
-    if not runs:
+    trials = figure_4(results, "paper")
+    if not trials:
         return NOTHING
-    scores = scores_at(runs, None)
+    scores = scores_at(trials, None)
     count = min(len(scores["rainbow"]), len(scores["ppo"]))
     ratios = scores["rainbow"][:count] / scores["ppo"][:count]
     low, high = t_interval(ratios)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,9 @@ from scipy import stats
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.shipped import Results
 
-REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
+REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "in part", "not reproduced"
 DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"
-VERDICTS = (REPRODUCED, NOT_REPRODUCED, DIFFERENT, PEOPLE, NOT_YET)
+VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, DIFFERENT, PEOPLE, NOT_YET)
 Values = NDArray[np.float64]
 
 
@@ -33,6 +33,11 @@ Decide = Callable[[Results], Judgement]
 def verdict(holds: bool) -> str:
     """Return the verdict on a statement that was measured."""
     return REPRODUCED if holds else NOT_REPRODUCED
+
+
+def partly(held: Sequence[bool]) -> str:
+    """Return the verdict on a statement that was measured in several places."""
+    return PARTLY if any(held) and not all(held) else verdict(all(held))
 
 
 def mean_of(values: Values) -> str:
