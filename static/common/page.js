@@ -75,7 +75,7 @@ export function paintLink(root, link, whenOpen) {
 export function createRepaint(paint) {
   let isScheduled = false;
   let isWhole = false;
-  return (isAll = false) => {
+  function repaint(isAll = false) {
     isWhole ||= isAll;
     if (isScheduled) return;
     isScheduled = true;
@@ -84,5 +84,7 @@ export function createRepaint(paint) {
       isScheduled = isWhole = false;
       paint(wasWhole);
     });
-  };
+  }
+  addEventListener("contextrestored", () => repaint(true), true); // a browser that lost its graphics process gives back empty canvases
+  return repaint;
 }

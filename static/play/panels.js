@@ -12,9 +12,6 @@ import { outcomeWord } from "./words.js";
  * @typedef {{role: Role, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel
  */
 
-/** From then on the stage shows what the 3-D view has, even if it has not said that a board is drawn (board_socket.js). */
-const LATEST_DRAWN_MS = 12_000;
-
 /**
  * Make the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root
@@ -41,9 +38,7 @@ export function createPanel(root, template, elsewhere = []) {
     part["replay-link"].dataset.testid = "watch-replay";
     part["copy-replay"].dataset.testid = "copy-replay";
   }
-  const viewer = /** @type {HTMLIFrameElement} */ (part.viewer);
-  viewer.addEventListener("load", () => setTimeout(() => viewer.setAttribute("data-drawn", "true"), LATEST_DRAWN_MS));
-  return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer };
+  return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
 
 /**

@@ -2,6 +2,7 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and what the canvases measure.
 import { elementsOf } from "../common/page.js";
 import { startCameraControl } from "./camera_control.js";
+import { reloadWhenLost, showBoard } from "./viewer_frame.js";
 
 /**
  * Return whether this browser can draw the 3-D view, and whether its processor has to do it.
@@ -19,29 +20,6 @@ export function probeWebGL(page) {
   } catch {
     return { can3d: false, isSoftware: false };
   }
-}
-
-/**
- * Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a canvas
- * of its own (software_canvas.js), so that keys stay quick.
- * @param {boolean} isSoftware
- */
-export function clientUrl(isSoftware) {
-  return `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
-}
-
-/**
- * Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes its socket.
- * @param {HTMLIFrameElement} viewer
- * @param {string | null} name session and wishes; null: nothing
- * @param {boolean} isSoftware
- */
-export function showBoard(viewer, name, isSoftware) {
-  const inside = /** @type {{name: string, showBoard?: () => void} | null} */ (/** @type {unknown} */ (viewer.contentWindow));
-  if (inside) inside.name = name ?? "";
-  if (name === null) viewer.removeAttribute("src");
-  else if (!viewer.getAttribute("src")) viewer.src = clientUrl(isSoftware);
-  else inside?.showBoard?.();
 }
 
 /**
@@ -77,6 +55,7 @@ export function createViews({ page, panels, storage, onChange }) {
   effectsChoice.addEventListener("change", () => { storage.setItem("mars.effects", effectsChoice.value); onChange(); });
   const camera = panels[0].part.camera; // for both boards
   const repaintCamera = startCameraControl(camera, storage, onChange);
+  for (const { viewer } of panels) reloadWhenLost(viewer, isSoftware);
   const button = panels[0].part.view;
   let isMatrixOnly = false;
   function show() {
@@ -116,7 +95,6 @@ export function createViews({ page, panels, storage, onChange }) {
     load({ viewer }, session) {
       const name = session && nameOf(session);
       if (view !== "3d" || viewer.dataset.name === (name ?? "")) return;
-      viewer.dataset.name = name ?? "";
       showBoard(viewer, name, isSoftware);
     },
     /** @param {import("../common/messages.js").Frame | null | undefined} frame */

@@ -68,13 +68,14 @@
    */
   function createOverlay(canvas, gl) {
     const shown = document.createElement("canvas");
-    shown.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none"; // rows come from the bottom up
+    shown.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none;background:#0e0b0d"; // rows come from the bottom up
     canvas.style.visibility = "hidden";
     canvas.after(shown);
-    const target = /** @type {CanvasRenderingContext2D} */ (open.call(shown, "2d", { alpha: false }));
+    const target = /** @type {CanvasRenderingContext2D} */ (open.call(shown, "2d"));
     let picture = new ImageData(1, 1);
     let buffer = gl.createBuffer();
     let isDrawn = false;
+    let isHeld = false;
     let losses = 0;
     const clear = gl.clear.bind(gl);
     gl.clear = (mask) => {
@@ -91,6 +92,12 @@
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
       gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, picture.data);
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+      show();
+    }
+    /** Show the picture that was read, once its scene is complete (board_socket.js): until then the one before it stays. */
+    function show() {
+      isHeld = document.documentElement.dataset.scene === "loading";
+      if (isHeld) return;
       if (shown.width !== picture.width || shown.height !== picture.height) [shown.width, shown.height] = [picture.width, picture.height];
       target.putImageData(picture, 0, 0);
     }
@@ -101,6 +108,7 @@
        * @param {(took_ms: number) => void} onDone
        */
       fetch(onDone) {
+        if (isHeld) show();
         if (!isDrawn || gl.isContextLost()) return false;
         isDrawn = false;
         const began_ms = performance.now();

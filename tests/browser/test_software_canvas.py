@@ -13,14 +13,20 @@ HIDDEN = """() => [...document.querySelectorAll('canvas')]
 
 LOSE_CONTEXT = """() => {
   const canvases = [...document.querySelectorAll('canvas')];
-  const context = canvases.find((each) => getComputedStyle(each).visibility === 'hidden').getContext('webgl2');
-  const loss = context.getExtension('WEBGL_lose_context');
-  loss.loseContext();
-  return new Promise((restored) => {
-    context.canvas.addEventListener('webglcontextrestored', () => restored(true));
-    setTimeout(() => loss.restoreContext());
-  });
+  const hidden = canvases.find((each) => getComputedStyle(each).visibility === 'hidden');
+  hidden.getContext('webgl2').getExtension('WEBGL_lose_context').loseContext();
 }"""
+BREAK_CLIENT = "() => document.getElementById('root').replaceChildren()"
+"""What React does with a client that throws."""
+COUNT_UNFINISHED = """() => {
+  const { putImageData } = CanvasRenderingContext2D.prototype;
+  window.unfinished = 0;
+  CanvasRenderingContext2D.prototype.putImageData = function (...rest) {
+    if (document.documentElement.dataset.scene === 'loading') window.unfinished += 1;
+    return putImageData.apply(this, rest);
+  };
+}"""
+"""Counts pictures of scenes that are still being built: there may be nothing in them yet, which leaves a hole in the page."""
 COUNT_PICTURES = """() => {
   const { fenceSync, getBufferSubData } = WebGL2RenderingContext.prototype;
   let underWay = 0;
@@ -56,7 +62,10 @@ def colours(picture):
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
 
-def test_the_overlay_shows_the_board_upright_follows_a_move_turns_with_the_mouse_and_outlives_its_context(serve, player):
+DRAWN = "[data-testid=viewer-player][data-drawn]"
+
+
+def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(serve, player):
     me = player(serve())
     me.page.add_init_script(f"({COUNT_PICTURES})()")
     me.goto()
@@ -81,11 +90,36 @@ def test_the_overlay_shows_the_board_upright_follows_a_move_turns_with_the_mouse
     me.page.mouse.up()
     me.changes("stage-player", before)
     assert view.evaluate("() => window.mostUnderWay") == 1
-    assert view.evaluate(LOSE_CONTEXT)
+
+    view.evaluate(COUNT_UNFINISHED)
+    before = me.still("stage-player")
+    me.page.get_by_test_id("camera").click()  # another socket, and nothing else that would wake the client
+    me.changes("stage-player", before)
+    eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
+    me.page.locator(DRAWN).wait_for()
     me.page.set_viewport_size({"width": 390, "height": 844})
     shape = "() => { const all = document.querySelectorAll('canvas'); return all[2].width / all[2].height; }"
     eventually(lambda: abs(view.evaluate(shape) / view.evaluate("() => innerWidth / innerHeight") - 1) < 0.05)
     eventually(lambda: colours(me.picture("stage-player"))[0] > 300)
+    assert view.evaluate("() => window.unfinished") == 0, "the picture before stays until the new one is complete"
+    assert me.errors == []
+
+
+def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and_is_loaded_again(serve, player):
+    me = player(serve())
+    me.goto()
+    me.begin(size=[9, 12], seed=3)
+    without_map(me)
+    for harm in (LOSE_CONTEXT, BREAK_CLIENT):
+        me.page.locator(DRAWN).wait_for()
+        eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
+        view = view_of(me)
+        view.evaluate("() => { window.isOld = true; }")
+        view.evaluate(harm)
+        me.page.locator(DRAWN).wait_for(state="detached")
+        me.wait(f"!document.querySelector('{CANVAS}').contentWindow.isOld")
+    me.page.locator(DRAWN).wait_for()
+    eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
     assert me.errors == []
 
 
