@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from marsexplorer.policies.base import Policy
 
 CLOSE = 1e-3
-"""Where the logits of the two best moves differ by less, the board is decided alone; a batch moves them by some millionths."""
+"""Where the scores of the two best moves differ by less, the board is decided alone; a batch moves them by some millionths."""
+CLOSE_SHARE = 1e-5
+"""The same as a share of the best score: values of moves may be hundreds."""
 
 
 @runtime_checkable
@@ -68,7 +70,7 @@ def _act_with_shared_net(group: Sequence[tuple[int, BatchablePolicy, tuple[NDArr
         logits, values = net.infer(*stacked)
         for at, own in enumerate(inputs):
             best, second = np.sort(logits[at])[:-3:-1]
-            if len(inputs) > 1 and best - second < CLOSE:
+            if len(inputs) > 1 and best - second < max(CLOSE, CLOSE_SHARE * abs(best)):
                 logits[at : at + 1], values[at : at + 1] = net.infer(*own)
     except Exception as error:
         return [error] * len(group)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from marsexplorer.policies.base import Memory, Policy
@@ -145,19 +146,23 @@ def save_paper_network(net: PaperNetwork, shape: NetworkShape, path: Path, card:
     """
     acts = check_acts(shape, card.get("acts", default_acts(shape)))
     tensors = mean_weights(net)
-    expected = {name: tensor.shape for name, tensor in make_network(shape).state_dict().items()}
+    expected = {name: tensor.shape for name, tensor in _network_to_fill(shape).state_dict().items()}
     if {name: tensor.shape for name, tensor in tensors.items()} != expected:
-        raise ValueError(
-            f"the network has not the shape that it is to be saved with, {shape}; give it the shape it was made from"
-        )
+        raise ValueError(f"expected a network of the shape {shape}, got one of another; give the shape that it was made from")
     own = {name: value for name, value in card.items() if name != "format"}
     save_tensors(tensors, path, {**own, "network": shape.to_dict(), "acts": acts}, PAPER_NETWORK_FORMAT)
+
+
+def _network_to_fill(shape: NetworkShape) -> PaperNetwork:
+    """Return a network whose weights do not matter: torch's generator is left as it was, for a training may be under way."""
+    with torch.random.fork_rng(devices=[]):
+        return make_network(shape)
 
 
 def load_paper_network(path: Path) -> PaperNetwork:
     """Return the network in a policy file, in evaluation mode; PolicyFileError when the file is none of this format."""
     shape, _ = _read_shape(path)
-    net = make_network(shape)
+    net = _network_to_fill(shape)
     read_weights(net, path)
     return net.eval()
 

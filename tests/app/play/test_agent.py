@@ -5,6 +5,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import torch
 
 from app.play.decision_queue import DecisionQueue
 from app.play.policy_catalogue import PolicyCatalogue
@@ -12,6 +13,9 @@ from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from marsexplorer.policies.network.batch import shared_net
+from marsexplorer.policies.network.paper_network import make_network
+from marsexplorer.policies.network.paper_policy import save_paper_network
+from marsexplorer.policies.network.shape import NetworkShape
 from tests.support import policy_files
 from tests.support.servers import eventually
 
@@ -192,6 +196,25 @@ def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serv
     refused = client.post(f"/api/sessions/{session}/episodes", json={"size": 9})
     assert refused.status_code == 422
     assert "made for 6x7 and cannot play 9x9" in refused.json()["detail"]
+
+
+def test_a_network_of_the_papers_rainbow_plays_as_a_rival(serve, tmp_path):
+    torch.manual_seed(2)
+    shape = NetworkShape("authors", "categorical", 9, 14, mask=True, atoms=11, support=(-50.0, 50.0))
+    path = tmp_path / "rainbow.safetensors"
+    save_paper_network(make_network(shape), shape, path, {"summary": "Rainbow, untrained."})
+    client = serve(policies=PolicyCatalogue([path])).client()
+    refused = client.post("/api/sessions", json={"size": 21, "rival": "rainbow"})
+    assert "made for 9x14 and cannot play 21x21" in refused.json()["detail"]
+    begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "rainbow", "seed": 7}).json()
+    twin, episode = load(path), Episode.begin(EnvConfig.of("random", (9, 14)), seed=7)
+    for number in range(4):
+        body = {"episode": begun["frame"]["episode"], "step": number, "action": ("south", "north")[number % 2]}
+        client.post(f"/api/sessions/{begun['session']}/act", json=body)
+        episode.step(twin.act(episode.codes))
+    url = f"/api/sessions/{begun['rival']['session']}"
+    seen = eventually(lambda: (now := client.get(url).json())["step"] == 4 and now)
+    assert tuple(seen["position"]) == episode.position
 
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
