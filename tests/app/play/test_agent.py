@@ -203,18 +203,19 @@ def test_a_network_of_the_papers_rainbow_plays_as_a_rival(serve, tmp_path):
     shape = NetworkShape("authors", "categorical", 9, 14, mask=True, atoms=11, support=(-50.0, 50.0))
     path = tmp_path / "rainbow.safetensors"
     save_paper_network(make_network(shape), shape, path, {"summary": "Rainbow, untrained."})
-    client = serve(policies=PolicyCatalogue([path])).client()
+    server = serve(policies=PolicyCatalogue([path]))
+    client = server.client()
     refused = client.post("/api/sessions", json={"size": 21, "rival": "rainbow"})
     assert "made for 9x14 and cannot play 21x21" in refused.json()["detail"]
     begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "rainbow", "seed": 7}).json()
     twin, episode = load(path), Episode.begin(EnvConfig.of("random", (9, 14)), seed=7)
     for number in range(4):
         body = {"episode": begun["frame"]["episode"], "step": number, "action": ("south", "north")[number % 2]}
-        client.post(f"/api/sessions/{begun['session']}/act", json=body)
+        assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] is None
         episode.step(twin.act(episode.codes))
-    url = f"/api/sessions/{begun['rival']['session']}"
-    seen = eventually(lambda: (now := client.get(url).json())["step"] == 4 and now)
-    assert tuple(seen["position"]) == episode.position
+    rival = begun["rival"]["session"]
+    eventually(lambda: steps(client, rival) == 4)
+    assert bytes(episode.actions) == server.services.store.resume_session(rival).actions
 
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():

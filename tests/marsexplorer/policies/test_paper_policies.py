@@ -65,8 +65,7 @@ def play(policy, seed, config=CONFIG, floats=False):
     return bytes(episode.actions)
 
 
-@pytest.mark.parametrize("trunk", ["rllib", "authors", "features"])
-@pytest.mark.parametrize("head", HEADS)
+@pytest.mark.parametrize(("head", "trunk"), [*((head, "authors") for head in HEADS), ("policy", "rllib"), ("q", "features")])
 def test_a_file_of_every_head_plays_wherever_policies_play(head, trunk, tmp_path):
     path = written(tmp_path, head, trunk)
     policy = policies.load(path)
@@ -117,10 +116,10 @@ def test_draws_come_as_often_as_their_probabilities_and_never_invalid(tmp_path):
     policy = policies.load(written(tmp_path, "policy"))
     codes = Episode.begin(CONFIG, seed=0).codes
     policy.reset(3)
-    counts = np.bincount([policy.act(codes) for _ in range(2000)], minlength=4) / 2000
+    counts = np.bincount([policy.act(codes) for _ in range(800)], minlength=4) / 800
     shares, value = policy.thought()
     assert shares[0] == shares[3] == counts[0] == counts[3] == 0  # the rover stands in the corner
-    assert counts == pytest.approx(shares, abs=0.05)
+    assert counts == pytest.approx(shares, abs=0.07)
     assert np.isfinite(value)
 
 
@@ -178,13 +177,13 @@ def test_without_a_mask_it_drives_where_it_likes(tmp_path):
 @pytest.mark.parametrize("trunk", ["authors", "features"])
 def test_boards_decided_together_make_the_moves_of_single_decisions(trunk, tmp_path):
     path = written(tmp_path, "categorical", trunk, acts="greedy with guard")
-    episodes, drivers = [Episode.begin(CONFIG, seed=seed) for seed in range(12)], [policies.load(path) for _ in range(12)]
+    episodes, drivers = [Episode.begin(CONFIG, seed=seed) for seed in range(6)], [policies.load(path) for _ in range(6)]
     assert len({id(shared_net(driver)) for driver in drivers}) == 1
     while running := [at for at, one in enumerate(episodes) if not one.ended]:
         actions = act_many([drivers[at] for at in running], [episodes[at].codes for at in running])
         for at, action in zip(running, actions, strict=True):
             episodes[at].step(action)
-    assert [bytes(one.actions) for one in episodes] == [play(policies.load(path), seed) for seed in range(12)]
+    assert [bytes(one.actions) for one in episodes] == [play(policies.load(path), seed) for seed in range(6)]
     assert shared_net(policies.load(written(tmp_path, "policy", trunk))) is None
 
 
