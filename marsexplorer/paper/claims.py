@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from marsexplorer.paper import policy_claims as played
 from marsexplorer.paper import training_claims as training
 from marsexplorer.paper.checks import CHECKS
 from marsexplorer.paper.shipped import Results
@@ -49,6 +50,7 @@ PLAYERS = settled(
 FIGURE = "marsexplorer paper --figure"
 
 CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
+    "discovered-obstacles": Claim(f"{FIGURE} 6", played.discovered),
     "lidar": settled(
         "exact: the compiled lidar equals a literal one, cell for cell, on random terrains and radii from 1 to 8",
         REPRODUCED,
@@ -79,9 +81,9 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "morphology-degrades": Claim(f"{FIGURE} 5", training.morphology_degrades),
     "hardest": Claim(f"{FIGURE} 5", training.hardest),
     "bonus-little": Claim(f"{FIGURE} 5", training.bonus_little),
-    "same-family": Claim(f"{FIGURE} 6", lambda results: NOTHING),
-    "hilbert": Claim(f"{FIGURE} 6", lambda results: NOTHING),
-    "dexterous": Claim(f"{FIGURE} 6", lambda results: NOTHING),
+    "same-family": Claim(f"{FIGURE} 6", played.same_family),
+    "hilbert": Claim(f"{FIGURE} 6", played.hilbert),
+    "dexterous": Claim(f"{FIGURE} 6", played.dexterous),
     "cost": settled(
         "`frontier-cost`: the shortest known path to the nearest frontier cell; equals a literal version of it",
         REPRODUCED,
@@ -93,10 +95,10 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
         DIFFERENT,
         "pytest tests/marsexplorer/policies/test_frontier.py",
     ),
-    "less-distance": Claim(f"{FIGURE} 7", lambda results: NOTHING),
-    "knee": Claim(f"{FIGURE} 7", lambda results: NOTHING),
-    "no-knee": Claim(f"{FIGURE} 7", lambda results: NOTHING),
-    "scales": Claim(f"{FIGURE} 7", lambda results: NOTHING),
+    "less-distance": Claim(f"{FIGURE} 7", played.less_distance),
+    "knee": Claim(f"{FIGURE} 7", played.knee),
+    "no-knee": Claim(f"{FIGURE} 7", played.no_knee),
+    "scales": Claim(f"{FIGURE} 7", played.scales),
 }
 """Name of the claim, as the first column of its row has it -> how it is judged."""
 

@@ -1,12 +1,12 @@
 """The results that are shipped, in `data/paper/*.jsonl`, as the claims of the paper are decided from them.
 
-environment.jsonl  what `checks` found
-every other file   finished trials, see `export`
+environment.jsonl               what `checks` found
+figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `visits`, `null` and `scale`
+every other file                finished trials, see `export`
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from marsexplorer.paper.curves import Record
 from marsexplorer.paper.export import read_exported
+from marsexplorer.paper.play import Line, read_lines
 
 FOLDER = Path(__file__).resolve().parents[2] / "data" / "paper"
 CHECKS_FILE = "environment.jsonl"
-Line = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,14 @@ class Results:
 
     checks     claim -> the line of its check
     records    finished trials
+    plays      figure (6 or 7) -> results of policies
+    walks      results of the walks of figure 6 that nobody trained
     """
 
     checks: dict[str, Line] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
+    plays: dict[int, list[Line]] = field(default_factory=lambda: {6: [], 7: []})
+    walks: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
         """Return the finished trials with these values (algorithm, variant, level, size), by seed."""
@@ -48,8 +52,11 @@ def read(folder: Path = FOLDER) -> Results:
     results = Results()
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
-            lines = (json.loads(text) for text in path.read_text().splitlines())
-            results.checks.update({line["claim"]: line for line in lines})
+            results.checks.update({line["claim"]: line for line in read_lines(path)})
+        elif path.name.startswith(("figure6-", "figure7-")):
+            for line in read_lines(path):
+                kept = results.plays[line["figure"]] if "policy" in line else results.walks
+                kept.append(line)
         else:
             results.records.extend(read_exported(path))
     return results
