@@ -392,7 +392,7 @@ LIBRARIES: dict[str, set[str]] = {
     "marsexplorer.evaluation": {"matplotlib", "numpy", "ray", "scipy"},
     "marsexplorer.lidar": {"numpy"},
     "marsexplorer.observation": {"numpy"},
-    "marsexplorer.paper": {"matplotlib", "numpy", "scipy", "torch"},
+    "marsexplorer.paper": {"PIL", "matplotlib", "numpy", "scipy", "torch"},
     "marsexplorer.policies.base": {"numpy"},
     "marsexplorer.policies.files": {"httpx2", "huggingface_hub", "numpy", "onnx", "onnxruntime", "safetensors", "torch"},
     "marsexplorer.policies.frontier": {"numpy"},

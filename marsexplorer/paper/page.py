@@ -1,7 +1,7 @@
-"""`python -m marsexplorer.paper.page`: draw `docs/paper.md` again from the results that are shipped.
+"""`python -m marsexplorer.paper.page`: draw `docs/paper.md` and its pictures again from the results that are shipped.
 
 The document keeps its prose. What is drawn is the last two cells of every row that begins with the name of a claim in
-backticks, the summary between its marks, and the tables of settings between theirs.
+backticks, and what stands between marks: the summary, the pictures and the tables of settings.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from marsexplorer.files import write_whole
+from marsexplorer.paper import pictures
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS, cells
 from marsexplorer.paper.settings import as_table
@@ -19,6 +20,7 @@ from marsexplorer.paper.shipped import Results, read
 from marsexplorer.paper.verdicts import VERDICTS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
+PICTURES = PAGE.parent / "pictures" / "paper"
 ROW = re.compile(r"^\| `(?P<name>[a-z0-9-]+)` \|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M)
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$", re.M | re.S)
 
@@ -37,7 +39,7 @@ def redraw(text: str, results: Results) -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        drawn = summary(text, results) if name == "summary" else SETTINGS_TABLES[name]()
+        drawn = summary(text, results) if name == "summary" else BLOCKS[name]()
         return f"<!-- drawn: {name} -->\n{drawn}\n<!-- end -->"
 
     return BLOCK.sub(block, ROW.sub(row, text))
@@ -66,16 +68,18 @@ def anchor(heading: str) -> str:
     return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
-SETTINGS_TABLES = {f"settings {name}": partial(as_table, name) for name in ALGORITHMS}
+BLOCKS = {f"settings {name}": partial(as_table, name) for name in ALGORITHMS}
+BLOCKS |= {f"pictures {figure}": partial(pictures.as_markdown, figure, PICTURES) for figure in pictures.PICTURES}
 """What stands between `<!-- drawn: NAME -->` and `<!-- end -->`, besides the summary."""
 
 
 def main(page: Path = PAGE) -> None:
-    """Draw the document again where it lies."""
+    """Draw the pictures and the document again where they lie."""
+    drawn = pictures.draw(PICTURES)
     text = redraw(page.read_text(), read())
     with write_whole(page) as file:
         file.write(text.encode())
-    print(f"{page.name}: {len(names_of(text))} claims")
+    print(f"{page.name}: {len(names_of(text))} claims, {len(drawn)} pictures")
 
 
 if __name__ == "__main__":

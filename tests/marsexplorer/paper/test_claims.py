@@ -53,6 +53,13 @@ def test_the_page_is_what_the_shipped_results_draw():
     assert page.redraw(text, read()) == text, "run python -m marsexplorer.paper.page"
 
 
+def test_every_picture_of_the_page_lies_there_and_is_small():
+    shown = re.findall(r"^!\[.*\]\((pictures/paper/.*)\)$", DOCUMENT.read_text(), re.M)
+    lying = sorted(f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir())
+    assert sorted(shown) == lying
+    assert all((DOCUMENT.parent / name).stat().st_size < 150_000 for name in shown)
+
+
 def test_other_results_draw_another_page(tmp_path):
     text = DOCUMENT.read_text()
     drawn = page.redraw(text, figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1))
