@@ -19,8 +19,8 @@ ORDER = ("ppo", "ppo-paper", "frontier-utility", "frontier-cost", INFORMED)
 FIXED_COLOURS = ("#0072B2", "#CC79A7", "#E69F00", "#D55E00", "#4D4D4D")
 """Of the policies in ORDER; colour-blind people can tell them apart."""
 
-INK, SOFT_INK, LINE_COLOUR = "#1f2328", "#59636e", "#d8dde3"
-"""Text, lesser text, and thin lines."""
+INK, SOFT_INK, LINE_COLOUR, SAND = "#1f2328", "#59636e", "#d8dde3", "#f6f1ea"
+"""Text, lesser text, thin lines, and quiet surfaces."""
 
 DPI = 160
 

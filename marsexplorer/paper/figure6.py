@@ -24,6 +24,7 @@ from marsexplorer.evaluation import RULES
 from marsexplorer.paper.drawing import (
     INK,
     LINE_COLOUR,
+    SAND,
     SOFT_INK,
     colours_of,
     heading,
@@ -51,8 +52,8 @@ DIFFICULTIES = tuple(name for name in LEVELS if name != "random")
 LEVEL_PLACE = "{level}"
 """What stands for the level in the path of policies that were trained on one level each."""
 
-SAND, BLUE, GREEN, RED = "#f6f1ea", "#08306b", "#00692c", "#c1121f"
-"""Of cells without anything, visits, obstacles, and blind spots."""
+BLUE, GREEN, RED = "#08306b", "#00692c", "#c1121f"
+"""Of visits, obstacles, and blind spots; cells without anything are SAND."""
 
 
 def jobs(

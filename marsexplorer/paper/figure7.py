@@ -4,7 +4,8 @@
 
     figure7-coverage.png  coverage against moves: a panel for each level and size
     figure7-steps.png     moves to 99 %, and the share of them that the last per cents take
-    figure7.md            the same numbers as a table
+    figure7-shares.png    moves to 50, 75, 90, 95 and 99 %, relative to a rule; without that rule there is no such picture
+    figure7.md            the same numbers as tables
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from marsexplorer.evaluation import INFORMED, RULES
 from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.paper.drawing import (
     INK,
+    SAND,
     SOFT_INK,
     colours_of,
     heading,
@@ -34,9 +36,11 @@ from marsexplorer.paper.drawing import (
 from marsexplorer.paper.gathered import read_results
 from marsexplorer.paper.job import Job
 from marsexplorer.paper.play import EPISODES, Line, can_play
-from marsexplorer.paper.scale import KNEE, Coverage, Estimate, group_by_place, scale_rows, steps_of
+from marsexplorer.paper.scale import KNEE, PER_CENT, Coverage, Estimate, compare, group_by_place, scale_rows, steps_of
 
 FIGURE = 7
+WIDTH = 9.6
+"""Of every picture, inches."""
 POLICIES = ("ppo", *RULES, INFORMED)
 """What is drawn unless others are named."""
 
@@ -48,6 +52,9 @@ SIZES = (21, 42, 84)
 
 SHOWN_SHARE = 0.97
 """Share of all episodes that have ended at the right edge of a panel."""
+
+REFERENCE = "frontier-cost"
+"""The rule that moves to a share are relative to."""
 
 CONSTANT_PACE = (99 - KNEE) / 99
 """Share of the last per cents where coverage grows at a constant pace."""
@@ -85,11 +92,13 @@ def draw(results: Path, pictures: Path | None = None) -> list[Path]:
     pictures = pictures or results
     pictures.mkdir(parents=True, exist_ok=True)
     lines = read_results(results, FIGURE)
-    return [
+    drawn = [
         save(coverage_figure(lines), pictures / "figure7-coverage.png"),
         save(steps_figure(lines), pictures / "figure7-steps.png"),
-        save_text(table(lines), pictures / "figure7.md"),
     ]
+    if any(line["policy"] == REFERENCE for line in lines):
+        drawn.append(save(shares_figure(lines), pictures / "figure7-shares.png"))
+    return [*drawn, save_text(f"{table(lines)}\n{shares_table(lines)}", pictures / "figure7.md")]
 
 
 def coverage_figure(lines: Sequence[Line]) -> Figure:
@@ -97,7 +106,7 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
     places, levels, sizes = _places(lines)
     policies = in_order([line["policy"] for line in lines])
     colours = colours_of(policies)
-    figure = new_figure(3.5 * len(sizes) + 0.3, 2.75 * len(levels) + 1.25)
+    figure = new_figure(WIDTH, 2.6 * len(levels) + 1.3)
     panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
     for level, row in zip(levels, panels, strict=True):
         for size, axes in zip(sizes, row, strict=True):
@@ -108,13 +117,14 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
             plain(axes, f"level {level}, {size} x {size}")
             axes.set(xlim=(0, _right_edge(list(group.values()))), ylim=(0, 102))
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
-    figure.supxlabel("moves", fontsize=8.5, color=SOFT_INK)
+    for axes in panels[-1]:
+        axes.set_xlabel("moves")
     _legend(figure, policies, colours)
     heading(
         figure,
         "Coverage against moves",
-        f"Mean over {lines[0]['episodes']} held-out terrains, the same for all. Dark band: 95 % interval of the mean. "
-        "Light band: one standard deviation. Dotted: 99 %.",
+        f"Mean over {lines[0]['episodes']} held-out terrains, the same for all; an episode keeps what it had at its end.\n"
+        "Dark band: 95 % interval of the mean. Light band: one standard deviation. Dotted: 99 %.",
     )
     return figure
 
@@ -125,7 +135,7 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
     _, levels, sizes = _places(lines)
     policies = in_order([row.policy for row in rows])
     colours = colours_of(policies)
-    figure = new_figure(3.5 * len(sizes) + 0.3, 0.17 * len(levels) * len(policies) * 2 + 2.6)
+    figure = new_figure(WIDTH, 0.2 * len(levels) * (len(policies) + 1) * 2 + 2.2)
     panels = figure.subplots(2, len(sizes), squeeze=False, sharey=True)
     for size, steps, shares in zip(sizes, *panels, strict=True):
         for row in (each for each in rows if each.size == size):
@@ -135,6 +145,10 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
         shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
         plain(steps, f"{size} x {size}: moves to 99 %")
         plain(shares, f"{size} x {size}: share from {KNEE} % on")
+        for axes in (steps, shares):
+            axes.grid(visible=False, axis="y")
+            for number in range(0, len(levels), 2):
+                axes.axhspan(number - 0.5, number + 0.5, color=SAND, zorder=0, linewidth=0)
         steps.set_xlim(left=0)
         shares.set(xlim=(0, 0.62))
         shares.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
@@ -144,8 +158,38 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
     heading(
         figure,
         "Moves to 99 %, and the knee",
-        f"Means over terrains with 95 % intervals. Below: the share of the moves to 99 % made after {KNEE} % are known. "
+        "Means over terrains with their 95 % intervals; an episode that ends otherwise counts the limit.\n"
+        f"Below, for episodes that reach 99 %, the share of their moves made after {KNEE} % were known. "
         f"Dotted: {per_cent(CONSTANT_PACE)}, a constant pace.",
+    )
+    return figure
+
+
+def shares_figure(lines: Sequence[Line]) -> Figure:
+    """Draw the moves to each share of PER_CENT over those of REFERENCE, a panel for each level and size."""
+    places, levels, sizes = _places(lines)
+    policies = [policy for policy in in_order([line["policy"] for line in lines]) if policy != REFERENCE]
+    colours = colours_of([*policies, REFERENCE])
+    figure = new_figure(WIDTH, 2.4 * len(levels) + 1.5)
+    panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
+    for level, row in zip(levels, panels, strict=True):
+        for size, axes in zip(sizes, row, strict=True):
+            group = places.get((level, size), {})
+            for policy in (each for each in policies if each in group):
+                aside = 0.08 * (policies.index(policy) - (len(policies) - 1) / 2)  # intervals do not cover each other
+                found = ((at, compare(group[policy], group.get(REFERENCE), share)) for at, share in enumerate(PER_CENT))
+                ratios = [(at + aside, ratio) for at, ratio in found]
+                _draw_ratios(axes, [(at, ratio) for at, ratio in ratios if ratio is not None], policy, colours[policy])
+            axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
+            plain(axes, f"level {level}, {size} x {size}")
+            axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
+    for axes in panels[-1]:
+        axes.set_xlabel("coverage")
+    _legend(figure, [*policies, REFERENCE], colours)
+    heading(
+        figure,
+        f"Moves to a share of the cells, over those of {REFERENCE}",
+        "Ratios of means on the same terrains with their 95 % intervals. Below the line: fewer moves.",
     )
     return figure
 
@@ -160,6 +204,28 @@ def table(lines: Sequence[Line]) -> str:
         text += f"| {row.policy} | {row.level} | {row.size} | {row.terrains} | {per_cent(row.completion)} | "
         text += f"{_estimate_text(row.steps, '{:.1f}')} | {ratios} | {_estimate_text(row.last_share, '{:.1%}')} |\n"
     return text
+
+
+def shares_table(lines: Sequence[Line]) -> str:
+    """Return the mean moves to each share of PER_CENT, and their ratio to those of REFERENCE, as a table in Markdown."""
+    text = f"| policy | level | size | {' | '.join(f'{share} %' for share in PER_CENT)} |\n"
+    text += f"|---|---|---|{'---|' * len(PER_CENT)}\n"
+    places, levels, sizes = _places(lines)
+    policies = in_order([line["policy"] for line in lines])
+    for size in sizes:
+        for level in levels:
+            group = places.get((level, size), {})
+            for policy in (each for each in policies if each in group):
+                text += f"| {policy} | {level} | {size} | "
+                text += " | ".join(_share_text(group[policy], group.get(REFERENCE), share) for share in PER_CENT) + " |\n"
+    return text
+
+
+def _share_text(line: Line, reference: Line | None, share: int) -> str:
+    moves = f"{np.nanmean(steps_of(line, share)):.1f}"
+    if line["policy"] == REFERENCE or reference is None:
+        return moves
+    return f"{moves}: {_estimate_text(compare(line, reference, share), '{:.2f}')}"
 
 
 def _places(lines: Sequence[Line]) -> tuple[dict[tuple[str, int], dict[str, Line]], list[str], list[int]]:
@@ -182,7 +248,7 @@ def _draw_curve(axes: Axes, line: Line, colour: str) -> None:
     moves, mean, sd = (np.append(each, end) for each, end in ((moves, 10 * moves[-1] + 1), (mean, mean[-1]), (sd, sd[-1])))
     half = sd * t_quantile(line["played"] - 1) / np.sqrt(line["played"])
     for width, alpha in ((sd, 0.10), (half, 0.28)):
-        axes.fill_between(moves, mean - width, mean + width, color=colour, alpha=alpha, linewidth=0)
+        axes.fill_between(moves, mean - width, np.minimum(mean + width, 100), color=colour, alpha=alpha, linewidth=0)
     axes.plot(moves, mean, color=colour, linewidth=1.5, linestyle="--" if line["policy"] == INFORMED else "-")
 
 
@@ -190,6 +256,14 @@ def _draw_estimate(axes: Axes, estimate: Estimate | None, at: float, colour: str
     if estimate is not None:
         axes.plot([estimate.low, estimate.high], [at, at], color=colour, linewidth=2, solid_capstyle="round")
         axes.plot(estimate.mean, at, "o", color=colour, markersize=5, markeredgecolor="white", markeredgewidth=0.6)
+
+
+def _draw_ratios(axes: Axes, ratios: Sequence[tuple[float, Estimate]], policy: str, colour: str) -> None:
+    """Draw a line through the ratios, each at its place, with their intervals."""
+    at, found = [place for place, _ in ratios], [ratio for _, ratio in ratios]
+    means = [ratio.mean for ratio in found]
+    axes.vlines(at, [ratio.low for ratio in found], [ratio.high for ratio in found], color=colour, linewidth=2)
+    axes.plot(at, means, "--o" if policy == INFORMED else "-o", color=colour, markersize=4, linewidth=1.3)
 
 
 def _right_edge(lines: Sequence[Line]) -> float:

@@ -106,10 +106,10 @@ def moves_until(result: Result | None, cells: int) -> int | None:
     return int(enough.argmax()) if enough.any() else None
 
 
-def steps_of(line: Line) -> Floats:
-    """Return float64[episodes], the moves to 99 % by terrain: the limit where it was missed, NaN where nothing was played."""
+def steps_of(line: Line, per_cent: int = 99) -> Floats:
+    """Return float64[episodes], the moves to a share of PER_CENT by terrain: the limit where missed, NaN where not played."""
     limit = line["rows"] * line["cols"]
-    steps = np.array([limit if each is None else each for each in line["reached"]["99"]], np.float64)
+    steps = np.array([limit if each is None else each for each in line["reached"][str(per_cent)]], np.float64)
     if line["policy"] == INFORMED:  # it reaches 99 % or finds no walk at all
         steps[steps == limit] = np.nan
     return steps
@@ -122,11 +122,11 @@ def last_shares(line: Line) -> Floats:
     return np.asarray((whole - before)[whole > 0] / whole[whole > 0])
 
 
-def compare(line: Line, reference: Line | None) -> Estimate | None:
-    """Return the ratio of the mean steps to 99 % to those of a reference, paired; None without at least two common terrains."""
+def compare(line: Line, reference: Line | None, per_cent: int = 99) -> Estimate | None:
+    """Return the ratio of the mean moves to a share to those of a reference, paired; None without two common terrains."""
     if reference is None:
         return None
-    pair = np.stack([steps_of(line), steps_of(reference)])
+    pair = np.stack([steps_of(line, per_cent), steps_of(reference, per_cent)])
     values, references = pair[:, ~np.isnan(pair).any(axis=0)]
     return Estimate(*ratio_interval(values, references)) if len(values) > 1 else None
 

@@ -167,7 +167,9 @@ def test_a_stopped_null_goes_on_to_the_same_courses(kind, tmp_path, monkeypatch)
             job.run(tmp_path / "cut", stop)
         assert not job.is_done(tmp_path / "cut")
         assert len(read_lines(tmp_path / "cut" / job.name / "walks.jsonl")) == 1 + 6
-    job.run(tmp_path / "cut", lambda share: None)
+    rest = []
+    job.run(tmp_path / "cut", rest.append)
+    assert rest == ([] if kind == "blocks" else [number / 12 for number in range(7, 13)]), "nothing is walked twice"
     (first,), (second,) = (read_lines(tmp_path / each / job.name / "result.jsonl") for each in ("whole", "cut"))
     assert first == second
     makes_u, never_goes_back = course_rates(first)
