@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.ppo_trainer import PPOTrainer
+from marsexplorer.paper.ppo_trainer import PPOTrainer, config_of
 from marsexplorer.paper.trainer import Trainer
 
 ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
@@ -19,5 +19,5 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     ValueError when there is no such algorithm or variant.
     """
     if algorithm == "ppo":
-        return PPOTrainer(variant, config, seed, moves)
+        return PPOTrainer(config_of(variant), config, seed, moves)
     raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")

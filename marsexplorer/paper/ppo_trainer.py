@@ -69,10 +69,15 @@ def config_of(variant: str) -> TrainConfig:
 
 
 class PPOTrainer:
-    """Train by PPO; see `marsexplorer.paper.trainer` for what each part is. A round is an update."""
+    """Train by PPO; see `marsexplorer.paper.trainer` for what each part is. A round is an update.
 
-    def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        self._run = TrainingRun.begin(config_of(variant), [config], moves, seed)
+    config      of PPO, such as `config_of` returns
+    env_config  of the environments
+    moves       of the whole training
+    """
+
+    def __init__(self, config: TrainConfig, env_config: EnvConfig, seed: int, moves: int) -> None:
+        self._run = TrainingRun.begin(config, [env_config], moves, seed)
         self._buffer = RolloutBuffer.empty(self._run.config, self._run.envs.observe())
         self.settings = self._run.config.to_dict()
         (self.envs,) = self._run.envs.parts

@@ -32,13 +32,16 @@ from marsexplorer.paper.job import OnProgress
 from marsexplorer.paper.trainer import Trainer
 from marsexplorer.score import score
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
+from marsexplorer.training.interrupts import postponed_interrupt
 
 FORMAT_VERSION = 1
 EPISODES_PER_LINE = 100
 LINES = 100
 """Lines of the curve of a whole trial."""
 CHECKPOINT_INTERVAL_S = 60.0
-"""Seconds between checkpoints."""
+"""Seconds between checkpoints, at least."""
+SAVING_SHARE = 0.04
+"""Share of the time that saving may take: where a replay buffer makes it slow, checkpoints are further apart."""
 ENDINGS = ("explored", "collided", "out_of_bounds", "timed_out")
 HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
@@ -87,7 +90,10 @@ class Trial:
         return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Train, from the checkpoint if there is one, and measure; ValueError when the folder is another trial's."""
+        """Train, from the checkpoint if there is one, and measure; ValueError when the folder holds another trial."""
+        if self.is_done(folder):
+            (folder / self.name / "checkpoint.pt").unlink(missing_ok=True)  # a kill can leave it
+            return
         torch.set_num_threads(1)
         trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
         run = _Run(self, trainer, folder / self.name)
@@ -97,7 +103,7 @@ class Trial:
                 run.advance()
                 on_progress(min(1.0, trainer.moves / self.moves))
         except KeyboardInterrupt:
-            run.save()
+            run.stop()
             raise
         run.finish()
 
@@ -117,7 +123,8 @@ class _Run:
             "hardware": f"{platform.machine()}, one thread",
         }
         self._lines: list[dict[str, Any]] = []
-        self._cpu_before, self._cpu_begun, self._saved = 0.0, time.process_time(), time.monotonic()
+        self._cpu_before, self._cpu_begun = 0.0, time.process_time()
+        self._save_due, self._is_between_rounds = time.monotonic() + CHECKPOINT_INTERVAL_S, True
 
     @property
     def cpu_seconds(self) -> float:
@@ -126,15 +133,19 @@ class _Run:
 
     def resume(self) -> None:
         """Set everything to where the checkpoint left it, if there is one."""
-        path = self._folder / "checkpoint.pt"
-        if not path.is_file():
-            return
-        checkpoint = torch.load(path, weights_only=True)
-        if json.loads(checkpoint["identity"]) != self._identity:
+        path, lines = self._folder / "checkpoint.pt", read_log(self._folder / "log.jsonl")
+        checkpoint = torch.load(path, weights_only=True) if path.is_file() else None
+        found = {**self._identity, "trial": lines[0]["trial"]} if lines else self._identity
+        if checkpoint is not None:
+            found = json.loads(checkpoint["identity"])
+        if found != self._identity:
             raise ValueError(f"{self._folder} holds another trial; give another --out, or the options that it began with")
+        for unfinished in self._folder.glob(".*.part"):  # a killed process leaves the file that it was writing
+            unfinished.unlink()
+        if checkpoint is None:
+            return
         self._trainer.load_state_dict(checkpoint["trainer"])
         self._cpu_before = checkpoint["cpu_s"]
-        lines = read_log(self._folder / "log.jsonl")
         self._lines = [line for line in lines if line["kind"] == "curve" and line["moves"] <= self._trainer.moves]
 
     @property
@@ -144,13 +155,24 @@ class _Run:
         return {"version": FORMAT_VERSION, **head}
 
     def advance(self) -> None:
-        """Make one round; add a line to the curve where one is due, and save when the last checkpoint is old."""
+        """Make one round; add a line to the curve where one is due, and save when the last checkpoint is old.
+
+        KeyboardInterrupt comes after the round; only a second Ctrl-C breaks into it.
+        """
         trainer, interval = self._trainer, max(1, self._trial.moves // LINES)
         before = trainer.moves
-        numbers = trainer.advance()
-        if before // interval < trainer.moves // interval or trainer.moves >= self._trial.moves:
-            self._lines.append(self._line(numbers))
-        if time.monotonic() - self._saved > CHECKPOINT_INTERVAL_S:
+        with postponed_interrupt():
+            self._is_between_rounds = False
+            numbers = trainer.advance()
+            if before // interval < trainer.moves // interval or trainer.moves >= self._trial.moves:
+                self._lines.append(self._line(numbers))
+            self._is_between_rounds = True
+        if time.monotonic() > self._save_due:
+            self.save()
+
+    def stop(self) -> None:
+        """Save, unless a round was broken off: then the last checkpoint is the newest whole state."""
+        if self._is_between_rounds:
             self.save()
 
     def _line(self, numbers: dict[str, float]) -> dict[str, Any]:
@@ -159,7 +181,11 @@ class _Run:
         return {"kind": "curve", "moves": self._trainer.moves, "cpu_s": round(self.cpu_seconds, 2), **rounded}
 
     def save(self) -> None:
-        """Write the checkpoint, the log and the policy; the log goes first: lines beyond a checkpoint are dropped again."""
+        """Write the log, the policy and the checkpoint.
+
+        The checkpoint is last, so whenever the process is killed the log has every line up to it; lines beyond are dropped.
+        """
+        begun = time.monotonic()
         self._write_log(self._lines)
         self._save_policy({})
         checkpoint = {
@@ -169,14 +195,16 @@ class _Run:
         }
         with replace_whole(self._folder / "checkpoint.pt") as path:
             torch.save(checkpoint, path)
-        self._saved = time.monotonic()
+        now = time.monotonic()
+        self._save_due = now + max(CHECKPOINT_INTERVAL_S, (now - begun) / SAVING_SHARE)
 
     def finish(self) -> None:
         """Measure the policy on held-out terrains, write the result and drop the checkpoint."""
         self.save()
+        cpu_s = round(self.cpu_seconds, 2)
         result = measure(self.policy, self._trial)
         self._save_policy({f"{self._trial.level} {self._trial.size}x{self._trial.size}": result})
-        last = {"kind": "result", "moves": self._trainer.moves, "cpu_s": round(self.cpu_seconds, 2), **result}
+        last = {"kind": "result", "moves": self._trainer.moves, "cpu_s": cpu_s, **result}
         self._write_log([*self._lines, last])
         (self._folder / "checkpoint.pt").unlink()
 
@@ -216,6 +244,7 @@ def measure(policy: Path, trial: Trial) -> dict[str, Any]:
     """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
     table = evaluate([str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, workers=1)
     own, *rules = table.rows
+    outcomes = [result.outcome for result in table.results if result.policy == own.policy]
     return {
         "terrains": trial.terrains,
         "first_seed": EVALUATION_SEEDS.start,
@@ -224,6 +253,7 @@ def measure(policy: Path, trial: Trial) -> dict[str, Any]:
         "collisions": own.collisions,
         "score": round(own.score_mean, 4),
         "coverage": round(own.coverage_mean, 4),
+        **{ending: outcomes.count(ending) / len(outcomes) for ending in ENDINGS},
         "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
     }
 

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from marsexplorer.config import EnvConfig
 from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import MixedEnvs, Observation, StepResult, TrainingEnvs, make_envs, rewards_in_moves
+from marsexplorer.training.interrupts import postponed_interrupt
 
 ENT_COEF_FACTOR = 1.05
 """Factor by which the entropy's coefficient is adapted after an update."""
@@ -71,6 +72,7 @@ class TrainingRun:
     num_updates     updates of the whole run; updates_done: made so far
     ent_coef        coefficient of the entropy in the loss as adapted; kl_coef: of the divergence
     device          where the network computes: "cpu" or "cuda"
+    is_between_updates  whether the state is whole; it is not while an update is being made
     """
 
     config: TrainConfig
@@ -84,6 +86,7 @@ class TrainingRun:
     updates_done: int = 0
     ent_coef: float = 0.05
     kl_coef: float = 0.0
+    is_between_updates: bool = True
 
     @classmethod
     def begin(
@@ -162,17 +165,22 @@ class UpdateMetrics:
 
 
 def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Module:
-    """Make the rest of the run's updates and return the network; `on_update` is called after each and may raise to stop."""
+    """Make the rest of the run's updates and return the network; `on_update` is called after each and may raise to stop.
+
+    KeyboardInterrupt comes between two updates; only after a second Ctrl-C the run is left in the middle of one.
+    """
     buffer = RolloutBuffer.empty(run.config, run.envs.observe())
     while run.updates_done < run.num_updates:
-        metrics = make_update(run, buffer)
-        on_update(UpdateMetrics(run.global_step, **episode_means(run), **metrics))
+        with postponed_interrupt():
+            metrics = make_update(run, buffer)
+            on_update(UpdateMetrics(run.global_step, **episode_means(run), **metrics))
     return run.net.eval()
 
 
 def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
     """Play one rollout into the buffer and learn from it; return entropy, ratio_change and explained_variance."""
     config = run.config
+    run.is_between_updates = False
     progress = run.updates_done / run.num_updates
     learning_rate = config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
     run.optimizer.param_groups[0]["lr"] = learning_rate
@@ -184,6 +192,7 @@ def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
         target_entropy = config.target_entropy[0] + (config.target_entropy[1] - config.target_entropy[0]) * progress
         factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
         run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
+    run.is_between_updates = True
     return metrics
 
 

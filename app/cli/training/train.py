@@ -142,7 +142,8 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
             train_network(run, run_folder.on_update)
             run_folder.save()
         except KeyboardInterrupt:
-            run_folder.save()
+            if run.is_between_updates:
+                run_folder.save()
             click.echo(f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume", err=True)
             raise
     click.echo(f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, run.env_configs[0])}")

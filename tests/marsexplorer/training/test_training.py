@@ -1,6 +1,8 @@
 """Training: small, deterministic, interruptible, and better than chance."""
 
 import json
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -95,6 +97,36 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path, config):
     while not episode.ended:
         episode.step(policy.act(episode.codes))
     assert set(policy.thought()[0]) != {0.25}
+
+
+def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
+    config = replace(PAPER, num_envs=4, num_steps=8, minibatch_size=16)
+    whole, run = trained(3 * 32, 5, config), TrainingRun.begin(config, [SMALL], 3 * 32, 5)
+    folder = RunFolder(tmp_path, run, {"summary": "stopped"}, silent)
+    hook = run.optimizer.register_step_post_hook(
+        lambda *_: os.kill(os.getpid(), signal.SIGINT) if run.updates_done == 1 else None
+    )
+    with pytest.raises(KeyboardInterrupt):
+        ppo.train(run, folder.on_update)  # the second Ctrl-C, at the next gradient step, breaks in
+    assert (run.updates_done, run.is_between_updates) == (1, False)
+    hook.remove()
+    run, pressed = TrainingRun.begin(config, [SMALL], 3 * 32, 5), []
+    hook = run.optimizer.register_step_post_hook(
+        lambda *_: (pressed.append(1), os.kill(os.getpid(), signal.SIGINT)) if run.updates_done == 1 and not pressed else None
+    )
+    folder = RunFolder(tmp_path, run, {"summary": "stopped"}, silent)
+    with pytest.raises(KeyboardInterrupt):
+        ppo.train(run, folder.on_update)
+    hook.remove()
+    assert (run.updates_done, run.is_between_updates) == (2, True)
+    folder.save()
+    run = TrainingRun.begin(config, [SMALL], 3 * 32, 5)
+    folder = RunFolder(tmp_path, run, {"summary": "resumed"}, silent)
+    folder.resume()
+    ppo.train(run, folder.on_update)
+    folder.save()
+    assert same_weights(run.net, whole.net)
+    assert len((tmp_path / "log.jsonl").read_text().splitlines()) == 3
 
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path):
