@@ -19,7 +19,7 @@ def postponed_interrupt() -> Iterator[None]:
     if not is_ours or threading.current_thread() is not threading.main_thread():
         yield
         return
-    waiting = []
+    waiting: list[int] = []
 
     def wait(number: int, frame: FrameType | None) -> None:
         if waiting:
