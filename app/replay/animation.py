@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 MOST_PICTURES = 300
 """Pictures of moves in an animation at most; of longer replays every second, third, ... move is drawn."""
+LARGE_SIDE, MOST_LARGE_PICTURES = 60, 125
+"""A GIF of boards with a longer side than this, cells, has fewer: each move changes much of its picture."""
 FASTEST = 25.0
 """Pictures per second at most: a GIF counts in hundredths of a second, and browsers slow down what is faster than 50."""
 LONGEST_S = 15.0
@@ -48,17 +50,26 @@ class Timing:
     rate: Fraction
 
     @classmethod
-    def of(cls, courses: Sequence[Course], speed: float | None = None) -> Timing:
-        """Return the timing of courses at some moves per second; None shows all of it within LONGEST_S."""
+    def of(cls, courses: Sequence[Course], speed: float | None = None, most: int = MOST_PICTURES) -> Timing:
+        """Return the timing of courses at some moves per second; None shows all of it within LONGEST_S.
+
+        most  pictures of moves, the last one besides
+        """
         last = max(course.moves for course in courses)
         speed = speed or max(SPEED, last / LONGEST_S)
-        stride = max(1, -(-last // MOST_PICTURES), int(-(-speed // FASTEST)))
+        stride = max(1, -(-last // most), int(-(-speed // FASTEST)))
         return cls((*range(0, last, stride), last), Fraction(speed / stride).limit_denominator(100))
 
     @property
     def held(self) -> int:
         """Pictures for which the end is shown."""
         return max(1, round(HELD_S * self.rate))
+
+
+def most_gif_pictures(courses: Sequence[Course]) -> int:
+    """Return how many pictures of moves a GIF of these courses has at most."""
+    side = max(courses[0].config.rows, courses[0].config.cols)
+    return MOST_LARGE_PICTURES if side > LARGE_SIDE else MOST_PICTURES
 
 
 def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = None) -> bytes:

@@ -9,8 +9,8 @@ from pathlib import Path
 from app.storage.reader import Reader
 from marsexplorer.episode import Record
 
-NAMES = {"human": "A person", "script": "A script"}
-"""Driver of an episode -> how a replay names it; a policy has its own name."""
+NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
+"""Who drove an episode -> how a replay names them; a policy has its own name."""
 MAX_NAMED = 5
 """Episodes that are named where a prefix fits several."""
 
@@ -36,11 +36,16 @@ STRANGER = Asker()
 
 @dataclass(frozen=True)
 class ShownEpisode:
-    """An ended episode that the asker may see: its id, its cause, and who drove in words."""
+    """An ended episode that the asker may see: its id, its cause, and who drove in words.
+
+    name        for everybody
+    asker_name  for the asker: "You" where it was they
+    """
 
     id: str
     record: Record
     name: str
+    asker_name: str
 
 
 def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:
@@ -50,11 +55,14 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
     another player's of a daily terrain before its day is over.
     """
     with closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader, reader.snapshot():
-        found = reader.episode(episode_id, asker.player_id)
-        if found is None:
+        if reader.episode(episode_id, asker.player_id) is None:
             raise UnknownReplayError(f"no finished episode {episode_id!r} that can be replayed: check the link")
-        driver = str(found["driver"])
-        return ShownEpisode(episode_id, reader.load_record(episode_id), NAMES.get(driver) or driver.removeprefix("policy:"))
+        name, own_name = (_name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id))
+        return ShownEpisode(episode_id, reader.load_record(episode_id), name, own_name)
+
+
+def _name(driver: str) -> str:
+    return NAMES.get(driver) or driver.removeprefix("policy:")
 
 
 def find_episode(database: Path, prefix: str) -> ShownEpisode:

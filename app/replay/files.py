@@ -40,5 +40,6 @@ def file_of(
         return single_file(episode_id, own, others[0] if others else None).encode()
     if form == "png":
         return preview(own)
-    write = animation.gif if form == "gif" else animation.mp4
-    return write(courses, Timing.of(courses, speed), progress)
+    if form == "gif":
+        return animation.gif(courses, Timing.of(courses, speed, animation.most_gif_pictures(courses)), progress)
+    return animation.mp4(courses, Timing.of(courses, speed), progress)

@@ -10,7 +10,7 @@ import asyncio
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -91,10 +91,10 @@ class Replays:
     async def file(self, episode_id: str, form: Format, ghost: str | None, asker: Asker) -> bytes:
         """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
         replay = await self.replay(episode_id, asker)
-        record = replay.episode.record
+        record, course = replay.episode.record, replace(replay.course, name=replay.episode.name)  # a file is for everybody
 
         def write() -> bytes:
-            courses = [replay.course, *([] if ghost is None else [self._ghost(record, ghost)])]
+            courses = [course, *([] if ghost is None else [self._ghost(record, ghost)])]
             return file_of(form, episode_id, courses)
 
         return await self._work(lambda: self._files.get((episode_id, record.trajectory_hash, form, ghost), write))
@@ -105,7 +105,7 @@ class Replays:
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
-        course = course_of(episode.name, episode.record)
+        course = course_of(episode.asker_name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)
         return Replay(episode, course, tuple(ghosts), preferred(ghosts, episode.name))
 

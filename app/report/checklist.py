@@ -70,6 +70,11 @@ def checklist(facts: Facts) -> tuple[Item, ...]:
     return tuple(item for part in parts for item in part(facts))
 
 
+def _many(count: int, one: str) -> str:
+    """Return a count with its noun: `1 question`, `3 questions`."""
+    return f"{count} {one}" if count == 1 else f"{count} {one}s"
+
+
 def _missing(number: str, name: str, what: str) -> Item:
     return Item(number, name, "Missing", f"The authors must state {what}.", "missing")
 
@@ -137,11 +142,11 @@ def _design(facts: Facts) -> Iterator[Item]:
 
 def _recruitment(facts: Facts) -> Iterator[Item]:
     protocol = facts.protocol
-    count = len(protocol.questions)
+    questions = _many(len(protocol.questions), "question")
     yield _missing("2.1", "Population of interest identification", "the population")
     yield _missing("2.1.1", "Population of interest identification criteria", "them")
     yield Item("2.2", "Baseliner sampling strategy", "Partial", RECRUITMENT[protocol.recruitment], "protocol")
-    asked = f"{count} questions must be answered rightly before the warm-up; criteria of recruitment are not known."
+    asked = f"{questions} must be answered rightly before the warm-up; criteria of recruitment are not known."
     yield Item("2.3", "Quality control in recruitment", "Partial", asked, "protocol")
     yield _missing("2.3.1", "Quality control criteria for baseliners", "criteria of recruitment, if any")
     yield _missing("2.3.2", "Recruitment exclusion rate", "whom recruitment turned away")
@@ -152,7 +157,7 @@ def _recruitment(facts: Facts) -> Iterator[Item]:
     )
     yield Item("2.5", "Baseliner train/test contamination", "Unknown", unseen + facts.leak, "database")
     yield Item("2.6", "Baseliner training", "Yes", "Everybody, before the first ranked episode.", "protocol")
-    kind = f"A tutorial to play, {count} questions and {protocol.warm_up} warm-up episodes with feedback."
+    kind = f"A tutorial to play, {questions} and {_many(protocol.warm_up, 'warm-up episode')} with feedback."
     yield Item("2.6.1", "Baseliner training type", "Tutorial and practice", kind, "protocol")
     yield _missing("2.6.2", "Baseliner training compensation", "it")
     yield _missing("2.6.2.1", "Baseliner training compensation amount", "it")

@@ -146,6 +146,16 @@ class Reader:
             return {**_described(row, steps), "moves": moves}
         return None
 
+    def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
+        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""
+        sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
+            WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
+            FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
+        for row in list(self._db.query(sql, [episode_id, viewer])):
+            is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
+            return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
+        raise StoreError(f"no episode {episode_id!r} in {self.path}")
+
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
         """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"

@@ -5,7 +5,7 @@
 /** @typedef {import("./messages.js").About} About */
 /** @typedef {import("./messages.js").FromServer} FromServer */
 /** @typedef {"player" | "rival"} Role */
-/** @typedef {"practice" | "ranked" | "watch" | "spectator"} Mode  spectator: of an episode that is somebody else's */
+/** @typedef {"practice" | "ranked" | "watch" | "spectator"} Mode  spectator: of an episode without a session here, live or ended */
 /**
  * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
  * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came); `expected` is the newest answer

@@ -34,7 +34,6 @@ export function paintBar(state, page, rival) {
  * @param {boolean} isFirstVisit
  */
 export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
-  if (mode === "spectator") return false;
   if (mode === "watch") return true;
   if (!player) return !isFirstVisit;
   return rival !== null && !isFirstVisit;

@@ -13,7 +13,7 @@ import { ending, scoreWhy } from "./words.js";
 export function paintEndCard(part, { mode, player, rival }, paysBonus) {
   const frame = player?.frame;
   const wasHidden = part.end.hidden;
-  part.end.hidden = !frame?.outcome || mode === "spectator";
+  part.end.hidden = !frame?.outcome;
   if (!frame || part.end.hidden) return false;
   const { title, line } = ending(frame);
   put(part["end-title"], title);

@@ -45,7 +45,7 @@ export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
      */
     follow(before, after) {
       const [was, is] = [before.player?.frame, after.player?.frame];
-      if (!isFirst() || !is || was === is || after.mode === "spectator" || after.mode === "watch") return;
+      if (!isFirst() || !is || was === is || after.mode === "watch") return;
       if (is.step > 0) storage.setItem(VISITED, "yes");
       hint = was ? hintAfter(was, is, said) : null;
       if (hint?.id) said.add(hint.id);

@@ -73,8 +73,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       panel.paintPanel(panels[role], state[role]);
       panel.paintPick(panels[role], state[role]);
       panel.paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
-      const isShown = state.mode !== "spectator" && (role === "player" || hasTwo);
-      views.load(panels[role], isShown ? state[role]?.session ?? null : null);
+      views.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
     }
   }
   /**
@@ -104,7 +103,6 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       const before = painted;
       painted = state;
       const dpr = window.devicePixelRatio || 1;
-      views.showMatrixOnly(state.mode === "spectator");
       page.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
       paintBoards(state, before, dpr);
       paintPanels(state, before);

@@ -20,8 +20,7 @@ const ROLES = /** @type {const} */ (["player", "rival"]);
 export function policyBoards(state) {
   return ROLES.flatMap((role) => {
     const board = state[role];
-    const isPolicys = role === "rival" ? state.mode !== "spectator" : state.mode === "watch";
-    return board && isPolicys ? [/** @type {[Role, Board]} */ ([role, board])] : [];
+    return board && (role === "rival" || state.mode === "watch") ? [/** @type {[Role, Board]} */ ([role, board])] : [];
   });
 }
 

@@ -4,13 +4,14 @@ import io
 import json
 import re
 import sys
+from dataclasses import replace
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
 
-from app.replay.animation import GIF, MP4, Timing, VideoMissingError, has_video
+from app.replay.animation import GIF, MP4, Timing, VideoMissingError, has_video, most_gif_pictures
 from app.replay.board_picture import AMBER, NIGHT, ROCK, SOIL, board_picture
 from app.replay.course import course_of
 from app.replay.files import file_of, offered
@@ -90,6 +91,16 @@ def test_long_and_fast_replays_leave_moves_out_and_show_the_last():
     assert len(timing.steps) <= 301
     assert 14 < len(timing.steps) / timing.rate < 16
     assert Timing.of([Long()], speed=100).rate <= 25
+
+
+def test_a_gif_of_a_large_board_has_fewer_pictures_in_the_same_time():
+    episode = Episode.begin(EnvConfig.of("random", 84), seed=3)
+    episode.step(1)
+    courses = [course_of("A person", episode.record())]
+    most = most_gif_pictures(courses)
+    large = Timing.of([replace(courses[0], actions=bytes(1284))], most=most)
+    assert len(large.steps) <= most + 1 == 126
+    assert 14 < len(large.steps) / large.rate < 16
 
 
 def test_the_preview_has_the_size_that_sites_show(courses):

@@ -62,6 +62,20 @@ def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolu
     assert client.get(f"/replay/{running}").headers["location"] == f"../watch/{running}"
 
 
+def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
+    server = serve()
+    me, stranger = server.client(), server.client()
+    about = me.post("/api/sessions", json={"size": [5, 7]}, headers={"Origin": server.url}).json()
+    episode = about["frame"]["episode"]
+    ended = me.post(f"/api/sessions/{about['session']}/act", json={"episode": episode, "step": 0, "action": "north"}).json()
+    assert ended["outcome"] == "out_of_bounds"
+    names = [each.get(f"/api/episodes/{episode}/replay").json()["run"]["name"] for each in (me, stranger)]
+    assert names == ["You", "A script"]
+    assert Page(me.get(f"/replay/{episode}").text).metas["og:title"].startswith("You drove off the map at ")
+    files = [each.get(f"/replay/{episode}.html", params={"ghost": "none"}).text for each in (me, stranger)]
+    assert files[0] == files[1], "a file is for whoever it is given to"
+
+
 def test_a_name_from_outside_is_text_in_the_page_and_nothing_else(serve, tmp_path):
     script = "</script><script>alert(1)</script><b title=\"x'"
     ended, _ = recorded(tmp_path / "playground.db", driver=f"policy:{script}")

@@ -32,7 +32,6 @@ test("a person's board is never a policy's", () => {
   const state = apply(initialState(), { kind: "begun", about });
   assert.deepEqual(policyBoards(state).map(([role]) => role), ["rival"]);
   assert.deepEqual(policyBoards({ ...state, mode: "watch" }).map(([role]) => role), ["player", "rival"]);
-  assert.deepEqual(policyBoards({ ...state, mode: "spectator" }), []);
 });
 
 test("the strip has a number at each end, and nought between them where there is room", () => {

@@ -41,7 +41,6 @@ test("the policy's board is there for whoever has played before, and in a ranked
   assert.equal(hasTwoBoards({ ...state, mode: "ranked", rival: null }, false), false);
   assert.equal(hasTwoBoards({ ...state, mode: "ranked" }, false), true);
   assert.equal(hasTwoBoards({ ...state, mode: "watch" }, true), true);
-  assert.equal(hasTwoBoards({ ...state, mode: "spectator" }, false), false);
   assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, false), true, "before anything is loaded the page has its final shape");
   assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, true), false);
 });
