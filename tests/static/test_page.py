@@ -148,7 +148,8 @@ def test_text_stands_out_in_both_themes(ink, ground, selector):
 def test_buttons_and_marks_stand_out_in_both_themes(selector):
     colours = theme(DARK) | theme(selector)
     assert all(contrast(colours["ink"], colours[fill]) >= 4.5 for fill in ("accent", "accent-over", "alarm"))
-    assert all(contrast(colours["open"], colours[ground]) >= 3 for ground in ("page", "panel"))
+    for mark in ("open", "chart-you", "chart-policy"):
+        assert all(contrast(colours[mark], colours[ground]) >= 3 for ground in ("page", "panel"))
 
 
 def palette(name):
