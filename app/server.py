@@ -41,6 +41,7 @@ from app.web.errors import add_error_handlers
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
 from app.web.middleware import SecurityHeaders
 from marsexplorer.config import CORE_VERSION
+from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.policies import describe
 
 __all__ = ["ServerError", "create_app", "run"]
@@ -75,6 +76,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 sweepers = [asyncio.create_task(part.sweep(), name="sweep") for part in (lobby, page_boards)]
+                t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
                 gc.collect()
                 gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
                 try:

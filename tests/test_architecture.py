@@ -157,6 +157,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.viewer3d",
         "app.web",
         "marsexplorer.config",
+        "marsexplorer.evaluation",
         "marsexplorer.policies",
     },
     "app.services": {

@@ -13,10 +13,10 @@ from dataclasses import asdict
 
 import click
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
-from scipy import stats
 
 from app.coverage.further import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_mixed_model, measure_ratio
 from app.coverage.simulated_studies import (
@@ -182,7 +182,7 @@ def _mixed_models(studies: int, seed: int, players: Sequence[int], progress: Pro
 def coverage_error(coverage: float, studies: int) -> float:
     """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
     share = coverage / 100
-    return float(100 * stats.norm.ppf(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
+    return float(100 * scipy.stats.norm.ppf(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
 
 
 def _further(what: str, studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import click
 import numpy as np
-from scipy import stats
+import scipy
 
 from app.statistics.intervals import printed_interval
 from marsexplorer.config import EnvConfig
@@ -38,7 +38,7 @@ class SlipPool:
         """Return Spearman's correlation of slip rate and mean regret over players: one for each rate and replicate."""
         means = self.regret.mean(2)
         rates = np.repeat(np.array(self.rates)[:, None], means.shape[1], axis=1)
-        return float(stats.spearmanr(rates.ravel(), means.ravel()).statistic)
+        return float(scipy.stats.spearmanr(rates.ravel(), means.ravel()).statistic)
 
     def coverage(self, players: int, studies: int, rng: np.random.Generator) -> float:
         """Return the share of studies in which the interval holds the true mean on these terrains, 0..1.

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from app.statistics.crossed import can_be_crossed, crossed_interval, crossed_p
 from app.statistics.intervals import Interval, printed_interval
@@ -164,7 +164,7 @@ def _end(kept: Callable[[float], float], inside: float, step: float) -> float:
     while kept(outside) > 0 and np.isfinite(outside):
         inside, step = outside, 2 * step
         outside = inside + step
-    return float(optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12)) if kept(inside) > 0 else inside
+    return float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12)) if kept(inside) > 0 else inside
 
 
 def holm(p_values: list[float]) -> list[float]:

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from app.statistics.intervals import Ends, printed_interval, printed_p
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
@@ -107,7 +107,7 @@ def crossed_p(table: Floats) -> Floats:
     confidence C leaves 0 out."""
     found = crossed_mean(table)
     ratio = np.divide(np.abs(found.mean), found.error, out=np.where(found.mean == 0, 0.0, np.inf), where=found.error > 0)
-    p = 2 * special.stdtr(found.freedom, -ratio)
+    p = 2 * scipy.special.stdtr(found.freedom, -ratio)
     larger: Floats = np.maximum(p, printed_p(np.nanmean(table, -1)))
     return larger
 
@@ -115,6 +115,6 @@ def crossed_p(table: Floats) -> Floats:
 def crossed_interval(table: Floats, confidence: float = CONFIDENCE) -> Ends:
     """Return low and high of the mean over players and terrains; never narrower than the interval for these terrains."""
     found = crossed_mean(table)
-    half = special.stdtrit(found.freedom, (1 + confidence) / 2) * found.error
+    half = scipy.special.stdtrit(found.freedom, (1 + confidence) / 2) * found.error
     low, high = printed_interval(np.nanmean(table, -1), confidence)
     return np.minimum(found.mean - half, low), np.maximum(found.mean + half, high)

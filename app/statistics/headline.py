@@ -10,8 +10,8 @@ measures how often the headline misses (docs/report.md).
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from app.statistics.intervals import RULE
 from marsexplorer.evaluation.intervals import Floats
@@ -51,5 +51,5 @@ def _p_of_equal_rates(failed: Floats, episodes: Floats) -> Floats:
     is_open = spread > 0
     expected = episodes * rate
     squares = np.divide((failed - expected) ** 2, episodes * spread, out=np.zeros_like(expected), where=is_open)
-    p: Floats = np.where(is_open[..., 0], special.chdtrc(failed.shape[-1] - 1, squares.sum(-1)), 1.0)
+    p: Floats = np.where(is_open[..., 0], scipy.special.chdtrc(failed.shape[-1] - 1, squares.sum(-1)), 1.0)
     return p

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval, t_quantile
 
@@ -175,7 +175,7 @@ def printed_p(values: Floats) -> Floats:
     transformed = finite + lean * finite**2 / 3 + lean**2 * finite**3 / 27 + lean / 6
     widened = skew * np.sign(ratio) < 0  # the end that faces 0 is the one on the side of the longer tail
     nearest = np.where(widened, np.minimum(np.abs(ratio), transformed * np.sign(ratio)), np.abs(ratio))
-    p: Floats = np.minimum(2 * special.stdtr(n - 1, -nearest), 1.0)
+    p: Floats = np.minimum(2 * scipy.special.stdtr(n - 1, -nearest), 1.0)
     return p
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from app.statistics.intervals import Interval
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval
@@ -109,7 +109,7 @@ def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]
         return ends, None
     if error == 0:
         return ends, 0.0 if abs(mean) < margin else 1.0
-    p = stats.t.sf([(mean + margin) / error, (margin - mean) / error], freedom)
+    p = scipy.stats.t.sf([(mean + margin) / error, (margin - mean) / error], freedom)
     return ends, float(p.max())
 
 

@@ -13,8 +13,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, optimize, special
 
 from app.statistics.crossed import can_be_crossed, crossed_components, satterthwaite
 from app.statistics.intervals import TAIL, Interval
@@ -24,7 +24,6 @@ Indices = NDArray[np.intp]
 
 FEWEST = 3
 """Players, and terrains, below which no variance between them is fitted."""
-NORMAL_QUANTILE = float(special.ndtri(1 - TAIL))
 SMALLEST_START, LARGEST_START = 0.05, 100.0
 """Of a variance over that of the rest, where the search begins: at 0 it would stay."""
 NO_VARIANCE = 1e-5
@@ -169,13 +168,13 @@ def _refined(values: Floats, design: _Design, found: Variances) -> Variances:
         scales = np.concatenate([np.ones(2), np.repeat(np.abs(roots), counts)])
         prior = np.diag([0.0, 0.0 if design.trial_sd > 0 else 1.0, *np.ones(sum(counts))])
         lower = np.linalg.cholesky(products * np.outer(scales, scales) + prior)
-        explained = linalg.solve_triangular(lower, scales * sums, lower=True)
+        explained = scipy.linalg.solve_triangular(lower, scales * sums, lower=True)
         rest = (squares - float(explained @ explained)) / freedom
         return 2 * float(np.log(np.diag(lower)).sum()) + freedom * float(np.log(rest)), rest
 
     roots = np.sqrt(np.maximum(np.array([found.player, found.terrain]) / found.rest, NO_VARIANCE))
     options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000}
-    best = optimize.minimize(lambda roots: solved(roots)[0], roots, method="Nelder-Mead", options=options).x
+    best = scipy.optimize.minimize(lambda roots: solved(roots)[0], roots, method="Nelder-Mead", options=options).x
     rest = solved(best)[1]
     player, terrain = (float(f"{root**2 * rest:.6g}") if root**2 > NO_VARIANCE else 0.0 for root in map(float, best))
     return Variances(player, terrain, float(f"{rest:.6g}"))
@@ -218,7 +217,7 @@ def _in_units(
     if design.trial_sd > 0:
         slope = unit * float(effects[1]) / design.trial_sd
         slope_half = t_quantile(count - players - terrains) * float(errors[1]) / design.trial_sd
-    values, halves = unit * effects[2 + players :], NORMAL_QUANTILE * errors[2 + players :]
+    values, halves = unit * effects[2 + players :], scipy.special.ndtri(1 - TAIL) * errors[2 + players :]
     return MixedModel(
         metric=metric,
         converged=True,

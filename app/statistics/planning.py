@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import click
 import numpy as np
-from scipy import stats
-from scipy.optimize import brentq
+import scipy
 
 from app.statistics.learning import LEVEL, assess_learning
 from app.statistics.power import MAX_PLAYERS, plan_sample_size
@@ -119,9 +118,9 @@ def flat_power(change_sd: float, players: int, margin: float) -> float:
     if players < 2:
         return 0.0
     freedom, error = players - 1, change_sd / math.sqrt(players)
-    sampled = np.sqrt(stats.chi2.ppf(_QUANTILES, freedom) / freedom)
+    sampled = np.sqrt(scipy.stats.chi2.ppf(_QUANTILES, freedom) / freedom)
     room = margin / error - t_quantile(freedom, 1 - 2 * LEVEL) * sampled
-    return float(np.maximum(0.0, 2 * stats.norm.cdf(room) - 1).mean())
+    return float(np.maximum(0.0, 2 * scipy.stats.norm.cdf(room) - 1).mean())
 
 
 def difference_power(mean_sd: float, players: int, difference: float, policies: int) -> float:
@@ -132,8 +131,8 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(stats.chi2.ppf(_QUANTILES, freedom) / freedom)
-    return float((stats.norm.sf(limit - shift) + stats.norm.cdf(-limit - shift)).mean())
+    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(scipy.stats.chi2.ppf(_QUANTILES, freedom) / freedom)
+    return float((scipy.stats.norm.sf(limit - shift) + scipy.stats.norm.cdf(-limit - shift)).mean())
 
 
 def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
@@ -177,7 +176,7 @@ def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
     freedom = players - 1
     unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
     mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
-    return unit * mean, unit * math.sqrt(float(stats.chi2.ppf(WANTED_POWER, freedom)) / freedom)
+    return unit * mean, unit * math.sqrt(float(scipy.stats.chi2.ppf(WANTED_POWER, freedom)) / freedom)
 
 
 def _least(power: Callable[[float], float]) -> float:
@@ -185,7 +184,7 @@ def _least(power: Callable[[float], float]) -> float:
     high = 1.0
     while power(high) < WANTED_POWER:
         high *= 2
-    return float(brentq(lambda effect: power(effect) - WANTED_POWER, 1e-9, high))
+    return float(scipy.optimize.brentq(lambda effect: power(effect) - WANTED_POWER, 1e-9, high))
 
 
 def _fewest(power: Callable[[int], float]) -> int | None:

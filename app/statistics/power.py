@@ -12,8 +12,7 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy import stats
-from scipy.special import gammaln
+import scipy
 
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.spread import variance_components
@@ -97,8 +96,9 @@ def _widths(spread: float, assurance: float) -> list[Width]:
     players = np.arange(2, MAX_PLAYERS + 1)
     freedom = players - 1
     unit = _t_quantiles() * spread / np.sqrt(players)
-    mean_sd = np.sqrt(2 / freedom) * np.exp(gammaln(players / 2) - gammaln(freedom / 2))  # of the sample SD, for SD 1
-    assured = unit * np.sqrt(stats.chi2.ppf(assurance, freedom) / freedom)
+    log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
+    mean_sd = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
+    assured = unit * np.sqrt(scipy.stats.chi2.ppf(assurance, freedom) / freedom)
     return [Width(*row) for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)]
 
 

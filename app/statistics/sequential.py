@@ -19,8 +19,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy import stats
-from scipy.optimize import brentq
+import scipy
 
 from app.study.data import StudyData
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
@@ -71,7 +70,7 @@ def spent_alpha(spending: Spending, fraction: float, alpha: float = ALPHA) -> fl
         return 0.0
     if spending == "pocock":
         return 2 * side * float(np.log(1 + (np.e - 1) * fraction))
-    return 4 * float(stats.norm.sf(stats.norm.isf(side / 2) / np.sqrt(fraction)))
+    return 4 * float(scipy.stats.norm.sf(scipy.stats.norm.isf(side / 2) / np.sqrt(fraction)))
 
 
 def boundaries(spending: Spending, fractions: Sequence[float], alpha: float = ALPHA) -> tuple[Boundary, ...]:
@@ -89,7 +88,7 @@ def _boundaries(spending: Spending, fractions: tuple[float, ...], alpha: float) 
     for fraction in fractions:
         target = spent_alpha(spending, fraction, alpha)
         z = _boundary(reached, before, fraction, target - spent)
-        tail = 2 * float(stats.norm.sf(z))
+        tail = 2 * float(scipy.stats.norm.sf(z))
         found.append(Boundary(fraction, target, z, 1 - tail))
         reached = _survived(reached, before, fraction, z)
         before, spent = fraction, target
@@ -101,19 +100,19 @@ def _boundary(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
     if alpha < 1e-15:
         return float("inf")
     if reached is None:
-        return float(stats.norm.isf(alpha / 2))
+        return float(scipy.stats.norm.isf(alpha / 2))
 
     def excess(z: float) -> float:
         return _crossing(reached, before, fraction, z) - alpha
 
-    return float("inf") if excess(FARTHEST) > 0 else float(brentq(excess, 0.0, FARTHEST, xtol=1e-10))
+    return float("inf") if excess(FARTHEST) > 0 else float(scipy.optimize.brentq(excess, 0.0, FARTHEST, xtol=1e-10))
 
 
 def _crossing(reached: tuple[Floats, Floats], before: float, fraction: float, z: float) -> float:
     """Return the probability of getting this far and then crossing +-z at `fraction`."""
     grid, density = reached
     scale, edge = np.sqrt(fraction - before), z * np.sqrt(fraction)
-    beyond = stats.norm.sf((edge - grid) / scale) + stats.norm.cdf((-edge - grid) / scale)
+    beyond = scipy.stats.norm.sf((edge - grid) / scale) + scipy.stats.norm.cdf((-edge - grid) / scale)
     return float((density * beyond).sum() * (grid[1] - grid[0]))
 
 
@@ -124,10 +123,10 @@ def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
     count = int(np.ceil(2 * edge / scale * POINTS_PER_SD))
     grid = -edge + 2 * edge * (np.arange(count) + 0.5) / count
     if reached is None:
-        density: Floats = stats.norm.pdf(grid, scale=scale)
+        density: Floats = scipy.stats.norm.pdf(grid, scale=scale)
         return grid, density
     old, held = reached
     density = np.concatenate(
-        [stats.norm.pdf(part[:, None] - old, scale=scale) @ held for part in np.array_split(grid, 1 + count // 500)]
+        [scipy.stats.norm.pdf(part[:, None] - old, scale=scale) @ held for part in np.array_split(grid, 1 + count // 500)]
     )
     return grid, density * (old[1] - old[0])

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from app.statistics.crossed import can_be_crossed, crossed_components
 from app.statistics.intervals import TAIL, Interval, printed_interval
@@ -98,7 +98,7 @@ def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) 
     doubt = parts[0] ** 2 / (n0 - 1) + parts[1] ** 2 / ((p0 - 1) * (n0 - 1))
     freedom = max(sum(parts) ** 2 / doubt, 1.0) if doubt > 0 else 1.0
     below = n0 * of_terrains + (n0 * p0 - n0 - p0) * rest
-    near, far = stats.f.ppf(1 - TAIL, [p0 - 1, freedom], [freedom, p0 - 1])
+    near, far = scipy.stats.f.ppf(1 - TAIL, [p0 - 1, freedom], [freedom, p0 - 1])
     low = p0 * (of_players - near * rest) / (near * below + p0 * of_players)
     high = p0 * (far * of_players - rest) / (below + p0 * far * of_players)
     return float(low), float(high)
@@ -106,7 +106,7 @@ def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) 
 
 def iqm(table: Floats) -> float:
     """Return the interquartile mean over all episodes: the mean of the middle half (Agarwal et al. 2021)."""
-    return float(stats.trim_mean(table[~np.isnan(table)], 1 / 4))
+    return float(scipy.stats.trim_mean(table[~np.isnan(table)], 1 / 4))
 
 
 def iqm_interval(table: Floats) -> Interval:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from app.statistics.intervals import Interval
 from app.study.data import StudyEpisode
@@ -73,7 +73,7 @@ def leak_trend(ranked: Mapping[str, Sequence[StudyEpisode]]) -> LeakTrend:
     x, y = ([float(np.mean(own)) for own in found.values()] for found in (before, steps))
     if len(x) < FEWEST_PLAYERS or np.ptp(x) == 0:
         return LeakTrend(len(x), most)
-    found = stats.linregress(x, y)
+    found = scipy.stats.linregress(x, y)
     half = float(t_quantile(len(x) - 2) * found.stderr)
     slope = float(found.slope)
     return LeakTrend(len(x), most, slope, (slope - half, slope + half), float(found.pvalue))

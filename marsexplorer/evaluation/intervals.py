@@ -4,8 +4,8 @@ Wilson's interval of a share."""
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 Floats = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 
 def t_quantile(degrees_of_freedom: float, confidence: float = CONFIDENCE) -> float:
     """Return the two-sided quantile of Student's t: |T| stays below it with probability `confidence` (0..1)."""
-    return float(stats.t.ppf((1 + confidence) / 2, degrees_of_freedom))
+    return float(scipy.stats.t.ppf((1 + confidence) / 2, degrees_of_freedom))
 
 
 def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
@@ -32,5 +32,5 @@ def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, 
 
 def wilson_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return (low, high) of Wilson's score interval for a share, 0..1 each, from `count` of `total` independent cases."""
-    interval = stats.binomtest(count, total).proportion_ci(confidence, "wilson")
+    interval = scipy.stats.binomtest(count, total).proportion_ci(confidence, "wilson")
     return float(interval.low), float(interval.high)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from marsexplorer.config import UNKNOWN
 from marsexplorer.episode import Episode, Record
@@ -93,7 +93,7 @@ def leaves_pocket(
     codes     uint8[rows, cols], known; terrain bool[rows, cols], True where blocked
     towards   the cells (row, col) that the two moves lead to; distances are row and column steps, obstacles ignored
     """
-    groups, count = ndimage.label(codes == UNKNOWN)
+    groups, count = scipy.ndimage.label(codes == UNKNOWN)
     for number in range(1, count + 1):
         cells = np.argwhere(groups == number)
         if len(cells) > POCKET_CELLS or not (~terrain[tuple(cells.T)]).any():
