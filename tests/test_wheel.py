@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import site
 import subprocess
 import sys
@@ -39,11 +40,22 @@ def home(wheel, tmp_path_factory):
     """The bin/ of an environment with the wheel in it, its dependencies borrowed from ours."""
     folder = tmp_path_factory.mktemp("elsewhere") / "venv"
     venv.create(folder, symlinks=True)
-    installed = pip("--python", folder / "bin" / "python", "install", "--no-deps", "--no-index", wheel)
+    installed = pip("--python", folder / "bin" / "python", "install", "--no-deps", "--no-index", "--no-compile", wheel)
     assert installed.returncode == 0, installed.stderr
     packages = next(folder.glob("lib/python*/site-packages"))
     (packages / "borrowed.pth").write_text("\n".join(site.getsitepackages()))
+    borrow_kernels(packages)
     return folder / "bin"
+
+
+def borrow_kernels(packages):
+    """Give the wheel's modules the age of ours, and what was compiled of them: a cold start is tested with the bench."""
+    for module in (ROOT / "marsexplorer").rglob("*.py"):
+        shutil.copystat(module, packages / module.relative_to(ROOT))
+    for kernel in (ROOT / "marsexplorer").rglob("__pycache__/*.nb[ci]"):
+        place = packages / kernel.relative_to(ROOT)
+        place.parent.mkdir(exist_ok=True)
+        shutil.copy(kernel, place)
 
 
 @contextmanager

@@ -14,9 +14,10 @@ def pytest_collection_modifyitems(items):
         if "browser" in Path(item.fspath).parts:
             item.add_marker(pytest.mark.browser)
             if chromium_path() is None:
-                item.add_marker(
-                    pytest.mark.skip(reason="NO CHROMIUM: install it (`apt-get install chromium`) to run the browser tests")
+                why = (
+                    "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser tests"
                 )
+                item.add_marker(pytest.mark.skip(reason=why))
 
 
 class Browsers:
@@ -92,12 +93,16 @@ class Player:
     def state(self, path="player.frame"):
         return self.page.evaluate(f"() => window.mars.state.{path}")
 
-    def begin(self, **wish):
-        """Open a session of one's own (the page's cookie) and look at it."""
+    def open_session(self, **wish):
+        """Open a session of one's own (the page's cookie) and return what the server says of it."""
         origin = "/".join(self.url.split("/")[:3])
         answer = self.page.request.post(f"{self.url}/api/sessions", data=wish, headers={"Origin": origin})
         assert answer.status in (200, 201), answer.text()
-        about = answer.json()
+        return answer.json()
+
+    def begin(self, **wish):
+        """Open a session of one's own and look at it."""
+        about = self.open_session(**wish)
         self.page.goto("about:blank")
         self.goto(about["session"])
         return about

@@ -33,7 +33,6 @@ def begun(serve_or_spawn, player, flags=NO_3D, **context):
     """Return a server and a person at a ranked board of theirs."""
     server = serve_or_spawn()
     me = player(server, [*flags, *AS_A_PERSON], **context)
-    me.goto()
     me.begin(size=[9, 12])
     return server, me
 

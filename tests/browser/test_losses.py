@@ -30,7 +30,6 @@ ASK = "Where did I lose moves?"
 def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_practice(serve, player):
     server = serve()
     me = player(server, FLAGS)
-    me.goto()
     about = me.begin(size=[7, 9])
     assert about["counts"]
     ask = me.page.get_by_role("button", name=ASK)
@@ -70,7 +69,6 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     server = serve()
     me = player(server, FLAGS)
     me.page.set_viewport_size({"width": width, "height": height})
-    me.goto()
     me.begin(size=[9, 11], seed=12, rival="frontier-cost")
     frame = me.explore(Wanderer(), lambda frame: frame["outcome"])
     me.page.get_by_role("button", name=ASK).click()
@@ -94,7 +92,6 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
 @pytest.mark.long
 def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
     me = player(serve(), FLAGS)
-    me.goto()
     me.begin(size=84, seed=12, rival="frontier-cost")
     me.press("north")
     ask = me.page.get_by_role("button", name=ASK)

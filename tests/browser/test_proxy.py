@@ -61,7 +61,6 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
     me = player(proxy(server.port), AS_A_PERSON, ignore_https_errors=True)
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))
-    me.goto()
     about = me.begin(size=[9, 12], seed=3)
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 

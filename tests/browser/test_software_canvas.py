@@ -68,7 +68,6 @@ DRAWN = "[data-testid=viewer-player][data-drawn]"
 def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(serve, player):
     me = player(serve())
     me.page.add_init_script(f"({COUNT_PICTURES})()")
-    me.goto()
     me.begin(size=[9, 12], seed=3)
     view = view_of(me)
     without_map(me)
@@ -126,8 +125,7 @@ def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and
 def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serve, player):
     server = serve()
     me = player(server)
-    me.goto()
-    about = me.begin(size=[9, 12], seed=3)
+    about = me.open_session(size=[9, 12], seed=3)
     me.page.goto(f"{server.url}/viewer/{about['session']}/")
     me.page.locator("canvas").first.wait_for()
     assert me.page.evaluate("() => requestAnimationFrame.toString().includes('native code')")

@@ -13,7 +13,6 @@ def drawn(me):
 
 def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     me = player(serve(), NO_3D)
-    me.goto()
     me.begin(rival="ppo", size=[9, 12], seed=5)
     me.wait(FIRST)
     shares = me.state("rival.thought.probabilities")
@@ -50,7 +49,6 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
 
 def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_end(serve, player):
     me = player(serve(), NO_3D)
-    me.goto()
     about = me.begin(size=[5, 7])
     assert about["counts"]
     me.page.wait_for_timeout(500)
@@ -72,7 +70,6 @@ def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_
 
 def test_any_policy_can_be_given_to_either_board(serve, player):
     me = player(serve(), NO_3D)
-    me.goto()
     me.begin(player="frontier-cost", rival="ppo", size=[9, 12])
     for role, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
         session, kept = me.state("player.session"), me.state(f"{other}.name")
