@@ -30,7 +30,7 @@ PICTURES = {
     },
 }
 """Figure -> name of a picture that the page shows -> what it shows."""
-COLOURS, LARGEST_WIDTH = 64, 1150
+COLOURS, LARGEST_WIDTH = 256, 1150
 """Of a picture as it is shipped: colours of its palette, and pixels."""
 
 
@@ -62,7 +62,7 @@ def shrink(source: Path, target: Path) -> Path:
     image = Image.open(source).convert("RGB")
     if image.width > LARGEST_WIDTH:
         image = image.resize((LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(target, optimize=True)
     return target
 
 

@@ -18,14 +18,19 @@ NETWORK = "[[8,[3,3],2],[16,[2,2],2],[512,[6,6],1]]"
 """`config['model']['conv_filters']` of every script: filters, kernel, stride; the last is a dense layer on 21x21."""
 
 
-class NotRun:
-    """The value of a setting that no trainer has logged yet."""
+class NoValue:
+    """What stands in place of a value: `words` say why there is none."""
+
+    def __init__(self, words: str) -> None:
+        self.words = words
 
     def __repr__(self) -> str:
-        return "not yet run"
+        return self.words
 
 
-NOT_RUN = NotRun()
+NOT_RUN = NoValue("not yet run")
+ABSENT = NoValue("none")
+"""The setting of something that ours has not; a run logs no such key."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +61,34 @@ RECIPE = "works: what our recipe `best` has"
 LONG_EPISODES = "works: at 0.95 a cell that is seen 50 moves later counts for a thirteenth"
 LIGHT = "the variant `appendix` has 30 passes of 128 moves; 6 of 500 take an eighth of the time"
 NO_END = "works: the ends of +-441 swamp the values of new cells"
+A3C_STEPS = "paper: A3C's default of RLlib"
+HESSEL = "as Hessel et al. 2018 have it; with RLlib's default it would be no Rainbow"
+SUPPORT = "it must hold the +-441 of the paper's reward, or the returns of the changed one"
+BATCH = "works: larger batches, fewer gradient steps"
+ENVIRONMENTS = "stepped together"
+SAC_WORKERS = "paper: as with the 8 workers of `runnerSAC.py`"
+NO_HIDDEN = "the dense layer of 512 units leads to the four numbers directly"
+ENTROPY = "works: the default wants nearly the entropy of chance"
+MASK = "works: a move that is known to be invalid has no probability"
+CELL = "worth of a new cell in moves; 0: eq. 8"
+TWO_LAYERS = "two convolutions, one dense layer"
+AUTHORS = "paper: the authors' sizes; works: our features instead of the state matrix"
 FEATURES = (
     "paper: RLlib's default sizes, 16 and 32 filters of 4x4 and 256 units; works: our features, which know the valid moves"
 )
+
+
+def _changes(algorithm: str) -> tuple[Setting, ...]:
+    """Return the rows that A2C, Rainbow and SAC share: what is changed of the task, not of the algorithm."""
+    return (
+        Setting(
+            algorithm, "worth of a new cell in moves; 0: eq. 8", "eq. 8", "see the claims", "reward_per_cell", 0.0, 0.18, NO_END
+        ),
+        Setting(algorithm, "n and -n at the end", "used", "400 and -400", "has_bonus", True, False, NO_END),
+        Setting(algorithm, "mask of invalid moves", None, "none", "mask", False, True, MASK),
+        Setting(algorithm, "network", TWO_LAYERS, f"`{NETWORK}`", "network", "authors", "features", AUTHORS),
+    )
+
 
 SETTINGS: tuple[Setting, ...] = (
     Setting("ppo", "discount", "0.95", "0.9", "gamma", 0.95, 0.997, LONG_EPISODES),
@@ -88,42 +118,70 @@ SETTINGS: tuple[Setting, ...] = (
         NO_END,
     ),
     Setting("ppo", "n and -n at the end", "used", "400 and -400", "has_bonus", True, False, NO_END),
-    Setting("ppo", "network", "two convolutions, one dense layer", f"`{NETWORK}`", "network", "paper", "features", FEATURES),
-    Setting("a2c", "discount", "0.95", "0.9", "gamma"),
-    Setting("a2c", "learning rate", "1e-4", "1e-4, default", "learning_rate"),
-    Setting("a2c", "GAE lambda", "0.99", "1.0, default", "gae_lambda"),
-    Setting("a2c", "critic: coefficient of the value loss", "0.5", "0.5, default", "vf_coef"),
-    Setting("a2c", "coefficient of the entropy", "0.01", "0.01, default", "ent_coef"),
-    Setting("a2c", "largest norm of the gradient", None, "40, default", "max_grad_norm"),
-    Setting("a2c", "moves of each environment between updates", None, "20, default", "num_steps"),
-    Setting("a2c", "network", "two convolutions, one dense layer", f"`{NETWORK}`", "network"),
-    Setting("rainbow", "discount", "0.95", "0.9", "gamma"),
-    Setting("rainbow", "learning rate", "5e-4", "5e-4, default", "learning_rate"),
-    Setting("rainbow", "1. noisy network", "used", "`noisy` = False", "noisy"),
-    Setting("rainbow", "its first sigma", "0.5", "0.5, default, without effect", "noisy_sigma"),
-    Setting("rainbow", "2. dueling network", "used", "used, default", "dueling"),
-    Setting("rainbow", "3. double Q", "used", "used, default", "double_q"),
-    Setting("rainbow", "4. prioritized replay", "used", "used, default", "prioritized_replay"),
-    Setting("rainbow", "5. distribution of returns: atoms", None, "1, default: no distribution", "num_atoms"),
-    Setting("rainbow", "its support", None, "-400 to 400, without effect for one atom", "support"),
-    Setting("rainbow", "6. steps of the return", None, "1, default", "n_step"),
-    Setting("rainbow", "epsilon", "1.0 to 0.02", "1.0 to 0.02 in 10,000 moves, default", "epsilon"),
-    Setting("rainbow", "size of the buffer, moves", "50,000", "50,000, default", "buffer_size"),
-    Setting("rainbow", "moves in a gradient step", None, "32, default", "batch_size"),
-    Setting("rainbow", "moves between copies to the target network", None, "500, default", "target_update_freq"),
-    Setting("rainbow", "network", "two convolutions, one dense layer", f"`{NETWORK}`", "network"),
-    Setting("sac", "discount", "0.95", "0.9", "gamma"),
-    Setting("sac", "learning rate", "3e-4", "3e-4, default", "learning_rate"),
-    Setting("sac", "twin Q", "used", "used, default", "twin_q"),
-    Setting("sac", "hidden layers of Q", "[256, 256]", "[256, 256], default", "q_hidden"),
-    Setting("sac", "hidden layers of the policy", "[256, 256]", "[256, 256], default", "policy_hidden"),
-    Setting("sac", "size of the buffer, moves", "1,000,000", "500,000; 300,000 in `runnerSAC.py`", "buffer_size"),
-    Setting("sac", "prioritized replay", "used", "used", "prioritized_replay"),
-    Setting("sac", "moves in a gradient step", None, "256, default", "batch_size"),
-    Setting("sac", "rate of the target networks", None, "0.005, default", "tau"),
-    Setting("sac", "first weight of the entropy", None, "1.0, default", "initial_alpha"),
-    Setting("sac", "wanted entropy", None, '"auto", default', "target_entropy"),
-    Setting("sac", "network", "two convolutions, one dense layer", f"`{NETWORK}`", "network"),
+    Setting("ppo", "network", TWO_LAYERS, f"`{NETWORK}`", "network", "paper", "features", FEATURES),
+    Setting("a2c", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
+    Setting("a2c", "learning rate", "1e-4", "1e-4, default", "learning_rate", 1e-4, 1e-3, BATCH),
+    Setting("a2c", "GAE lambda", "0.99", "1.0, default", "gae_lambda", 0.99, 0.95, LONG_EPISODES),
+    Setting("a2c", "critic: coefficient of the value loss", "0.5", "0.5, default", "vf_coef", 0.5, 0.5),
+    Setting("a2c", "coefficient of the entropy", "0.01", "0.01, default", "ent_coef", 0.01, 0.01),
+    Setting("a2c", "largest norm of the gradient of a batch's sum", None, "40, default", "max_grad_norm", 40.0, 1024.0, BATCH),
+    Setting("a2c", "environments", None, "20 workers", "num_envs", 20, 64, BATCH),
+    Setting("a2c", "moves of each between updates", None, "20, default; A3C's is 10", "num_steps", 10, 16, A3C_STEPS),
+    *_changes("a2c"),
+    Setting("rainbow", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
+    Setting("rainbow", "learning rate", "5e-4", "5e-4, default", "learning_rate", 5e-4, 5e-4),
+    Setting("rainbow", "1. noisy network", "used", "`noisy` = False", "noisy", True, True),
+    Setting("rainbow", "its first sigma", "0.5", "0.5, default, without effect", "noisy_sigma", 0.5, 0.5),
+    Setting("rainbow", "2. dueling network", "used", "used, default", "dueling", True, True),
+    Setting("rainbow", "3. double Q", "used", "used, default", "double_q", True, True),
+    Setting("rainbow", "4. prioritized replay", "used", "used, default", "prioritized_replay", True, True),
+    Setting("rainbow", "5. distribution of returns: atoms", None, "1, default: no distribution", "num_atoms", 51, 51, HESSEL),
+    Setting(
+        "rainbow",
+        "its support",
+        None,
+        "-400 to 400, without effect for one atom",
+        "support",
+        [-461.0, 461.0],
+        [-60.0, 40.0],
+        SUPPORT,
+    ),
+    Setting("rainbow", "6. steps of the return", None, "1, default", "n_step", 3, 3, HESSEL),
+    Setting("rainbow", "epsilon", "1.0 to 0.02", "the same, default", "epsilon", [1.0, 0.02], [1.0, 0.02]),
+    Setting("rainbow", "moves until epsilon has fallen", None, "10,000, default", "epsilon_moves", 10_000, 10_000, DEFAULT),
+    Setting("rainbow", "size of the buffer, moves", "50,000", "50,000, default", "buffer_size", 50_000, 50_000),
+    Setting("rainbow", "moves in a gradient step", None, "32, default", "batch_size", 32, 128, BATCH),
+    Setting("rainbow", "moves between gradient steps", None, "4 of every worker, default", "moves_per_update", 4, 16, BATCH),
+    Setting("rainbow", "moves between copies to the target", None, "500, default", "target_update_freq", 500, 2000, BATCH),
+    Setting("rainbow", "largest norm of the gradient", None, "40, default", "max_grad_norm", 40.0, 40.0, DEFAULT),
+    Setting("rainbow", "environments", None, "20 workers", "num_envs", 16, 16, ENVIRONMENTS),
+    *_changes("rainbow"),
+    Setting("sac", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
+    Setting("sac", "learning rate", "3e-4", "3e-4, default", "learning_rate", 3e-4, 3e-4),
+    Setting("sac", "twin Q", "used", "used, default", "twin_q", True, True),
+    Setting("sac", "hidden layers of Q", "[256, 256]", "the same, default", "q_hidden", ABSENT, ABSENT, NO_HIDDEN),
+    Setting(
+        "sac", "hidden layers of the policy", "[256, 256]", "the same, default", "policy_hidden", ABSENT, ABSENT, NO_HIDDEN
+    ),
+    Setting(
+        "sac",
+        "size of the buffer, moves",
+        "1,000,000",
+        "500,000; 300,000 in `runnerSAC.py`",
+        "buffer_size",
+        1_000_000,
+        100_000,
+        BATCH,
+    ),
+    Setting("sac", "prioritized replay", "used", "used", "prioritized_replay", True, True),
+    Setting("sac", "moves in a gradient step", None, "256, default", "batch_size", 256, 128, BATCH),
+    Setting("sac", "moves between gradient steps", None, "1 of every worker, default", "moves_per_update", 8, 16, SAC_WORKERS),
+    Setting("sac", "moves before the first", None, "1,500, default", "learning_starts", 1500, 1500, DEFAULT),
+    Setting("sac", "rate of the target networks", None, "0.005, default", "tau", 0.005, 0.005, DEFAULT),
+    Setting("sac", "first weight of the entropy", None, "1.0, default", "initial_alpha", 1.0, 0.2, ENTROPY),
+    Setting("sac", "wanted entropy, share of log 4", None, '"auto", default: 0.98', "target_entropy", 0.98, 0.1, ENTROPY),
+    Setting("sac", "environments", None, "8 workers in `runnerSAC.py`", "num_envs", 16, 16, ENVIRONMENTS),
+    *_changes("sac"),
 )
 """The table, in the order of the page."""
 
@@ -158,6 +216,8 @@ def differences(algorithm: str, variant: str, settings: dict[str, Any]) -> list[
         try:
             value = value_at(settings, row.key)
         except KeyError:
+            if wanted is ABSENT:
+                continue
             found.append(
                 f"{algorithm} {variant}: {row.parameter} is {wanted!r} in the table, and the run logged no {row.key!r}"
             )

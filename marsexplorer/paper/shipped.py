@@ -38,9 +38,10 @@ class Results:
     walks: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
-        """Return the finished trials with these values (algorithm, variant, level, size), by seed."""
+        """Return the longest finished trials with these values (algorithm, variant, level, size), by seed."""
         found = [each for each in self.records if all(getattr(each.trial, name) == value for name, value in wanted.items())]
-        return sorted(found, key=lambda record: record.trial.seed)
+        longest = max((record.trial.moves for record in found), default=0)
+        return sorted((each for each in found if each.trial.moves == longest), key=lambda record: record.trial.seed)
 
     def finals(self, name: str, **wanted: Any) -> NDArray[np.float64]:
         """Return a column of the curve at its end for each seed: float64[seeds]."""

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,7 @@ def test_every_picture_of_the_page_lies_there_and_is_small():
     shown = re.findall(r"^!\[.*\]\((pictures/paper/.*)\)$", DOCUMENT.read_text(), re.M)
     lying = sorted(f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir())
     assert sorted(shown) == lying
-    assert all((DOCUMENT.parent / name).stat().st_size < 150_000 for name in shown)
+    assert all((DOCUMENT.parent / name).stat().st_size < 200_000 for name in shown)
 
 
 def test_other_results_draw_another_page(tmp_path):
@@ -96,6 +97,14 @@ def test_a_lead_within_the_noise_reproduces_nothing(tmp_path):
 )
 def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
     assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
+
+
+def test_short_trainings_beside_long_ones_do_not_count(tmp_path):
+    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
+    cases = [(name, value, seed) for name, value in finals.items() for seed in range(3)]
+    long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
+    short = [replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]}) for each in long]
+    assert verdict_of("best", results_of(tmp_path, [*short, *long])) == REPRODUCED
 
 
 def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
@@ -158,12 +167,9 @@ def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
 @pytest.mark.parametrize("variant", ["paper", "works"])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_table_is_what_the_trainers_log(algorithm, variant):
-    if not any(row.ours is not settings.NOT_RUN for row in settings.of(algorithm)):
-        pytest.skip(f"{algorithm} has no settings yet")
-    try:
-        trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
-    except ModuleNotFoundError as error:
-        pytest.skip(f"{algorithm} needs {error.name}: make test-paper")
+    if algorithm != "ppo":
+        pytest.importorskip("tianshou", reason="`make test-paper` compares the settings of A2C, Rainbow and SAC")
+    trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
     assert settings.differences(algorithm, variant, trainer.settings) == []
 
 
