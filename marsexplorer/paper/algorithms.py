@@ -21,3 +21,11 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     if algorithm == "ppo":
         return PPOTrainer(config_of(variant), config, seed, moves)
     raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")
+
+
+def check_variant(algorithm: str, variant: str) -> None:
+    """Raise ValueError when there is no such algorithm, or it has no such variant."""
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
+    if algorithm == "ppo":
+        config_of(variant)

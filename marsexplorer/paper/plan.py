@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsexplorer.config import LEVELS
-from marsexplorer.paper.algorithms import ALGORITHMS
+from marsexplorer.paper.algorithms import ALGORITHMS, check_variant
 from marsexplorer.paper.job import Job
 from marsexplorer.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
 
@@ -70,13 +70,12 @@ class Request:
 
 def plan(request: Request) -> list[Job]:
     """Return the jobs in the order in which they begin; ValueError when an algorithm or variant is unknown."""
-    for algorithm in request.algorithms:
-        if algorithm not in ALGORITHMS:
-            raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
     jobs: dict[str, Job] = {}
     for figure in request.figures:
         for job in _figure_jobs(figure, request):
             jobs.setdefault(job.name, job)
+    for algorithm, variant in dict.fromkeys((job.algorithm, job.variant) for job in jobs.values() if isinstance(job, Trial)):
+        check_variant(algorithm, variant)
     return list(jobs.values())
 
 
@@ -92,7 +91,7 @@ def comparison(request: Request) -> list[Trial]:
     """Return the trials of figure 4: each algorithm and variant on level random, the longest first within a seed."""
     budget = BUDGETS[request.budget]
     return [
-        _trial(request, algorithm, variant, LEVEL, seed, budget.moves[algorithm])
+        _trial(request, algorithm, variant, LEVEL, seed, budget.moves.get(algorithm, 0))
         for seed in range(request.seeds)
         for variant in request.variants or VARIANTS["4"]
         for algorithm in request.algorithms or ALGORITHMS

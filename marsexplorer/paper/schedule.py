@@ -60,14 +60,14 @@ class _Worker:
 
 
 @contextmanager
-def lock(folder: Path, patience_s: float = LOCK_PATIENCE_S) -> Iterator[int]:
+def lock(folder: Path, patience_s: float | None = None) -> Iterator[int]:
     """Hold the folder for one run and yield the lock's descriptor; a killed process frees it.
 
-    patience_s   seconds to wait for it; BusyError when it is held longer
+    patience_s   seconds to wait for it, LOCK_PATIENCE_S unless given; BusyError when it is held longer
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as file:
-        deadline = time.monotonic() + patience_s
+        deadline = time.monotonic() + (LOCK_PATIENCE_S if patience_s is None else patience_s)
         while True:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
