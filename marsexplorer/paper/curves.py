@@ -1,4 +1,4 @@
-"""Learning curves: read from the logs of trials, thinned, averaged over seeds, and the look that all figures share.
+"""Learning curves: read from the logs of trials, thinned, averaged over seeds.
 
 Everything that is drawn and tabulated goes through `Record`, which has a curve of at most POINTS points. The export has the
 same records, so that figures and tables from it are those from the logs.
@@ -18,12 +18,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.files import replace_whole
 from marsexplorer.paper.trial import ENDINGS, Trial, read_log
 
 POINTS = 50
@@ -35,13 +33,10 @@ DIGITS = {"moves": 0, "cpu_s": 1}
 OTHER_DIGITS = 4
 
 NAMES = {"ppo": "PPO", "a2c": "A2C", "rainbow": "Rainbow", "sac": "SAC"}
-COLOURS = {"ppo": "#0072B2", "a2c": "#56B4E9", "rainbow": "#009E73", "sac": "#882255"}
-"""The same for an algorithm in every figure; colour-blind people can tell them apart, and from the rules'."""
 LINE_STYLES: dict[str, Any] = {"ppo": "-", "a2c": "--", "rainbow": "-.", "sac": (0, (1, 1.2))}
 TITLES = {"paper": "the letter of the paper", "works": "as it works"}
 """Variant -> what its column is called."""
 BAND_ALPHA = 0.18
-DPI = 150
 
 Floats = NDArray[np.float64]
 
@@ -130,11 +125,11 @@ def grouped(records: Iterable[Record]) -> dict[tuple[str, str, str, int], list[R
     return groups
 
 
-def draw_band(axes: Axes, found: Band, **style: Any) -> None:
-    """Draw a mean as a line and its interval as a surface."""
-    axes.plot(found.x, found.mean, linewidth=1.8, **style)
+def draw_band(axes: Axes, found: Band, unit: float = 1.0, **style: Any) -> None:
+    """Draw a mean as a line and its interval as a surface; `unit` is what one on the x axis stands for."""
+    axes.plot(found.x / unit, found.mean, linewidth=1.8, **style)
     if found.low is not None and found.high is not None:
-        axes.fill_between(found.x, found.low, found.high, color=style["color"], alpha=BAND_ALPHA, linewidth=0)
+        axes.fill_between(found.x / unit, found.low, found.high, color=style["color"], alpha=BAND_ALPHA, linewidth=0)
 
 
 def set_moves_axis(axes: Axes) -> None:
@@ -143,6 +138,7 @@ def set_moves_axis(axes: Axes) -> None:
     axes.xaxis.set_major_locator(LogLocator(10))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: count_text(value)))
     axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which="minor", length=0)
 
 
 def count_text(count: float) -> str:
@@ -151,11 +147,3 @@ def count_text(count: float) -> str:
         if count >= size:
             return f"{count / size:.3g}{letter}"
     return f"{count:.0f}"
-
-
-def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as a PNG, whole, the same bytes for the same figure."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replace_whole(path) as unfinished:
-        figure.savefig(unfinished, format="png", dpi=DPI, metadata={"Software": None})
-    return path

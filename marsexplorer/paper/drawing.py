@@ -19,6 +19,9 @@ ORDER = ("ppo", "ppo-paper", "frontier-utility", "frontier-cost", INFORMED)
 FIXED_COLOURS = ("#0072B2", "#CC79A7", "#E69F00", "#D55E00", "#4D4D4D")
 """Of the policies in ORDER; colour-blind people can tell them apart."""
 
+ALGORITHM_COLOURS = {"ppo": "#0072B2", "a2c": "#56B4E9", "rainbow": "#009E73", "sac": "#882255"}
+"""Of the four algorithms' learning curves, and of the policies that `marsexplorer paper` trained, in every figure."""
+
 INK, SOFT_INK, LINE_COLOUR, SAND = "#1f2328", "#59636e", "#d8dde3", "#f6f1ea"
 """Text, lesser text, thin lines, and quiet surfaces."""
 
@@ -32,8 +35,10 @@ def in_order(names: Sequence[str]) -> list[str]:
 
 
 def colours_of(names: Sequence[str]) -> dict[str, str]:
-    """Return a colour for each policy."""
-    fixed = dict(zip(ORDER, FIXED_COLOURS, strict=True))
+    """Return a colour for each policy; what was trained by A2C, Rainbow or SAC has its algorithm's, as in figure 4."""
+    algorithms = {name: name.split("-")[0] for name in names}
+    trained = {name: ALGORITHM_COLOURS[each] for name, each in algorithms.items() if each in ("a2c", "rainbow", "sac")}
+    fixed = dict(zip(ORDER, FIXED_COLOURS, strict=True)) | trained
     spare = [colour for colour in PLOT_COLOURS if colour not in FIXED_COLOURS]
     others = [name for name in in_order(names) if name not in fixed]
     return fixed | {name: spare[number % len(spare)] for number, name in enumerate(others)}

@@ -3,6 +3,8 @@
 The order is by seed first, so that a run that is stopped leaves a whole: everything with one seed, then with two, and so on.
 Budgets are planned in CPU seconds, the same for all algorithms, and laid down in moves, so that a trial is the same wherever
 it runs. The rates were measured on two busy cores: moves a CPU second of PPO 2,400, A2C 5,450, Rainbow 380, SAC 175 to 225.
+
+Figures 6 and 7 have the policies that were trained in the same folder too: 6 PPO's of the 12 levels, 7 those of seed 0.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsexplorer.config import LEVELS
+from marsexplorer.paper import difficulty, figure6, figure7
 from marsexplorer.paper.algorithms import ALGORITHMS, check_variant
 from marsexplorer.paper.job import Job
 from marsexplorer.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
@@ -28,7 +31,7 @@ DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
 class Budget:
     """How much is trained.
 
-    moves     algorithm -> moves of a trial of figure 4
+    moves     algorithm, or algorithm and variant -> moves of a trial of figure 4; works-no-CHANGE as works
     level     moves of a trial of figure 5
     terrains  held-out terrains that each policy is measured on
     """
@@ -39,8 +42,12 @@ class Budget:
 
 
 BUDGETS = {
-    "small": Budget({"a2c": 560_000, "ppo": 240_000, "rainbow": 40_000, "sac": 20_000}, 240_000, 50),
-    "full": Budget({"a2c": 12_000_000, "ppo": 5_000_000, "rainbow": 880_000, "sac": 440_000}, 5_000_000, HELD_OUT_TERRAINS),
+    "small": Budget({"a2c": 560_000, "ppo": 240_000, "ppo-works": 1_000_000, "rainbow": 40_000, "sac": 20_000}, 240_000, 50),
+    "full": Budget(
+        {"a2c": 12_000_000, "ppo": 5_000_000, "ppo-works": 20_000_000, "rainbow": 800_000, "sac": 400_000},
+        5_000_000,
+        HELD_OUT_TERRAINS,
+    ),
 }
 """small: about 2 CPU minutes a trial; full: about 40."""
 VARIANTS = {"4": ("paper", "works"), "5": ("paper",)}
@@ -57,6 +64,7 @@ class Request:
     variants    of figures 4 and 5; () takes VARIANTS
     seeds       of figures 4 and 5: how many, from 0 on
     moves, terrains  in place of the budget's, for every trial
+    policies    of figures 6 and 7 besides theirs and those trained: names or files
     """
 
     figures: tuple[str, ...]
@@ -66,24 +74,32 @@ class Request:
     seeds: int = SEEDS
     moves: int | None = None
     terrains: int | None = None
+    policies: tuple[str, ...] = ()
 
 
-def plan(request: Request) -> list[Job]:
-    """Return the jobs in the order in which they begin; ValueError when an algorithm or variant is unknown."""
+def plan(request: Request, folder: Path) -> list[Job]:
+    """Return the jobs in the order in which they begin, with the policies that are trained in `folder` already.
+
+    ValueError when an algorithm or variant is unknown, PolicyNotFoundError and PolicyFileError when a policy cannot be loaded.
+    """
     jobs: dict[str, Job] = {}
     for figure in request.figures:
-        for job in _figure_jobs(figure, request):
+        for job in _figure_jobs(figure, request, folder):
             jobs.setdefault(job.name, job)
     for algorithm, variant in dict.fromkeys((job.algorithm, job.variant) for job in jobs.values() if isinstance(job, Trial)):
         check_variant(algorithm, variant)
     return list(jobs.values())
 
 
-def _figure_jobs(figure: str, request: Request) -> Iterable[Job]:
+def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
     if figure == "4":
         return comparison(request)
     if figure == "5":
-        return difficulties(request)
+        return [*difficulties(request), *difficulty.jobs(request.budget, SIZE)]
+    if figure == "6":
+        return figure6.jobs((*figure6.POLICIES, *request.policies, *trained_by_level(folder)))
+    if figure == "7":
+        return figure7.jobs((*figure7.POLICIES, *request.policies, *trained(folder)))
     raise ValueError(f"no figure {figure!r}; choose of: {', '.join(FIGURES)}")
 
 
@@ -91,11 +107,17 @@ def comparison(request: Request) -> list[Trial]:
     """Return the trials of figure 4: each algorithm and variant on level random, the longest first within a seed."""
     budget = BUDGETS[request.budget]
     return [
-        _trial(request, algorithm, variant, LEVEL, seed, budget.moves.get(algorithm, 0))
+        _trial(request, algorithm, variant, LEVEL, seed, _moves_of(budget, algorithm, variant))
         for seed in range(request.seeds)
         for variant in request.variants or VARIANTS["4"]
         for algorithm in request.algorithms or ALGORITHMS
     ]
+
+
+def _moves_of(budget: Budget, algorithm: str, variant: str) -> int:
+    """Return the moves of a trial; 0 for an unknown algorithm, which is refused later."""
+    names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
+    return next((budget.moves[name] for name in names if name in budget.moves), 0)
 
 
 def difficulties(request: Request) -> list[Trial]:
@@ -111,6 +133,28 @@ def difficulties(request: Request) -> list[Trial]:
 def _trial(request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int) -> Trial:
     terrains = request.terrains or BUDGETS[request.budget].terrains
     return Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
+
+
+def trained(folder: Path) -> list[str]:
+    """Return the policy files of the finished trials on level random with seed 0."""
+    return [str(path) for path in _finished(folder, f"*-{LEVEL}-{SIZE}-s0")]
+
+
+def trained_by_level(folder: Path) -> list[str]:
+    """Return the paths of PPO's policies of the 12 levels, with "{level}" in them, where all twelve are finished."""
+    found = []
+    for first in _finished(folder, f"ppo-*-{DIFFICULTIES[0]}-{SIZE}-s0"):
+        pattern = str(first).replace(DIFFICULTIES[0], figure6.LEVEL_PLACE)
+        paths = [Path(pattern.replace(figure6.LEVEL_PLACE, level)) for level in DIFFICULTIES]
+        if all(_finished(folder, path.stem) for path in paths):
+            found.append(pattern)
+    return found
+
+
+def _finished(folder: Path, pattern: str) -> list[Path]:
+    """Return the policy files of the finished trials whose names match, by name."""
+    logs = {path.parent: read_log(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
+    return [own / f"{own.name}.safetensors" for own, lines in logs.items() if lines and lines[-1]["kind"] == "result"]
 
 
 def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:

@@ -46,8 +46,20 @@ ENDINGS = ("explored", "collided", "out_of_bounds", "timed_out")
 HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
-MOVES_PER_CPU_SECOND = {"a2c": 5000.0, "ppo": 2200.0, "rainbow": 350.0, "sac": 180.0}
-"""What forecasts begin from."""
+MOVES_PER_CPU_SECOND = {
+    "a2c": 5000.0,
+    "ppo": 2200.0,
+    "ppo-appendix": 270.0,
+    "ppo-works": 9000.0,
+    "ppo-works-no-batch": 2200.0,
+    "rainbow": 350.0,
+    "sac": 180.0,
+}
+"""What forecasts begin from: of an algorithm and variant, else of `works` for works-no-CHANGE, else of the algorithm."""
+START_CPU_S = 6.0
+"""CPU seconds in which libraries are imported."""
+CPU_S_PER_TERRAIN = 0.08
+"""CPU seconds of a held-out terrain, for the policy and both rules."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,7 @@ class Trial:
     @property
     def forecast(self) -> float:
         """CPU seconds, about."""
-        return self.moves / MOVES_PER_CPU_SECOND.get(self.algorithm, 1000.0)
+        return self.moves / moves_per_cpu_second(self.algorithm, self.variant) + START_CPU_S + CPU_S_PER_TERRAIN * self.terrains
 
     def is_done(self, folder: Path) -> bool:
         """Return whether its log ends with a result."""
@@ -106,6 +118,12 @@ class Trial:
             run.stop()
             raise
         run.finish()
+
+
+def moves_per_cpu_second(algorithm: str, variant: str) -> float:
+    """Return about how fast an algorithm trains on one core."""
+    names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
+    return next((MOVES_PER_CPU_SECOND[name] for name in names if name in MOVES_PER_CPU_SECOND), 1000.0)
 
 
 class _Run:

@@ -17,7 +17,7 @@ def write_trial(folder, trial, scores, result=None, begin=1):
     for number, score in enumerate(scores, begin):
         moves = trial.moves * number // (len(scores) + begin - 1)
         shares = dict.fromkeys(ENDINGS, 0.0) | {"explored": score, "timed_out": None if score is None else 1 - score}
-        means = {name: None for name in shares} if score is None else shares
+        means = dict.fromkeys(shares) if score is None else shares
         line = {"kind": "curve", "moves": moves, "cpu_s": moves / 100, "episodes": number, "steps": 50.0}
         lines.append({**line, "score": score, "coverage": score, **means})
     end = {"score": scores[-1], "coverage": scores[-1], "completion": scores[-1], "steps": 100.0, **RESULT, **(result or {})}

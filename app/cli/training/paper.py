@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import PATH, print_table, reason
-from app.cli.training.paper_results import draw_exported, export_trials, show_figures
+from app.cli.training.paper_results import draw_exported, export_results, show_figures
 
 if TYPE_CHECKING:
     from marsexplorer.paper.forecast import Forecast
     from marsexplorer.paper.job import Job
+    from marsexplorer.paper.plan import Request
     from marsexplorer.paper.schedule import Failure
 
 PRINT_INTERVAL_S = 15
@@ -48,6 +49,7 @@ class Where:
     multiple=True,
     help="paper, works, or works-no-CHANGE; repeatable, or with commas.  [default: paper,works; figure 5: paper]",
 )
+@click.option("--policy", "policies", multiple=True, help="For figures 6 and 7 besides theirs: a name or file; repeatable.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True, help="Trainings of each kind.")
 @click.option("--moves", type=click.IntRange(min=1), help="Moves of every training, in place of the budget's.")
 @click.option("--terrains", type=click.IntRange(min=2), help="Held-out terrains to measure on, in place of the budget's.")
@@ -64,6 +66,7 @@ def paper(
     budget: str,
     algorithms: tuple[str, ...],
     variants: tuple[str, ...],
+    policies: tuple[str, ...],
     seeds: int,
     moves: int | None,
     terrains: int | None,
@@ -82,7 +85,8 @@ def paper(
     run that is stopped leaves a whole with fewer seeds. Ctrl-C saves everything, and the same command goes on from there; a
     crash loses at most a minute. What is done is not done again, so --seeds 5 adds two trainings of each kind to three.
 
-    A2C, Rainbow and SAC need the extra `paper`: `make paper` builds an environment of its own for it.
+    Figures 6 and 7 have the policies that were trained in --out too. A2C, Rainbow and SAC need the extra `paper`:
+    `make paper` builds an environment of its own for it.
 
     \b
     Examples:
@@ -99,25 +103,22 @@ def paper(
             draw_exported(figures, redraw, folder, human_level)
             return
         if export is not None:
-            export_trials(figures, folder, export)
+            export_results(figures, folder, export)
             return
-        if not is_draw:
-            from marsexplorer.evaluation.episodes import cores
-            from marsexplorer.paper.plan import Request, disagreement, plan
+        if is_draw:
+            show_figures(figures, folder, human_level)
+            return
+        from marsexplorer.evaluation.episodes import cores
+        from marsexplorer.paper.plan import Request
 
-            request = Request(figures, budget, _names(algorithms), _names(variants), seeds, moves, terrains)
-            jobs = plan(request)
-            if (sentence := disagreement(jobs, folder)) is not None:
-                raise click.UsageError(sentence)
-            where = Where(folder, ray, workers or cores(), _command())
-            if is_list:
-                _list(jobs, where)
-                return
-            failures = _run(jobs, where)
-            show_figures(figures, folder, human_level)
-            _complain(failures, folder)
-        else:
-            show_figures(figures, folder, human_level)
+        request = Request(figures, budget, _names(algorithms), _names(variants), seeds, moves, terrains, policies)
+        where = Where(folder, ray, workers or cores(), _command())
+        if is_list:
+            _list(_plan(request, folder), where)
+            return
+        failures = _run_all(request, where)
+        show_figures(figures, folder, human_level)
+        _complain(failures, folder)
     except OSError as error:
         raise click.ClickException(f"cannot use {error.filename or folder}: {reason(error)}; choose another folder") from error
     except ValueError as error:
@@ -126,6 +127,32 @@ def paper(
 
 def _names(given: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for each in given for name in each.split(",") if name))
+
+
+def _plan(request: Request, folder: Path) -> list[Job]:
+    """Return the jobs; raise UsageError when one cannot be done or the folder holds it with other options."""
+    from marsexplorer.paper.plan import disagreement, plan
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+
+    try:
+        jobs = plan(request, folder)
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.UsageError(str(error)) from error
+    if (sentence := disagreement(jobs, folder)) is not None:
+        raise click.UsageError(sentence)
+    return jobs
+
+
+def _run_all(request: Request, where: Where) -> list[Failure]:
+    """Run the jobs, then those of figures 6 and 7 that the policies just trained bring, and return the jobs that failed."""
+    failures: list[Failure] = []
+    tried: set[str] = set()
+    while True:
+        jobs = [job for job in _plan(request, where.out) if job.name not in tried]
+        if not jobs:
+            return failures
+        tried |= {job.name for job in jobs}
+        failures += _run(jobs, where)
 
 
 def _command() -> str:

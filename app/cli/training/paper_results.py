@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,27 +17,31 @@ if TYPE_CHECKING:
     from marsexplorer.paper.figure4 import HumanLevel
 
 REPORT_FORMAT = "marsexplorer-report-1"
+TRAINED = {"4", "5"}
+"""The figures that are of trainings; the others are of policies at play."""
 NO_HUMAN_LINE = "No line for people: no closed study was given (--human-level FILE, the JSON of its report)."
 
 
 def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) -> None:
-    """Draw the figures from the trials that are finished in `folder`, and print and write their tables."""
+    """Draw the figures from what is finished in `folder`, and print and write their tables."""
     from marsexplorer.paper.curves import read_records
 
-    records = read_records(folder)
     human = read_human_level(human_file) if human_file else None
+    records = read_records(folder) if TRAINED & set(figures) else []
     for figure in figures:
-        _show_trials(figure, records, folder, human)
+        if figure in TRAINED:
+            _show_trials(figure, records_of_figure(figure, records), folder, folder, human)
+        else:
+            _show_plays(figure, folder, folder)
 
 
-def _show_trials(figure: str, records: Sequence[Record], folder: Path, human: HumanLevel | None) -> None:
-    """Draw figure 4 or 5, and print and write its table."""
+def _show_trials(figure: str, own: Sequence[Record], source: Path, folder: Path, human: HumanLevel | None) -> None:
+    """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
     from marsexplorer.paper import figure4, figure5
     from marsexplorer.paper.trained_table import TABLE_COLUMNS, cells_of, rows_of, write_table
 
-    own = records_of_figure(figure, records)
     if not own:
-        click.echo(f"figure {figure}: no training is finished in {folder}")
+        click.echo(f"figure {figure}: no training is finished in {source}")
         return
     rows = rows_of(own)
     print_table(
@@ -44,11 +49,28 @@ def _show_trials(figure: str, records: Sequence[Record], folder: Path, human: Hu
         TABLE_COLUMNS,
         [cells_of(row) for row in rows],
     )
-    pictures = figure4.draw(own, folder, human) if figure == "4" else figure5.draw(own, folder)
+    levels = figure5.read_difficulty(source)
+    pictures = figure4.draw(own, folder, human) if figure == "4" else figure5.draw(own, levels, folder)
     for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
         click.echo(path)
     if figure == "4" and human is None:
         click.echo(NO_HUMAN_LINE)
+
+
+def _show_plays(figure: str, source: Path, folder: Path) -> None:
+    """Draw figure 6 or 7 from the results in `source` into `folder`, and print its table."""
+    from marsexplorer.paper import figure6, figure7
+
+    try:
+        paths = (figure6 if figure == "6" else figure7).draw(source, folder)
+    except FileNotFoundError:
+        click.echo(f"figure {figure}: nothing is finished in {source}")
+        return
+    for path in paths:
+        if path.suffix == ".md":
+            click.echo(path.read_text())
+    for path in paths:
+        click.echo(path)
 
 
 def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
@@ -57,24 +79,26 @@ def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
 
     if figure == "4":
         return [record for record in records if record.trial.level == LEVEL]
-    if figure == "5":
-        return [record for record in records if record.trial.level in DIFFICULTIES and record.trial.algorithm == "ppo"]
-    return []
+    return [record for record in records if record.trial.level in DIFFICULTIES and record.trial.algorithm == "ppo"]
 
 
-def export_trials(figures: Sequence[str], folder: Path, target: Path) -> None:
-    """Write figureN.jsonl with the finished trials of `folder` into `target`, for each figure that has some."""
+def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
+    """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays."""
     from marsexplorer.paper.curves import read_records
     from marsexplorer.paper.export import write_records
+    from marsexplorer.paper.gathered import gather
 
-    records = read_records(folder)
+    records = read_records(folder) if TRAINED & set(figures) else []
     for figure in figures:
-        own = records_of_figure(figure, records)
-        if not own:
-            click.echo(f"figure {figure}: no training is finished in {folder}")
-            continue
-        path = write_records(own, target / f"figure{figure}.jsonl")
-        click.echo(f"{path}: {len(own)} trainings, {path.stat().st_size / 1000:.0f} kB")
+        paths = []
+        if own := records_of_figure(figure, records):
+            paths.append(write_records(own, target / f"figure{figure}.jsonl"))
+        with suppress(FileNotFoundError):  # figure 4 has no plays, and the others may have none yet
+            paths += gather(folder, int(figure), target)
+        if not paths:
+            click.echo(f"figure {figure}: nothing is finished in {folder}")
+        for path in paths:
+            click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
 def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file: Path | None) -> None:
@@ -82,13 +106,17 @@ def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file
     from marsexplorer.paper.export import read_exported
 
     human = read_human_level(human_file) if human_file else None
-    found = {figure: path for figure in figures if (path := source / f"figure{figure}.jsonl").is_file()}
+    found = [figure for figure in figures if any(source.glob(f"figure{figure}*.jsonl"))]
     if not found:
-        names = ", ".join(f"figure{figure}.jsonl" for figure in figures)
+        names = ", ".join(f"figure{figure}*.jsonl" for figure in figures)
         raise ValueError(f"{source} holds none of: {names}; give a folder that --export wrote")
     folder.mkdir(parents=True, exist_ok=True)
-    for figure, path in found.items():
-        _show_trials(figure, read_exported(path), folder, human)
+    for figure in found:
+        if figure in TRAINED:
+            path = source / f"figure{figure}.jsonl"
+            _show_trials(figure, read_exported(path) if path.is_file() else [], source, folder, human)
+        else:
+            _show_plays(figure, source, folder)
 
 
 def read_human_level(path: Path) -> HumanLevel:

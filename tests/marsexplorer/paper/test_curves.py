@@ -106,6 +106,10 @@ def test_figure_5_has_a_line_for_each_level(tmp_path):
     figure = figure5.levels_figure(read_records(tmp_path), "paper")
     ends = [line.get_ydata()[-1] for axes in figure.axes[:3] for line in axes.get_lines()]
     assert sorted(ends) == pytest.approx([0.2 + number / 100 for number in range(12)])
+    steps = {"mean": 51.0, "low": 50.0, "high": 52.0}
+    known = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
+    panel = figure5.difficulty_figure(read_records(tmp_path), "paper", known).axes[-1]
+    assert [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()] == [[1.66, 2.34]]
 
 
 def test_a_record_keeps_what_ran():

@@ -1,14 +1,18 @@
 """What the command does for each figure and budget."""
 
+from pathlib import Path
+
 import pytest
 
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.plan import BUDGETS, DIFFICULTIES, Request, disagreement, plan
 from tests.support.paper_logs import trial_of, write_trial
 
+NOWHERE = Path("nowhere")
+
 
 def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
-    jobs = plan(Request(("4",)))
+    jobs = plan(Request(("4",)), NOWHERE)
     assert len(jobs) == 24
     assert {(job.algorithm, job.variant) for job in jobs[:8]} == {
         (name, each) for name in ALGORITHMS for each in ("paper", "works")
@@ -18,29 +22,29 @@ def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
 
 
 def test_a_small_figure_4_takes_half_an_hour_of_two_cores_and_a_full_one_a_night():
-    minutes = {budget: sum(job.forecast for job in plan(Request(("4",), budget))) / 60 for budget in BUDGETS}
+    minutes = {budget: sum(job.forecast for job in plan(Request(("4",), budget), NOWHERE)) / 60 for budget in BUDGETS}
     assert 40 < minutes["small"] < 60
     assert 14 * 60 < minutes["full"] < 20 * 60
 
 
 def test_every_algorithm_has_about_the_same_cpu_time():
     for budget in BUDGETS:
-        seconds = [job.forecast for job in plan(Request(("4",), budget, seeds=1))]
+        seconds = [job.forecast for job in plan(Request(("4",), budget, seeds=1), NOWHERE)]
         assert max(seconds) < 1.5 * min(seconds)
 
 
 def test_figure_5_is_ppo_on_the_12_levels():
-    jobs = [job for job in plan(Request(("5",))) if hasattr(job, "algorithm")]
+    jobs = [job for job in plan(Request(("5",)), NOWHERE) if hasattr(job, "algorithm")]
     assert {(job.algorithm, job.variant) for job in jobs} == {("ppo", "paper")}
     assert [job.level for job in jobs[:12]] == list(DIFFICULTIES)
     assert [job.seed for job in jobs] == [0] * 12 + [1] * 12 + [2] * 12
 
 
 def test_options_stand_in_place_of_the_budgets():
-    (job,) = plan(Request(("4",), algorithms=("sac",), variants=("works-no-mask",), seeds=1, moves=7, terrains=5))
+    (job,) = plan(Request(("4",), algorithms=("sac",), variants=("works-no-mask",), seeds=1, moves=7, terrains=5), NOWHERE)
     assert (job.algorithm, job.variant, job.moves, job.terrains) == ("sac", "works-no-mask", 7, 5)
     with pytest.raises(ValueError, match="no algorithm 'dqn'; choose of: a2c, ppo, rainbow, sac"):
-        plan(Request(("4",), algorithms=("dqn",)))
+        plan(Request(("4",), algorithms=("dqn",)), NOWHERE)
 
 
 def test_a_folder_with_other_trials_is_refused_and_one_with_more_seeds_is_not(tmp_path):
