@@ -70,7 +70,7 @@ def levels_figure(records: Sequence[Record], variant: str) -> Figure:
             axes.set_xlabel("moves made in training (logarithmic)" if row == len(ROWS) - 1 else "")
             plain(axes, f"topology d_t = {topology}" if row == 0 else "")
             axes.set_ylim(-0.02, 1.02)
-    set_moves_axis(panels[0, 0])
+            set_moves_axis(axes)
     handles = [
         Line2D([], [], color=colour, linestyle=style, linewidth=1.8, label=f"d_m = {morphology}, {BONUS_NAMES[bonus]}")
         for (morphology, bonus), (colour, style) in LINES.items()
@@ -105,7 +105,7 @@ def difficulty_figure(records: Sequence[Record], variant: str, difficulty: Seque
     for line in difficulty:
         _draw_reference(panels[-1], line)
     for axes in panels[:-1]:
-        axes.set_ylim(-0.02, 1.05)
+        axes.set_ylim(-0.06, 1.06)
     panels[-1].set_ylim(bottom=0)
     panels[-1].set_xticks(range(len(TERRAINS)), [f"d_t {kind[0]}, d_m {kind[-1]}" for kind in TERRAINS])
     figure.legend(handles=_handles(difficulty), loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)

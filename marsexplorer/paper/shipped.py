@@ -1,6 +1,7 @@
 """The results that are shipped, in `data/paper/*.jsonl`, as the claims of the paper are decided from them.
 
 environment.jsonl               what `checks` found
+figure5-*.jsonl                 how hard the levels are, see `difficulty`
 figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `visits`, `null` and `scale`
 every other file                finished trials, see `export`
 """
@@ -28,13 +29,13 @@ class Results:
 
     checks     claim -> the line of its check
     records    finished trials
-    plays      figure (6 or 7) -> results of policies
+    plays      figure (5, 6 or 7) -> results of policies
     walks      results of the walks of figure 6 that nobody trained
     """
 
     checks: dict[str, Line] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
-    plays: dict[int, list[Line]] = field(default_factory=lambda: {6: [], 7: []})
+    plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: []})
     walks: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
@@ -54,7 +55,7 @@ def read(folder: Path = FOLDER) -> Results:
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
             results.checks.update({line["claim"]: line for line in read_lines(path)})
-        elif path.name.startswith(("figure6-", "figure7-")):
+        elif path.name.startswith(("figure5-", "figure6-", "figure7-")):
             for line in read_lines(path):
                 kept = results.plays[line["figure"]] if "policy" in line else results.walks
                 kept.append(line)
