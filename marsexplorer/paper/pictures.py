@@ -19,7 +19,10 @@ PICTURES = {
         "figure4-cpu": "the same against CPU seconds",
         "figure4-endings": "how the episodes of the four algorithms end",
     },
-    "figure5": {"figure5-paper": "score, coverage and completion of PPO on the 12 levels against moves"},
+    "figure5": {
+        "figure5-paper": "score, coverage and completion of PPO on the 12 levels against moves",
+        "figure5-difficulty-paper": "what PPO reaches on the kinds of terrain, and the moves of rules and of a search there",
+    },
     "figure6": {
         "figure6-quadrants": "how often policies, rules and untrained walks make a U and never go back",
         "figure6-ppo": "where ppo goes on the levels, and the obstacles that it finds",
@@ -45,7 +48,7 @@ def draw(target: Path, source: Path = FOLDER) -> list[Path]:
         if trained:
             figure4.draw(trained, scratch)
         if by_level:
-            figure5.draw(by_level, scratch)
+            figure5.draw(by_level, figure5.read_difficulty(source), scratch)
         for draw_figure in (figure6.draw, figure7.draw):
             _draw_if_shipped(draw_figure, source, scratch)
         names = (name for pictures in PICTURES.values() for name in pictures)
