@@ -99,7 +99,7 @@ def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
     assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
 
 
-def test_short_trainings_beside_long_ones_do_not_count(tmp_path):
+def test_only_the_longest_trainings_of_a_kind_count(tmp_path):
     finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
     cases = [(name, value, seed) for name, value in finals.items() for seed in range(3)]
     long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
