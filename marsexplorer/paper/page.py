@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from marsexplorer.files import write_whole
-from marsexplorer.paper import pictures
+from marsexplorer.paper import pictures, trained_blocks
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims import CLAIMS, cells
 from marsexplorer.paper.settings import as_table
@@ -39,7 +40,7 @@ def redraw(text: str, results: Results) -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        drawn = summary(text, results) if name == "summary" else BLOCKS[name]()
+        drawn = summary(text, results) if name == "summary" else BLOCKS[name](results)
         return f"<!-- drawn: {name} -->\n{drawn}\n<!-- end -->"
 
     return BLOCK.sub(block, ROW.sub(row, text))
@@ -68,8 +69,13 @@ def anchor(heading: str) -> str:
     return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
-BLOCKS = {f"settings {name}": partial(as_table, name) for name in ALGORITHMS}
-BLOCKS |= {f"pictures {figure}": partial(pictures.as_markdown, figure, PICTURES) for figure in pictures.PICTURES}
+def unchanging(draw: Callable[[], str]) -> Callable[[Results], str]:
+    """Return what draws a block that no result changes."""
+    return lambda results: draw()
+
+
+BLOCKS = trained_blocks.BLOCKS | {f"settings {name}": unchanging(partial(as_table, name)) for name in ALGORITHMS}
+BLOCKS |= {f"pictures {name}": unchanging(partial(pictures.as_markdown, name, PICTURES)) for name in pictures.PICTURES}
 """What stands between `<!-- drawn: NAME -->` and `<!-- end -->`, besides the summary."""
 
 

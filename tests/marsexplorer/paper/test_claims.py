@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper import checks, page, settings
+from marsexplorer.paper import checks, page, settings, trained_blocks
 from marsexplorer.paper.algorithms import ALGORITHMS, begin
 from marsexplorer.paper.claims import CLAIMS
 from marsexplorer.paper.curves import Record
@@ -18,6 +18,7 @@ from marsexplorer.paper.trial import Trial
 from marsexplorer.paper.verdicts import NOT_REPRODUCED, NOT_YET, REPRODUCED, VERDICTS
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
+MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0, "moves": 3000, "cpu_s": 60.0}
 LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
 
 
@@ -25,7 +26,7 @@ def trained(algorithm, seed, scores, level="random", variant="paper", settings=N
     """A finished trial whose training had these scores, 1,000 moves and 10 CPU seconds from one to the next."""
     points = range(1, len(scores) + 1)
     curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points], "score": scores, "coverage": scores}
-    return Record(Trial(algorithm, variant, level, 21, seed, 3000), settings or {}, {}, curve, {"completion": 0.0})
+    return Record(Trial(algorithm, variant, level, 21, seed, 3000), settings or {}, {}, curve, {**MEASURED, "completion": 0.0})
 
 
 def results_of(folder, records):
@@ -72,6 +73,31 @@ def test_other_results_draw_another_page(tmp_path):
 def test_the_checks_of_the_environment_find_what_is_shipped():
     shipped = [json.loads(line) for line in (FOLDER / "environment.jsonl").read_text().splitlines()]
     assert checks.run() == shipped
+
+
+def finished(algorithm, variant, completion, seed, level="random"):
+    return replace(trained(algorithm, seed, [0.5], level, variant), result={**MEASURED, "completion": completion})
+
+
+def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
+    shares = {"paper": 0.0, "works": 0.95, "works-no-mask": 0.9, "works-no-reward": 0.1, "paper+mask": 0.02}
+    results = results_of(tmp_path, [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)])
+    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | yes |"]
+    assert trained_blocks.ablations(results).splitlines()[2:] == [
+        "| SAC | `reward` | 95 ± 0 % | 10 ± 0 % |  |",
+        "| SAC | `mask` | 95 ± 0 % | 90 ± 0 % | 2 ± 0 % |",
+    ]
+    assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == ["paper", "works"]
+    assert trained_blocks.levels(results) == trained_blocks.NONE_YET
+
+
+def test_the_table_of_levels_has_the_better_rules_moves(tmp_path):
+    results = results_of(
+        tmp_path, [finished("ppo", "paper", 0.1, seed, level) for level in ("1-1-1", "3-2-2") for seed in (0, 1)]
+    )
+    lines = trained_blocks.levels(results).splitlines()[2:]
+    assert [line.split(" | ")[2] for line in lines] == ["1-1-1", "3-2-2"]
+    assert all(line.endswith(" | 1.25 ± 0.00 | 80 |") for line in lines)
 
 
 def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
