@@ -116,6 +116,8 @@ def paper(
         if is_list:
             _list(_plan(request, folder), where)
             return
+        if ray is None:
+            _check_installed(_plan(request, folder), folder)
         failures = _run_all(request, where)
         show_figures(figures, folder, human_level)
         _complain(failures, folder)
@@ -141,6 +143,21 @@ def _plan(request: Request, folder: Path) -> list[Job]:
     if (sentence := disagreement(jobs, folder)) is not None:
         raise click.UsageError(sentence)
     return jobs
+
+
+def _check_installed(jobs: list[Job], folder: Path) -> None:
+    """Raise UsageError when a training needs tianshou and there is none."""
+    from importlib.util import find_spec
+
+    from marsexplorer.paper.algorithms import ALGORITHMS
+
+    to_do = {getattr(job, "algorithm", "ppo") for job in jobs if not job.is_done(folder)} - {"ppo"}
+    if to_do and find_spec("tianshou") is None:
+        names = ", ".join(ALGORITHMS[name] for name in sorted(to_do))
+        raise click.UsageError(
+            f"what trains {names} is not installed here: run `make paper`, and then .venv-paper/bin/marsexplorer paper; "
+            "or give --algorithms ppo"
+        )
 
 
 def _run_all(request: Request, where: Where) -> list[Failure]:

@@ -1,6 +1,11 @@
 """`marsexplorer paper` as people type it: what it would do, what it refuses, what it draws and exports."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +14,9 @@ from app.cli.training.paper_results import read_human_level
 from marsexplorer.config import EnvConfig
 from marsexplorer.paper.schedule import lock
 from tests.support.paper_logs import trial_of, write_trial
+from tests.support.servers import eventually
+
+ROOT = Path(__file__).parents[4]
 
 
 @pytest.fixture
@@ -40,6 +48,14 @@ def test_what_is_done_is_not_counted(run, tmp_path):
     assert "2 jobs to do in" in run(*small, "--list")[1].replace("\n", " ")
     code, said, _ = run(*small, "--seeds", 1, "--list")
     assert (code, "all 1 jobs are done" in said.replace("\n", " ")) == (0, True)
+
+
+def test_without_tianshou_three_algorithms_are_refused_before_anything_is_trained(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tianshou", None)
+    code, _, err = run("--figure", 4, "--algorithms", "ppo,sac,a2c", "--out", tmp_path / "out")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "what trains A2C, in place of A3C, discrete SAC is not installed here: run `make paper`" in err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -137,3 +153,92 @@ def test_nothing_else_gives_a_human_line(tmp_path, changes, part):
     path.write_text(json.dumps(report(**changes)))
     with pytest.raises(ValueError, match=part):
         read_human_level(path)
+
+
+def heed_control_c():
+    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class Command:
+    """The command in a process of its own, training two seeds of PPO."""
+
+    def __init__(self, out):
+        self.out = out
+        options = ("--algorithms", "ppo", "--variants", "paper", "--seeds", "2", "--moves", "8000", "--terrains", "4")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "app.cli", "paper", "--figure", "4", *options, "--out", str(out)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            start_new_session=True,
+            preexec_fn=heed_control_c,
+        )
+
+    def folders(self):
+        return [self.out / f"ppo-paper-random-21-s{seed}" for seed in range(2)]
+
+    def wait_until_training(self):
+        eventually(lambda: all(folder.is_dir() for folder in self.folders()), 120)
+
+    def interrupt(self):
+        """Press Ctrl-C, which a terminal sends to all processes, and return (code, stdout, stderr)."""
+        os.killpg(self.process.pid, signal.SIGINT)
+        return self.end()
+
+    def end(self):
+        """Return (code, stdout, stderr) of its end."""
+        try:
+            out, err = self.process.communicate(timeout=300)
+        finally:
+            if self.process.poll() is None:
+                os.killpg(self.process.pid, signal.SIGKILL)
+        return self.process.returncode, out, err
+
+
+def without_time(folder):
+    """The lines of the logs and of the table without what a clock says."""
+    paths = [*sorted(folder.glob("*/log.jsonl")), folder / "figure4.jsonl"]
+    lines = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
+    return [{name: value for name, value in line.items() if name not in ("cpu_s", "cpu_minutes")} for line in lines]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a run that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("whole")
+    code, out, err = Command(folder).end()
+    assert code == 0, err
+    assert "2 jobs to do in" in err
+    assert "8 k" in out
+    return folder
+
+
+@pytest.mark.long
+def test_after_ctrl_c_the_same_command_goes_on_to_the_same_table(whole, tmp_path):
+    command = Command(tmp_path)
+    command.wait_until_training()
+    code, out, err = command.interrupt()
+    assert (code, out, "Traceback" in err) == (130, "", False)
+    assert f"everything is saved in {tmp_path}. The same command goes on: marsexplorer paper --figure 4" in err
+    assert all((folder / "checkpoint.pt").is_file() for folder in command.folders())
+    command = Command(tmp_path)
+    assert "2 jobs to do in" in command.process.stderr.readline()
+    assert command.interrupt()[0] == 130
+    code, _, err = Command(tmp_path).end()
+    assert (code, "2 jobs to do in" in err) == (0, True)
+    assert without_time(tmp_path) == without_time(whole)
+    assert "all 2 jobs are done" in Command(tmp_path).end()[2]
+
+
+@pytest.mark.long
+def test_after_kill_9_the_same_command_goes_on_to_the_same_table(whole, tmp_path):
+    command = Command(tmp_path)
+    command.wait_until_training()
+    command.process.send_signal(signal.SIGKILL)
+    command.end()
+    with lock(tmp_path, patience_s=120):  # the processes that it had notice, save and end
+        assert all((folder / "checkpoint.pt").is_file() for folder in command.folders())
+    assert Command(tmp_path).end()[0] == 0
+    assert without_time(tmp_path) == without_time(whole)
