@@ -27,7 +27,7 @@ from marsexplorer.paper.worker import STOP, Inherited, Report, work
 
 LOOK_INTERVAL_S = 0.5
 """Seconds between two calls of `on_change` when nothing is reported."""
-STOP_PATIENCE_S = 20.0
+STOP_PATIENCE_S = 60.0
 """Seconds that jobs have to save in after Ctrl-C before they are killed."""
 LOCK_PATIENCE_S = 3.0
 """Seconds to wait for the lock: workers of a run that was killed save, and hold it until then."""
@@ -85,14 +85,20 @@ class Schedule:
     folder      that the jobs write in
     forecast    of the jobs, which `run` keeps up to date
     on_change   called after each report, and about twice a second
+    on_stop     called when Ctrl-C has come and the jobs begin to save
     """
 
     def __init__(
-        self, jobs: Sequence[Job], folder: Path, workers: int, on_change: Callable[[Forecast], None] | None = None
+        self,
+        jobs: Sequence[Job],
+        folder: Path,
+        workers: int,
+        on_change: Callable[[Forecast], None] | None = None,
+        on_stop: Callable[[], None] | None = None,
     ) -> None:
         self._folder, self._workers = folder, workers
         self.forecast = Forecast.of(jobs, folder, workers)
-        self._on_change = on_change or (lambda forecast: None)
+        self._on_change, self._on_stop = on_change or (lambda forecast: None), on_stop or (lambda: None)
         self._waiting = deque(job for job in jobs if not self.forecast.courses[job.name].is_ended)
         self._tries = {job.name: 0 for job in jobs}
         self._spent: dict[str, tuple[float, float]] = {job.name: (0.0, 0.0) for job in jobs}
@@ -167,6 +173,7 @@ class Schedule:
     def _stop(self) -> None:
         """Have every process save and end; kill those that take too long, or all when Ctrl-C comes again."""
         try:
+            self._on_stop()
             for worker in self._running:
                 with _without_errors():
                     worker.connection.send(STOP)

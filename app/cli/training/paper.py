@@ -220,13 +220,17 @@ def _run(jobs: list[Job], where: Where) -> list[Failure]:
                 click.echo(_outlook(Forecast.of(jobs, where.out, where.workers), where), err=True)
             with _progress() as on_change:
                 if where.ray is None:
-                    return Schedule(jobs, where.out, where.workers, on_change).run(descriptor)
+                    return Schedule(jobs, where.out, where.workers, on_change, _say_stopping).run(descriptor)
                 return run_on_ray(jobs, where.out, where.ray, on_change)
     except (BusyError, ClusterError) as error:
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
-        click.echo(f"stopped; everything is saved in {where.out}. The same command goes on: {where.command}", err=True)
+        click.echo(f"stopped; the jobs are saved in {where.out}. The same command goes on: {where.command}", err=True)
         raise
+
+
+def _say_stopping() -> None:
+    click.echo("stopping: every job saves after its round, some seconds; Ctrl-C again stops at once", err=True)
 
 
 @contextmanager

@@ -221,7 +221,7 @@ def test_after_ctrl_c_the_same_command_goes_on_to_the_same_table(whole, tmp_path
     command.wait_until_training()
     code, out, err = command.interrupt()
     assert (code, out, "Traceback" in err) == (130, "", False)
-    assert f"everything is saved in {tmp_path}. The same command goes on: marsexplorer paper --figure 4" in err
+    assert f"the jobs are saved in {tmp_path}. The same command goes on: marsexplorer paper --figure 4" in err
     assert all((folder / "checkpoint.pt").is_file() for folder in command.folders())
     command = Command(tmp_path)
     assert "2 jobs to do in" in command.process.stderr.readline()
