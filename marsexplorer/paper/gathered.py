@@ -10,16 +10,22 @@ from marsexplorer.paper.play import Line, read_lines, write_lines
 def read_results(folder: Path, figure: int) -> list[Line]:
     """Return the results of a figure in a folder, of jobs (NAME/result.jsonl) or gathered (NAME.jsonl), in order of name.
 
-    FileNotFoundError when there is none.
+    Where a folder has both of the same policy, level and size, the job's counts. FileNotFoundError when there is none.
     """
-    files = [*folder.glob(f"figure{figure}-*/result.jsonl"), *folder.glob(f"figure{figure}-*.jsonl")]
-    lines = [line for path in sorted(files) for line in read_lines(path)]
+    gathered = sorted(folder.glob(f"figure{figure}-*.jsonl"))
+    files = [*gathered, *sorted(folder.glob(f"figure{figure}-*/result.jsonl"))]
+    lines = {_place_of(line): line for path in files for line in read_lines(path)}
     if not lines:
         raise FileNotFoundError(
             f"no results of figure {figure} in {folder}: expected folders figure{figure}-*/ with a result.jsonl; "
             f"run `marsexplorer paper --figure {figure}` first"
         )
-    return lines
+    return list(lines.values())
+
+
+def _place_of(line: Line) -> tuple[object, ...]:
+    """Return what two results may not share: the policy or the walks, the level and the size."""
+    return line.get("policy"), line.get("null"), line.get("level"), line["rows"]
 
 
 def gather(folder: Path, figure: int, target: Path) -> list[Path]:

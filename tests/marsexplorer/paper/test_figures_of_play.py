@@ -11,7 +11,9 @@ import pytest
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.paper import figure6, figure7
+from marsexplorer.paper.drawing import save
 from marsexplorer.paper.gathered import gather, read_results
+from marsexplorer.paper.null import NULLS
 from marsexplorer.paper.play import FIRST_SEED, can_play, read_lines
 from marsexplorer.paper.quadrants import quadrant_map
 from marsexplorer.paper.scale import PER_CENT, Coverage, compare, last_shares, scale_rows, steps_of
@@ -195,26 +197,46 @@ def test_forecasts_are_of_the_order_of_what_the_shipped_results_took():
         assert 1 / 4 < forecast / sum(line["cpu_s"] for line in lines) < 4
 
 
-def test_gathered_results_draw_the_same_pictures_and_there_must_be_some(played, tmp_path):
+def test_gathered_results_are_those_of_the_jobs_and_there_must_be_some(played, tmp_path):
     for figure in (6, 7):
         paths = gather(played, figure, tmp_path / "gathered")
         assert {path.name for path in paths} >= {f"figure{figure}-frontier-cost.jsonl"}
-    first, again = figure7.draw(played, tmp_path / "first"), figure7.draw(tmp_path / "gathered", tmp_path / "again")
-    assert [path.name for path in first] == [path.name for path in again]
-    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
-    drawn = figure6.draw(tmp_path / "gathered")
-    assert {path.name for path in drawn} == {
-        "figure6-frontier-cost.png", "figure6-frontier-utility.png", "figure6-quadrants.png", "figure6.md"
-    }  # fmt: skip
+        first, again = (read_results(folder, figure) for folder in (played, tmp_path / "gathered"))
+        assert sorted(map(json.dumps, first)) == sorted(map(json.dumps, again))
+    gather(tmp_path / "gathered", 6, tmp_path / "mixed")
+    Visits("frontier-cost", "1-1-1", SIZE, 2).run(tmp_path / "mixed", nothing)
+    episodes = {(line["policy"], line["level"]): line["episodes"] for line in read_results(tmp_path / "mixed", 6)}
+    assert (len(episodes), episodes["frontier-cost", "1-1-1"], episodes["frontier-cost", "2-2-1"]) == (4, 2, EPISODES)
     with pytest.raises(FileNotFoundError, match="marsexplorer paper --figure 6"):
         figure6.draw(tmp_path / "nowhere")
 
 
-def test_the_shipped_results_are_drawn_in_seconds_and_are_small(tmp_path):
-    lines = read_results(FOLDER, 6)
-    assert {line["level"] for line in lines if "policy" in line} == set(figure6.DIFFICULTIES)
-    for line in (line for line in lines if "policy" in line):
+def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
+    lines = read_results(played, 7)
+    first, again = (save(figure7.steps_figure(lines), tmp_path / name).read_bytes() for name in ("first.png", "again.png"))
+    assert first == again
+    drawn = {path.name for path in (*figure6.draw(played, tmp_path), *figure7.draw(played, tmp_path))}
+    assert drawn == {
+        "figure6-frontier-cost.png", "figure6-frontier-utility.png", "figure6-quadrants.png", "figure6.md",
+        "figure7-coverage.png", "figure7-steps.png", "figure7-shares.png", "figure7.md",
+    }  # fmt: skip
+    text = (tmp_path / "figure7.md").read_text()
+    assert "| informed | random | 9 | 4 | 100 % |" in text
+    assert "| policy | level | size | 50 % | 75 % | 90 % | 95 % | 99 % |" in text
+
+
+def test_the_shipped_results_are_whole_and_small():
+    lines = [line for line in read_results(FOLDER, 6) if "policy" in line]
+    for policy in figure6.POLICIES:
+        assert [line["level"] for line in lines if line["policy"] == policy] == list(figure6.DIFFICULTIES)
+    for line in lines:
         makes_u, never_goes_back = course_rates(line)
         assert never_goes_back.count <= makes_u.count <= makes_u.total == line["played"] == 100
-    assert sum(path.stat().st_size for path in FOLDER.glob("figure[67]-*.jsonl")) < 600_000
-    figure6.draw(FOLDER, tmp_path)
+    assert {line["null"] for line in read_results(FOLDER, 6) if "null" in line} == set(NULLS)
+    assert max(path.stat().st_size for path in FOLDER.glob("figure[67]-*.jsonl")) < 150_000
+
+
+@pytest.mark.long
+def test_the_shipped_results_are_drawn(tmp_path):
+    assert len(figure6.draw(FOLDER, tmp_path)) >= len(figure6.POLICIES) + 2
+    assert len(figure7.draw(FOLDER, tmp_path)) == 4
