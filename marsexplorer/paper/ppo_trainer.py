@@ -18,17 +18,17 @@ from pathlib import Path
 from typing import Any
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.training.config import APPENDIX_PASSES, LIMITS, RECIPES, TrainConfig
+from marsexplorer.training.config import APPENDIX_PASSES, RECIPES, TrainConfig
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, make_update
 
 BEST = RECIPES["best"]
 CHANGES: dict[str, dict[str, Any]] = {
     "reward": {"reward_per_cell": BEST.reward_per_cell, "has_bonus": False},
     "discount": {"gamma": BEST.gamma},
-    "features": {"network": BEST.network},
+    "mask": {"mask": True},
+    "features": {"network": BEST.network, "mask": True},
 }
-OTHERS = {"name", "network", "gamma", *CHANGES["reward"]}
+OTHERS = {"name", "network", "mask", "gamma", *CHANGES["reward"]}
 CHANGES["batch"] = {field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS}
 """Name of a change -> the settings of the recipe `best` that it takes over.
 
@@ -100,6 +100,4 @@ class PPOTrainer:
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
         """Write the policy with a card."""
-        config = self._run.config
-        limits = LIMITS["best" if config.network == "features" else "paper"]
-        save_network(self._run.net, path, {"limits": limits, **card}, config.policy_format)
+        self._run.config.save_policy(self._run.net, path, card)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT
+from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT, PAPER_NETWORK_FORMAT
+from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network import model, paper_model
+from marsexplorer.policies.network.paper_network import PolicyNetwork
+from marsexplorer.policies.network.paper_policy import save_paper_network
+from marsexplorer.policies.network.shape import NetworkShape
 from marsexplorer.training.envs import EncoderFactory, feature_encoder, state_matrix_encoder
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
-LIMITS = {
-    "best": "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles.",
-    "paper": "Draws its moves; may drive into an obstacle; plays the size it was trained on alone.",
-}
-"""What the cards say of the policies' limits."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,9 @@ class TrainConfig:
     """Everything that fixes a run besides its terrains, its length and its seed; the card of the policy lists it.
 
     name                                what `--recipe` calls it
-    network                             "features": ours; "paper": the paper's on the state matrix, in RLlib's default sizes
+    network                             "features": ours, which never makes an invalid move; on the state matrix alone the
+                                        paper's, "authors": in the sizes of the authors' repository, "rllib": in RLlib's
+    mask                                whether "authors" gives invalid moves no probability
     reward_per_cell                     rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus                           whether eq. 8 pays +-n where an episode ends, on the levels that have it
     num_envs, num_steps                 environments stepped together; steps of each between updates
@@ -49,6 +51,7 @@ class TrainConfig:
 
     name: str = "best"
     network: str = "features"
+    mask: bool = True
     reward_per_cell: float = 0.18
     has_bonus: bool = True
     num_envs: int = 256
@@ -78,7 +81,15 @@ class TrainConfig:
     @property
     def policy_format(self) -> str:
         """The format of the policy files that it makes."""
-        return NETWORK_FORMAT if self.network == "features" else PAPER_FORMAT
+        return {"features": NETWORK_FORMAT, "rllib": PAPER_FORMAT}.get(self.network, PAPER_NETWORK_FORMAT)
+
+    @property
+    def limits(self) -> str:
+        """What the cards say of the policies' limits."""
+        if self.network == "features":
+            return "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles."
+        crashes = "" if self.mask else "may drive into an obstacle; "
+        return f"Draws its moves; {crashes}plays the size it was trained on alone."
 
     @property
     def make_encoder(self) -> EncoderFactory:
@@ -92,22 +103,33 @@ class TrainConfig:
         shapes = {(config.rows, config.cols) for config in env_configs}
         if len(shapes) != 1:
             raise ValueError(f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}")
-        return paper_model.PaperNet(*shapes.pop())
+        rows, cols = shapes.pop()
+        if self.network == "rllib":
+            return paper_model.PaperNet(rows, cols)
+        return PolicyNetwork(NetworkShape(self.network, "policy", rows, cols, critic="separate", mask=self.mask))
+
+    def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
+        """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
+        card = {"limits": self.limits, **card}
+        if isinstance(net, PolicyNetwork):
+            save_paper_network(net, net.shape, path, card)
+        else:
+            save_network(net, path, card, self.policy_format)
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
         """Return the configuration that `to_dict` gave, in this version or an earlier one; ValueError when it is of a later.
 
-        A field that an earlier version did not have gets what that version did: its recipe `paper` had the paper's network,
-        and no other field's default does anything.
+        A field that an earlier version did not have gets what that version did: its recipe `paper` had RLlib's network and no
+        mask, and no other field's default does anything.
         """
         unknown = set(stored) - {field.name for field in fields(cls)}
         if unknown:
             raise ValueError(f"the settings {', '.join(sorted(unknown))} are of a later version; use that version")
-        network = "paper" if stored["name"] == "paper" else "features"
+        network = {"network": "rllib", "mask": False} if stored["name"] == "paper" else {}
         entropy = stored["target_entropy"]
         values: dict[str, Any] = {name: float("inf") if value is None else value for name, value in stored.items()}
-        return cls(**{"network": network, **values, "target_entropy": None if entropy is None else tuple(entropy)})
+        return cls(**{**network, **values, "target_entropy": None if entropy is None else tuple(entropy)})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values (None for no bound)."""
@@ -123,7 +145,8 @@ RECIPES = {
     # moves, eight times as fast.
     "paper": TrainConfig(
         name="paper",
-        network="paper",
+        network="authors",
+        mask=False,
         reward_per_cell=0.0,
         num_envs=20,
         num_steps=200,

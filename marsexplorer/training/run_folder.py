@@ -20,7 +20,6 @@ import numpy as np
 import torch
 
 from marsexplorer.files import replace_whole, write_whole
-from marsexplorer.policies.files.weights import save_network
 from marsexplorer.training.checkpoint import FORMAT_VERSION, load_checkpoint
 from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import TrainingEnvs
@@ -125,7 +124,7 @@ class RunFolder:
         numbers = {"moves": run.global_step, "updates": run.updates_done, "seconds": round(self.seconds), "seed": run.seed}
         curve = [line for line in self._lines if "greedy" in line]
         training = {**numbers, "recipe": run.config.to_dict(), "curve": curve}
-        save_network(run.net, self.policy, {**self._card, **results, "training": training}, run.config.policy_format)
+        run.config.save_policy(run.net, self.policy, {**self._card, **results, "training": training})
 
 
 def resumed_config(folder: Path, config: TrainConfig) -> TrainConfig:

@@ -88,7 +88,6 @@ def sweep(
 
 
 def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
-    from marsexplorer.training.config import LIMITS
     from marsexplorer.training.sweep import SweepRun
 
     side = f"{config.rows}x{config.cols}"
@@ -96,7 +95,6 @@ def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: 
         "summary": f"PPO ({recipe}): {steps:,} moves on {config.level} {side}, seed {seed}.",
         "command": f"marsexplorer train --recipe {recipe} --level {config.level} --size {side} --steps {steps} --seed {seed}",
         "hardware": f"{platform.machine()}, one thread",
-        "limits": LIMITS[recipe],
         "size": [config.rows, config.cols],
     }
     return SweepRun(

@@ -36,6 +36,11 @@ HELD_OUT_TERRAINS = 200
     show_default=True,
     help="best explores best; paper is the training of the paper.",
 )
+@click.option(
+    "--network",
+    type=click.Choice(["authors", "rllib"]),
+    help="With paper: sizes of the network as in the authors' repository, or RLlib's.  [default: authors]",
+)
 @click.option("--appendix", is_flag=True, help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.")
 @click.option(
     "--level",
@@ -72,6 +77,7 @@ HELD_OUT_TERRAINS = 200
 )
 def train(
     recipe: str,
+    network: str | None,
     appendix: bool,
     levels: tuple[str, ...],
     sizes: tuple[Any, ...],
@@ -100,8 +106,8 @@ def train(
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
     if resume and (steps is None or out is None):
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
-    if appendix and recipe != "paper":
-        raise click.UsageError("--appendix is of the paper's recipe; add --recipe paper, or leave it out")
+    if recipe != "paper" and (appendix or network):
+        raise click.UsageError("--appendix and --network are of the paper's recipe; add --recipe paper, or leave them out")
     from marsexplorer.training.config import APPENDIX_PASSES, FAMILIES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.run_folder import resumed_config
@@ -109,7 +115,8 @@ def train(
     names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
     configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
     _check_device(device)
-    config = replace(RECIPES[recipe], **APPENDIX_PASSES) if appendix else RECIPES[recipe]
+    changes: dict[str, Any] = {**(APPENDIX_PASSES if appendix else {}), **({"network": network} if network else {})}
+    config = replace(RECIPES[recipe], **changes)
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
@@ -118,8 +125,8 @@ def train(
             config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
-        passes = " --appendix" if appendix else ""
-        command = f"marsexplorer train --recipe {recipe}{passes} {options} --steps {steps} --seed {seed} --out {folder.name}"
+        what = f"{recipe}{' --appendix' if appendix else ''}{f' --network {network}' if network else ''}"
+        command = f"marsexplorer train --recipe {what} {options} --steps {steps} --seed {seed} --out {folder.name}"
         click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
         _train(run, steps, folder, resume, command)
@@ -151,8 +158,6 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
 
 def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     """Return what the policy's card says besides the numbers of the run."""
-    from marsexplorer.training.config import LIMITS
-
     where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs))
     what = "PPO as in the paper" if run.config.name == "paper" else "A network trained by PPO"
     return {
@@ -160,7 +165,6 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
         "command": command,
         "commit": commit(),
         "hardware": f"{platform.machine()}, one thread" if run.device == "cpu" else run.device,
-        "limits": LIMITS[run.config.name],
         "size": [run.env_configs[0].rows, run.env_configs[0].cols],
     }
 

@@ -123,7 +123,8 @@ def test_the_old_names_of_a_configuration_are_read_from_checkpoints_and_cards():
     }  # fmt: skip
     now = TrainConfig.from_dict(current_recipe(old))
     assert now == TrainConfig.from_dict(now.to_dict())
-    assert (now.network, now.vf_clip, now.vf_change_clip, now.kl_of_last_epoch) == ("paper", 10.0, float("inf"), False)
+    assert (now.network, now.vf_clip, now.vf_change_clip, now.kl_of_last_epoch) == ("rllib", 10.0, float("inf"), False)
+    assert not now.mask
     assert (now.update_epochs, now.minibatch_size, now.max_grad_norm) == (30, 128, float("inf"))
     assert TrainConfig.from_dict(RECIPES["best"].to_dict()) == RECIPES["best"]
     with pytest.raises(ValueError, match="of a later version"):
