@@ -279,7 +279,6 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.observation",
         "marsexplorer.policies",
-        "marsexplorer.policies.files",
         "marsexplorer.policies.kernels",
         "marsexplorer.random_numbers",
         "marsexplorer.rules",

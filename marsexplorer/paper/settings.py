@@ -73,13 +73,10 @@ MASK = "works: a move that is known to be invalid has no probability"
 CELL = "worth of a new cell in moves; 0: eq. 8"
 TWO_LAYERS = "two convolutions, one dense layer"
 AUTHORS = "paper: the authors' sizes; works: our features instead of the state matrix"
-FEATURES = (
-    "paper: RLlib's default sizes, 16 and 32 filters of 4x4 and 256 units; works: our features, which know the valid moves"
-)
 
 
 def _changes(algorithm: str) -> tuple[Setting, ...]:
-    """Return the rows that A2C, Rainbow and SAC share: what is changed of the task, not of the algorithm."""
+    """Return the rows that the algorithms share: what is changed of the task, not of the algorithm."""
     return (
         Setting(
             algorithm, "worth of a new cell in moves; 0: eq. 8", "eq. 8", "see the claims", "reward_per_cell", 0.0, 0.18, NO_END
@@ -107,18 +104,7 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("ppo", "moves in a gradient step", None, "128, default", "minibatch_size", 500, 2048, LIGHT),
     Setting("ppo", "largest norm of the gradient", None, "none, default", "max_grad_norm", None, 1.0, DEFAULT),
     Setting("ppo", "updates of the value alone at first", None, None, "value_warmup_updates", 0, 6, RECIPE),
-    Setting(
-        "ppo",
-        "worth of a new cell in moves; 0: eq. 8",
-        "eq. 8",
-        "see the claims",
-        "reward_per_cell",
-        0.0,
-        0.18,
-        NO_END,
-    ),
-    Setting("ppo", "n and -n at the end", "used", "400 and -400", "has_bonus", True, False, NO_END),
-    Setting("ppo", "network", TWO_LAYERS, f"`{NETWORK}`", "network", "paper", "features", FEATURES),
+    *_changes("ppo"),
     Setting("a2c", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
     Setting("a2c", "learning rate", "1e-4", "1e-4, default", "learning_rate", 1e-4, 1e-3, BATCH),
     Setting("a2c", "GAE lambda", "0.99", "1.0, default", "gae_lambda", 0.99, 0.95, LONG_EPISODES),
