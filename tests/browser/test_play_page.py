@@ -11,6 +11,8 @@ from marsexplorer import policies
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
 from tests.support.servers import eventually
 
+SMALL = (1100, 700)
+"""A screen that the processor soon draws in 3-D."""
 MATRIX_HAS_THE_STAGE = """() => {
   const find = (name) => document.querySelector(`[data-testid=${name}-player]`);
   return find("viewer").dataset.drawn ? null : find("canvas").clientHeight > 0.8 * find("stage").clientHeight;
@@ -19,7 +21,7 @@ MATRIX_HAS_THE_STAGE = """() => {
 
 def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve, player, tmp_path):
     server = serve()
-    me = player(server, AS_A_PERSON)
+    me = player(server, AS_A_PERSON, *SMALL)
     about = me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
     assert me.page.evaluate(MATRIX_HAS_THE_STAGE) in (True, None), (

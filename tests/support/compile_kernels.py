@@ -1,7 +1,12 @@
 """`python -m tests.support.compile_kernels`: compile what is compiled once, before several test processes do it side by side.
 
-The first process that compiles for long says so on stderr, which some tests read.
+These are the kernels and the modules: Python may have been told not to keep what it has compiled (`PYTHONDONTWRITEBYTECODE`),
+and a command that is started by a test would compile the whole app. The first process that compiles for long says so on
+stderr, which some tests read.
 """
+
+import compileall
+from pathlib import Path
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -26,5 +31,12 @@ def compile_kernels():
     evaluate([INFORMED], config, 2, 1, workers=1)
 
 
+def compile_modules():
+    """Keep the modules of the packages compiled, where they have changed."""
+    for package in ("app", "marsexplorer"):
+        compileall.compile_dir(Path(__file__).parents[2] / package, quiet=1)
+
+
 if __name__ == "__main__":
+    compile_modules()
     compile_kernels()

@@ -18,13 +18,13 @@ PATIENCE_S = 60.0
 
 
 def eventually(claim, seconds=PATIENCE_S):
-    """Return the first true value of `claim()`; fail after `seconds`."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
+    """Return the first true value of `claim()`; fail after `seconds`. The longer it lasts, the more rarely it is asked."""
+    began = time.monotonic()
+    while (waited := time.monotonic() - began) < seconds:
         value = claim()
         if value:
             return value
-        time.sleep(0.01)
+        time.sleep(min(max(0.01, waited / 20), 0.25))
     raise AssertionError(f"not within {seconds} s: {claim}")
 
 
