@@ -8,8 +8,10 @@
   const found = /^(.*\/viewer\/)client\//.exec(location.pathname);
   if (!found) return;
   const folder = location.origin.replace(/^http/, "ws") + found[1];
-  /** The time in which the ground's picture is unpacked, and how long the board before may stay on the stage, ms. */
+  /** The ground's picture is unpacked within this time, ms, and drawn in the second picture after it has come; the third shows it. */
   const SETTLED_MS = 400;
+  const SETTLED_PICTURES = 3;
+  /** How long the board before may stay on the stage, ms. */
   const MOST_STALE_MS = 1500;
   /** @type {Worker | null} */
   let socketWorker = null;
@@ -32,7 +34,7 @@
     requestAnimationFrame(function wait() {
       pictures += 1;
       if (scene !== scenes) return;
-      if (pictures < 5 || performance.now() - since_ms < SETTLED_MS) return void requestAnimationFrame(wait);
+      if (pictures < SETTLED_PICTURES || performance.now() - since_ms < SETTLED_MS) return void requestAnimationFrame(wait);
       document.documentElement.dataset.scene = "drawn";
       window.frameElement?.setAttribute("data-drawn", "true");
     });
