@@ -82,7 +82,7 @@ def finished(algorithm, variant, completion, seed, level="random"):
 def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
     shares = {"paper": 0.0, "works": 0.95, "works-no-mask": 0.9, "works-no-reward": 0.1, "paper+mask": 0.02}
     results = results_of(tmp_path, [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)])
-    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | yes |"]
+    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | 3 | yes |"]
     assert trained_blocks.ablations(results).splitlines()[2:] == [
         "| SAC | `reward` | 95 ± 0 % | 10 ± 0 % |  |",
         "| SAC | `mask` | 95 ± 0 % | 90 ± 0 % | 2 ± 0 % |",
