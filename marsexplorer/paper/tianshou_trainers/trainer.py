@@ -1,0 +1,108 @@
+"""What the three trainers share: their environments, tianshou's algorithm, and the state of a checkpoint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import torch
+from tianshou.algorithm import Algorithm
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.paper.tianshou_trainers.environments import Environments, Rewards
+from marsexplorer.paper.tianshou_trainers.generators import generators_state, load_generators_state, seed_generators
+from marsexplorer.paper.tianshou_trainers.kernels import cache_kernels
+from marsexplorer.paper.tianshou_trainers.observations import ObservationBytes
+from marsexplorer.policies.network.paper_network import PaperNetwork
+from marsexplorer.policies.network.paper_policy import save_paper_network
+from marsexplorer.policies.network.shape import NetworkShape
+from marsexplorer.training.envs import TrainingEnvs
+
+MOVES = gymnasium.spaces.Discrete(4)
+"""What tianshou asks of the actions."""
+
+
+@dataclass(frozen=True)
+class Common:
+    """Settings of every algorithm here.
+
+    gamma            discount
+    network          "authors": the state matrix by the network of the authors' repository; "features": ours
+    mask             whether invalid moves are never taken and have no probability
+    reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
+    has_bonus        whether +-n is paid where an episode ends, on the levels that have it
+    num_envs         environments stepped together
+    light            whether the network computes in bfloat16
+    """
+
+    gamma: float = 0.95
+    network: str = "authors"
+    mask: bool = False
+    reward_per_cell: float = 0.0
+    has_bonus: bool = True
+    num_envs: int = 16
+    light: bool = False
+
+    def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
+        """Return the shape of a network for the boards of a configuration."""
+        size = (None, None) if self.network == "features" else (config.rows, config.cols)
+        return NetworkShape(self.network, head, *size, mask=self.mask, **rest)
+
+
+class TianshouTrainer:
+    """Half a `trainer.Trainer`: what is left is to build the networks in `__init__`, and `advance`.
+
+    algorithm  tianshou's, always in training mode
+    """
+
+    algorithm: Algorithm[Any, Any]
+    net: PaperNetwork
+
+    def __init__(self, settings: dict[str, Any], common: Common, config: EnvConfig, seed: int) -> None:
+        cache_kernels()
+        seed_generators(seed)
+        self.settings, self.moves = settings, 0
+        self.form = ObservationBytes.of(config, common.network == "features")
+        rewards = Rewards(common.reward_per_cell, common.has_bonus)
+        self.environments = Environments(config, common.num_envs, seed, self.form, rewards)
+
+    @property
+    def envs(self) -> TrainingEnvs:
+        """The environments."""
+        return self.environments.envs
+
+    def begin(self, algorithm: Algorithm[Any, Any], net: PaperNetwork) -> None:
+        """Take the algorithm, and the network that the policy file has."""
+        self.algorithm, self.net = algorithm, net
+        algorithm.train()
+        vars(algorithm)["train"] = lambda mode=True: algorithm  # tianshou would visit every module twice a gradient step
+        algorithm.policy.is_within_training_step = True
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that changes."""
+        return {
+            "moves": self.moves,
+            "generators": generators_state(),
+            "environments": self.environments.state_dict(),
+            "algorithm": dict(self.algorithm.state_dict()),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it."""
+        self.moves = state["moves"]
+        self.environments.load_state_dict(state["environments"])
+        self.algorithm.load_state_dict(dict(state["algorithm"]))  # tianshou takes the optimisers out of it
+        load_generators_state(state["generators"])
+
+    def save_policy(self, path: Path, card: dict[str, Any]) -> None:
+        """Write the policy with a card."""
+        save_paper_network(self.net, self.net.shape, path, card)
+
+
+def adam(learning_rate: float) -> Any:
+    """Return what makes tianshou's optimisers: Adam, all tensors in one call."""
+    from tianshou.algorithm.optim import TorchOptimizerFactory
+
+    return TorchOptimizerFactory(torch.optim.Adam, lr=learning_rate, fused=True)
