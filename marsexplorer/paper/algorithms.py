@@ -16,10 +16,12 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     variant  "paper" is the letter of the paper, "works" what completes terrains; each algorithm's module lists its others
     moves    of the whole training, which schedules may depend on
 
-    ValueError when there is no such algorithm or variant.
+    ValueError when there is no such algorithm or variant; ImportError, saying what to run, when tianshou is not installed.
     """
     if algorithm == "ppo":
         return PPOTrainer(config_of(variant), config, seed, moves)
+    if algorithm in ("a2c", "rainbow", "sac"):
+        return _begin_through_tianshou(algorithm, variant, config, seed, moves)
     raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")
 
 
@@ -29,3 +31,20 @@ def check_variant(algorithm: str, variant: str) -> None:
         raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
     if algorithm == "ppo":
         config_of(variant)
+
+
+def _begin_through_tianshou(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
+    try:
+        from marsexplorer.paper.a2c import A2CTrainer
+        from marsexplorer.paper.rainbow import RainbowTrainer
+        from marsexplorer.paper.sac import SACTrainer
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "tianshou":
+            raise
+        raise ImportError(
+            f"{ALGORITHMS[algorithm]} is trained through tianshou, which is not installed here; "
+            "run `make paper`, and then .venv-paper/bin/marsexplorer paper"
+        ) from error
+    if algorithm == "a2c":
+        return A2CTrainer(variant, config, seed, moves)
+    return (RainbowTrainer if algorithm == "rainbow" else SACTrainer)(variant, config, seed, moves)

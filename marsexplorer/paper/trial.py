@@ -28,6 +28,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.files import replace_whole, write_whole
 from marsexplorer.paper.algorithms import begin
+from marsexplorer.paper.interrupts import interrupts_held_back
 from marsexplorer.paper.job import OnProgress
 from marsexplorer.paper.trainer import Trainer
 from marsexplorer.score import score
@@ -112,7 +113,8 @@ class Trial:
         run.resume()
         try:
             while trainer.moves < self.moves:
-                run.advance()
+                with interrupts_held_back():
+                    run.advance()
                 on_progress(min(1.0, trainer.moves / self.moves))
         except KeyboardInterrupt:
             run.stop()

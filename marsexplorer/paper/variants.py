@@ -1,9 +1,9 @@
 """Variants of an algorithm's settings: the letter of the paper, what completes terrains, and one change more or less.
 
-    paper             the settings of the paper
-    works             with the smallest set of changes that completes terrains
-    works-no-CHANGE   the same without one of them
-    paper+CHANGE      the paper's with one change, or with several: paper+reward+mask
+paper             the settings of the paper
+works             with the smallest set of changes that completes terrains
+works-no-CHANGE   the same without one of them
+paper+CHANGE      the paper's with one change, or with several: paper+reward+mask
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ from tianshou.data import Batch, ReplayBuffer
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.networks import Distributions
-from marsexplorer.paper.tianshou_trainers.off_policy import OffPolicy, OffPolicyTrainer
-from marsexplorer.paper.tianshou_trainers.trainer import MOVES, adam
+from marsexplorer.paper.off_policy import OffPolicy, OffPolicyTrainer
+from marsexplorer.paper.tianshou_networks import Distributions
+from marsexplorer.paper.tianshou_trainer import MOVES, adam
 from marsexplorer.paper.variants import Variants
 from marsexplorer.policies.network.noisy import sample_noise
 from marsexplorer.policies.network.paper_network import CategoricalNetwork, make_network
@@ -101,10 +101,10 @@ class RainbowTrainer(OffPolicyTrainer):
         policy.set_eps_training(first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves))
         sample_noise(self.net)
         with torch.no_grad():
-            actions: NDArray[np.int64] = policy(Batch(obs=obs)).act
+            actions = policy(Batch(obs=obs)).act
             is_valid = ~invalid_moves(self.form.unpack(obs)).numpy() if self._own.mask else np.ones((len(obs), 4))
-        actions = policy.add_exploration_noise(actions, Batch(obs=Batch(mask=is_valid)))
-        return actions
+        tried: NDArray[np.int64] = policy.add_exploration_noise(actions, Batch(obs=Batch(mask=is_valid)))
+        return tried
 
     def numbers(self, stats: Any) -> dict[str, float]:
         """Return the loss of a gradient step."""
@@ -133,7 +133,7 @@ class BestOfDistributions(C51Policy):
 
 
 class NStepRainbow(RainbowDQN):
-    """tianshou's Rainbow with our noisy layers, a clipped gradient, and two things mended.
+    """tianshou's Rainbow with our noisy layers, a clipped gradient, and one thing mended.
 
     tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move, where it belongs after n.
     """

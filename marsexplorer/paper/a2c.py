@@ -7,7 +7,6 @@ makes one step with the mean, so a run is reproducible, and what it learns does 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,9 +17,9 @@ from torch import Tensor
 from torch.distributions import Categorical
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.networks import Actor, ValueCritic
-from marsexplorer.paper.tianshou_trainers.replay import add
-from marsexplorer.paper.tianshou_trainers.trainer import MOVES, Common, TianshouTrainer, adam
+from marsexplorer.paper.replay import add
+from marsexplorer.paper.tianshou_networks import Actor, ValueCritic
+from marsexplorer.paper.tianshou_trainer import MOVES, Common, TianshouTrainer, adam
 from marsexplorer.paper.variants import Variants
 from marsexplorer.policies.network.paper_network import PolicyNetwork
 
@@ -116,8 +115,3 @@ class A2CTrainer(TianshouTrainer):
 def categorical(logits: Tensor) -> Categorical:
     """Return the distribution over the moves with these logits."""
     return Categorical(logits=logits, validate_args=False)
-
-
-def settings_of(variant: str) -> dict[str, Any]:
-    """Return the settings of a variant, JSON-ready; ValueError when there is none of that name."""
-    return asdict(A2CSettings(**VARIANTS.settings_for(variant)))

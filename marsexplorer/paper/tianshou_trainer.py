@@ -11,14 +11,13 @@ import torch
 from tianshou.algorithm import Algorithm
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.environments import Environments, Rewards
-from marsexplorer.paper.tianshou_trainers.generators import generators_state, load_generators_state, seed_generators
-from marsexplorer.paper.tianshou_trainers.kernels import cache_kernels
-from marsexplorer.paper.tianshou_trainers.observations import ObservationBytes
+from marsexplorer.paper.generators import generators_state, load_generators_state, seed_generators
+from marsexplorer.paper.observation_bytes import ObservationBytes
+from marsexplorer.paper.tianshou_envs import Environments, Rewards
+from marsexplorer.paper.tianshou_kernels import cache_kernels
 from marsexplorer.policies.network.paper_network import PaperNetwork
 from marsexplorer.policies.network.paper_policy import save_paper_network
 from marsexplorer.policies.network.shape import NetworkShape
-from marsexplorer.training.envs import TrainingEnvs
 
 MOVES = gymnasium.spaces.Discrete(4)
 """What tianshou asks of the actions."""
@@ -47,8 +46,8 @@ class Common:
 
     def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
         """Return the shape of a network for the boards of a configuration."""
-        size = (None, None) if self.network == "features" else (config.rows, config.cols)
-        return NetworkShape(self.network, head, *size, mask=self.mask, **rest)
+        rows, cols = (None, None) if self.network == "features" else (config.rows, config.cols)
+        return NetworkShape(self.network, head, rows=rows, cols=cols, mask=self.mask, **rest)
 
 
 class TianshouTrainer:
@@ -67,11 +66,7 @@ class TianshouTrainer:
         self.form = ObservationBytes.of(config, common.network == "features")
         rewards = Rewards(common.reward_per_cell, common.has_bonus)
         self.environments = Environments(config, common.num_envs, seed, self.form, rewards)
-
-    @property
-    def envs(self) -> TrainingEnvs:
-        """The environments."""
-        return self.environments.envs
+        self.envs = self.environments.envs
 
     def begin(self, algorithm: Algorithm[Any, Any], net: PaperNetwork) -> None:
         """Take the algorithm, and the network that the policy file has."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tianshou.data import Batch, PrioritizedVectorReplayBuffer
 from torch import Tensor
 
-from marsexplorer.paper.tianshou_trainers.environments import Transitions
+from marsexplorer.paper.tianshou_envs import Transitions
 
 ROWS_AT_ONCE = 2048
 """Rows that are compressed together."""
@@ -90,7 +90,8 @@ def load_replay_state(buffer: PrioritizedVectorReplayBuffer, state: dict[str, An
         buffer._meta[name][filled] = state["columns"][name].numpy()
     if len(filled):
         buffer.weight[filled] = state["priorities"].numpy()
-    buffer._max_prio, buffer._min_prio = state["extremes"]
+    # tianshou computes with the extremes in float32, as the losses are; in float64 priorities would differ in the last digit
+    buffer._max_prio, buffer._min_prio = map(np.float32, state["extremes"])
 
 
 def _filled(buffer: PrioritizedVectorReplayBuffer) -> NDArray[np.int64]:

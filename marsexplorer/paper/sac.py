@@ -14,9 +14,9 @@ from tianshou.algorithm.modelfree.sac import AutoAlpha
 from tianshou.data import Batch
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.networks import Actor, QCritic
-from marsexplorer.paper.tianshou_trainers.off_policy import OffPolicy, OffPolicyTrainer
-from marsexplorer.paper.tianshou_trainers.trainer import MOVES, adam
+from marsexplorer.paper.off_policy import OffPolicy, OffPolicyTrainer
+from marsexplorer.paper.tianshou_networks import Actor, QCritic
+from marsexplorer.paper.tianshou_trainer import MOVES, adam
 from marsexplorer.paper.variants import Variants
 from marsexplorer.policies.network.paper_network import PolicyNetwork, QNetwork
 

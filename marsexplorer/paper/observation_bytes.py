@@ -1,7 +1,7 @@
 """Observations as rows of bytes: tianshou's buffers keep one array, whatever a network is given.
 
-    state matrix  the codes, rows * cols bytes
-    features      the pictures, then the bytes of the numbers of each move
+state matrix  the codes, rows * cols bytes
+features      the pictures, then the bytes of the numbers of each move
 """
 
 from __future__ import annotations
@@ -55,4 +55,4 @@ class ObservationBytes:
         if not self.features:
             return (tensor.view(-1, self.rows, self.cols),)
         moves = tensor[:, PICTURE_BYTES:].contiguous().view(torch.float32)
-        return tensor[:, :PICTURE_BYTES].unflatten(1, (PLANES, PICTURE_CELLS)), moves.view(-1, 4, ACTION_FEATURES)
+        return tensor[:, :PICTURE_BYTES].reshape(-1, PLANES, PICTURE_CELLS), moves.view(-1, 4, ACTION_FEATURES)

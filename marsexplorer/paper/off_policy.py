@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.replay import add, load_replay_state, make_replay, replay_state
-from marsexplorer.paper.tianshou_trainers.trainer import Common, TianshouTrainer
+from marsexplorer.paper.replay import add, load_replay_state, make_replay, replay_state
+from marsexplorer.paper.tianshou_trainer import Common, TianshouTrainer
 
 STEPS_OF_ROUND = 16
 """Moves of each environment in a round."""

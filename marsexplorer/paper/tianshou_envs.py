@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.tianshou_trainers.observations import ObservationBytes
+from marsexplorer.paper.observation_bytes import ObservationBytes
 from marsexplorer.training.envs import StepResult, TrainingEnvs, rewards_in_moves
 
 

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from marsexplorer.paper.tianshou_trainers.observations import ObservationBytes
+from marsexplorer.paper.observation_bytes import ObservationBytes
 from marsexplorer.policies.network.paper_network import CategoricalNetwork, PolicyNetwork, QNetwork
 
 

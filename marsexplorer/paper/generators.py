@@ -11,7 +11,7 @@ import torch
 def seed_generators(seed: int) -> None:
     """Begin both generators anew."""
     torch.manual_seed(seed)
-    np.random.seed(seed)  # noqa: NPY002 - the generator that tianshou draws from
+    np.random.seed(seed)  # the generator that tianshou draws from
 
 
 def generators_state() -> dict[str, Any]:
