@@ -16,7 +16,8 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     variant  "paper" is the letter of the paper, "works" what completes terrains; each algorithm's module lists its others
     moves    of the whole training, which schedules may depend on
 
-    ValueError when there is no such algorithm or variant; ImportError, saying what to run, when tianshou is not installed.
+    ValueError when there is no such algorithm or variant; ModuleNotFoundError, saying
+    what to run, when tianshou is not installed.
     """
     if algorithm == "ppo":
         return PPOTrainer(config_of(variant), config, seed, moves)
@@ -41,9 +42,10 @@ def _begin_through_tianshou(algorithm: str, variant: str, config: EnvConfig, see
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "tianshou":
             raise
-        raise ImportError(
+        raise ModuleNotFoundError(
             f"{ALGORITHMS[algorithm]} is trained through tianshou, which is not installed here; "
-            "run `make paper`, and then .venv-paper/bin/marsexplorer paper"
+            "run `make paper`, and then .venv-paper/bin/marsexplorer paper",
+            name="tianshou",
         ) from error
     if algorithm == "a2c":
         return A2CTrainer(variant, config, seed, moves)

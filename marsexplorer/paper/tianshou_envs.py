@@ -31,16 +31,14 @@ class Rewards:
 
     def of(self, config: EnvConfig, step: StepResult) -> NDArray[np.float64]:
         """Return the rewards float64[num_envs] of a step."""
-        failed = step.dones & ~step.explored
-        failed[step.truncated] = False
         if self.reward_per_cell:
             rewards = rewards_in_moves(config, step, self.reward_per_cell)
             if self.has_bonus:
                 return rewards
-            return np.where(failed, -1.0, rewards)
+            return np.where(step.failed, -1.0, rewards)
         if self.has_bonus:
             return step.rewards
-        return np.where(failed, 0.0, step.rewards - config.r_bonus * step.explored)
+        return np.where(step.failed, 0.0, step.rewards - config.r_bonus * step.explored)
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ class TianshouTrainer:
 
     def __init__(self, settings: dict[str, Any], common: Common, config: EnvConfig, seed: int) -> None:
         cache_kernels()
+        torch.set_num_threads(1)
         seed_generators(seed)
         self.settings, self.moves = settings, 0
         self.form = ObservationBytes.of(config, common.network == "features")
