@@ -10,6 +10,7 @@ import pytest
 import torch
 from onnx import TensorProto
 
+from app.cli.main import main
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -226,10 +227,11 @@ def test_evaluate_scores_files_of_other_makers(tmp_path):
     assert "other" in done.stdout
 
 
-def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path):
+def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys):
     path = files.write_sb3(tmp_path / "mine.zip")
-    command = [sys.executable, "-m", "app.cli", "evaluate", "--policy", str(path), "--size", "9", "--episodes", "3"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "made for 6x7 and cannot play 9x9" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    with pytest.raises(SystemExit) as left:
+        main(["evaluate", "--policy", str(path), "--size", "9", "--episodes", "3"])
+    said = capsys.readouterr().err
+    assert left.value.code == 2
+    assert "made for 6x7 and cannot play 9x9" in said
+    assert len(said.splitlines()) == 1

@@ -47,7 +47,7 @@ def same_weights(one, two):
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
-    run = TrainingRun.begin(QUICK, [SMALL], 24 * 1024, 0)
+    run = TrainingRun.begin(QUICK, [SMALL], 14 * 1024, 2)
     folder = RunFolder(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
     ppo.train(run, folder.on_update)
     folder.save()
@@ -58,7 +58,7 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
     assert found == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
-    assert [line["moves"] for line in lines] == [1024 * (k + 1) for k in range(24)]
+    assert [line["moves"] for line in lines] == [1024 * (k + 1) for k in range(14)]
     assert lines[-1]["greedy"] < lines[1]["greedy"]
 
 
