@@ -113,8 +113,11 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
             group = places.get((level, size), {})
             for policy in (each for each in policies if each in group):
                 _draw_curve(axes, group[policy], colours[policy])
-            axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
             plain(axes, f"level {level}, {size} x {size}")
+            if not group:
+                _leave_empty(axes)
+                continue
+            axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
             axes.set(xlim=(0, _right_edge(list(group.values()))), ylim=(0, 102))
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
     for axes in panels[-1]:
@@ -180,8 +183,11 @@ def shares_figure(lines: Sequence[Line]) -> Figure:
                 found = ((at, compare(group[policy], group.get(REFERENCE), share)) for at, share in enumerate(PER_CENT))
                 ratios = [(at + aside, ratio) for at, ratio in found]
                 _draw_ratios(axes, [(at, ratio) for at, ratio in ratios if ratio is not None], policy, colours[policy])
-            axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
             plain(axes, f"level {level}, {size} x {size}")
+            if not group:
+                _leave_empty(axes)
+                continue
+            axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
             axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
     for axes in panels[-1]:
         axes.set_xlabel("coverage")
@@ -240,6 +246,13 @@ def _estimate_text(estimate: Estimate | None, form: str) -> str:
         return ""
     mean, low, high = (form.format(each) for each in (estimate.mean, estimate.low, estimate.high))
     return mean if low == high else f"{mean} ({low} to {high})"
+
+
+def _leave_empty(axes: Axes) -> None:
+    """Say in a panel that there are no results for it."""
+    axes.text(0.5, 0.5, "no results here", transform=axes.transAxes, ha="center", fontsize=8.5, color=SOFT_INK)
+    axes.set_xticks([])
+    axes.grid(visible=False)
 
 
 def _draw_curve(axes: Axes, line: Line, colour: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation import INFORMED, evaluate
+from marsexplorer.evaluation import INFORMED, RULES, evaluate
 from marsexplorer.paper import figure6, figure7
 from marsexplorer.paper.drawing import save
 from marsexplorer.paper.gathered import gather, read_results
@@ -191,7 +191,7 @@ def test_a_policy_of_each_level_goes_by_one_name(tmp_path):
 
 def test_forecasts_are_of_the_order_of_what_the_shipped_results_took():
     """Within a factor of 4 over all jobs of a figure: enough to say minutes, and not hours."""
-    for figure, kind in ((6, Visits),):
+    for figure, kind in ((6, Visits), (7, Coverage)):
         lines = [line for line in read_results(FOLDER, figure) if "policy" in line]
         forecast = sum(kind(line["policy"], line["level"], line["rows"]).forecast for line in lines)
         assert 1 / 4 < forecast / sum(line["cpu_s"] for line in lines) < 4
@@ -233,6 +233,10 @@ def test_the_shipped_results_are_whole_and_small():
         makes_u, never_goes_back = course_rates(line)
         assert never_goes_back.count <= makes_u.count <= makes_u.total == line["played"] == 100
     assert {line["null"] for line in read_results(FOLDER, 6) if "null" in line} == set(NULLS)
+    rows = {(row.policy, row.level, row.size): row for row in scale_rows(read_results(FOLDER, 7))}
+    for place in ((policy, level, size) for policy in ("ppo", *RULES) for level in figure7.PLACES for size in (21, 42)):
+        assert rows[place].terrains == 100
+    assert rows["ppo", "2-2-1", 42].to_rule is not None
     assert max(path.stat().st_size for path in FOLDER.glob("figure[67]-*.jsonl")) < 150_000
 
 
