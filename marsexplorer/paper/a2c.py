@@ -6,7 +6,7 @@ makes one step with the mean, so a run is reproducible, and what it learns does 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -19,49 +19,12 @@ from torch.distributions import Categorical
 from marsexplorer.config import EnvConfig
 from marsexplorer.paper.replay import add
 from marsexplorer.paper.tianshou_networks import Actor, ValueCritic
-from marsexplorer.paper.tianshou_trainer import MOVES, Common, TianshouTrainer, adam
-from marsexplorer.paper.variants import Variants
+from marsexplorer.paper.tianshou_settings import A2C_VARIANTS, A2CSettings
+from marsexplorer.paper.tianshou_trainer import MOVES, TianshouTrainer, adam
 from marsexplorer.policies.network.paper_network import PolicyNetwork
 
 ROUND = 2000
 """Moves of a round, at least."""
-
-
-@dataclass(frozen=True)
-class A2CSettings(Common):
-    """The appendix's table 5, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/a3c).
-
-    num_steps      moves of each environment between updates; A3C's rollout_fragment_length is 10, and 20 environments make
-                   the 200 moves of A2C's train_batch_size
-    vf_coef        coefficient of half the squared error of the value: RLlib's loss has the half
-    max_grad_norm  of the gradient of the sum over the moves, as RLlib has it; the mean's is clipped at a share of it
-    """
-
-    num_envs: int = 20
-    num_steps: int = 10
-    learning_rate: float = 1e-4
-    gae_lambda: float = 0.99
-    vf_coef: float = 0.5
-    ent_coef: float = 0.01
-    max_grad_norm: float = 40.0
-
-    @property
-    def batch_size(self) -> int:
-        """Moves between two updates."""
-        return self.num_envs * self.num_steps
-
-
-VARIANTS = Variants(
-    "A2C",
-    {
-        "reward": {"reward_per_cell": 0.18, "has_bonus": False},
-        "mask": {"mask": True},
-        "discount": {"gamma": 0.99, "gae_lambda": 0.95},
-        "features": {"network": "features"},
-        "batch": {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0},
-    },
-    works=("reward", "mask", "discount", "features", "batch"),
-)
 
 
 class A2CTrainer(TianshouTrainer):
@@ -69,7 +32,7 @@ class A2CTrainer(TianshouTrainer):
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
         del moves
-        own = A2CSettings(**VARIANTS.settings_for(variant))
+        own = A2CSettings(**A2C_VARIANTS.settings_for(variant))
         super().__init__({**asdict(own), "batch_size": own.batch_size}, own, config, seed)
         self._own = own
         net = PolicyNetwork(own.shape(config, "policy", critic="shared"))

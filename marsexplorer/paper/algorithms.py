@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.paper.ppo_trainer import PPOTrainer, config_of
+from marsexplorer.paper.tianshou_settings import VARIANTS
 from marsexplorer.paper.trainer import Trainer
 
 ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
@@ -21,9 +22,8 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     """
     if algorithm == "ppo":
         return PPOTrainer(config_of(variant), config, seed, moves)
-    if algorithm in ("a2c", "rainbow", "sac"):
-        return _begin_through_tianshou(algorithm, variant, config, seed, moves)
-    raise ValueError(f"no algorithm {algorithm!r}; choose one of: {', '.join(ALGORITHMS)}")
+    check_variant(algorithm, variant)
+    return _begin_through_tianshou(algorithm, variant, config, seed, moves)
 
 
 def check_variant(algorithm: str, variant: str) -> None:
@@ -32,6 +32,8 @@ def check_variant(algorithm: str, variant: str) -> None:
         raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
     if algorithm == "ppo":
         config_of(variant)
+    else:
+        VARIANTS[algorithm].settings_for(variant)
 
 
 def _begin_through_tianshou(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,33 +10,11 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.paper.replay import add, load_replay_state, make_replay, replay_state
-from marsexplorer.paper.tianshou_trainer import Common, TianshouTrainer
+from marsexplorer.paper.tianshou_settings import OffPolicy
+from marsexplorer.paper.tianshou_trainer import TianshouTrainer
 
 STEPS_OF_ROUND = 16
 """Moves of each environment in a round."""
-
-
-@dataclass(frozen=True)
-class OffPolicy(Common):
-    """Settings of both.
-
-    buffer_size       moves kept
-    batch_size        moves of a gradient step
-    moves_per_update  moves between two gradient steps
-    learning_starts   moves before the first gradient step
-    n_step            moves after which the value of what follows is counted
-    priority_alpha    exponent of the priorities (Schaul et al. 2016)
-    priority_beta     exponent of the weights that correct for them
-    """
-
-    buffer_size: int = 50_000
-    batch_size: int = 32
-    moves_per_update: int = 4
-    learning_starts: int = 1000
-    n_step: int = 1
-    prioritized_replay: bool = True
-    priority_alpha: float = 0.6
-    priority_beta: float = 0.4
 
 
 class OffPolicyTrainer(TianshouTrainer, ABC):

@@ -13,7 +13,7 @@ which is DQN without the parts 4 and 5; a Rainbow has them, so these are Hessel'
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -25,51 +25,13 @@ from tianshou.data import Batch, ReplayBuffer
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.off_policy import OffPolicy, OffPolicyTrainer
+from marsexplorer.paper.off_policy import OffPolicyTrainer
 from marsexplorer.paper.tianshou_networks import Distributions
+from marsexplorer.paper.tianshou_settings import RAINBOW_VARIANTS, RainbowSettings
 from marsexplorer.paper.tianshou_trainer import MOVES, adam
-from marsexplorer.paper.variants import Variants
 from marsexplorer.policies.network.noisy import sample_noise
 from marsexplorer.policies.network.paper_network import CategoricalNetwork, make_network
 from marsexplorer.policies.network.trunks import invalid_moves
-
-
-@dataclass(frozen=True)
-class RainbowSettings(OffPolicy):
-    """The appendix's table 3, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/dqn).
-
-    support             lowest and highest return of the distribution; None: +-(n + 20), which holds the +-n of eq. 8 (RLlib
-                        has +-10, the authors' repository +-400 where the ends are paid +-400)
-    epsilon             at first, and after `epsilon_moves` moves
-    target_update_freq  moves between two copies to the target network
-    max_grad_norm       of the gradient
-    """
-
-    learning_rate: float = 5e-4
-    n_step: int = 3
-    num_atoms: int = 51
-    support: tuple[float, float] | None = None
-    noisy: bool = True
-    noisy_sigma: float = 0.5
-    dueling: bool = True
-    double_q: bool = True
-    epsilon: tuple[float, float] = (1.0, 0.02)
-    epsilon_moves: int = 10_000
-    target_update_freq: int = 500
-    max_grad_norm: float = 40.0
-
-
-VARIANTS = Variants(
-    "Rainbow",
-    {
-        "reward": {"reward_per_cell": 0.18, "has_bonus": False, "support": (-60.0, 40.0)},
-        "mask": {"mask": True},
-        "discount": {"gamma": 0.99},
-        "features": {"network": "features"},
-        "batch": {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000},
-    },
-    works=("reward", "mask", "discount", "features", "batch"),
-)
 
 
 class RainbowTrainer(OffPolicyTrainer):
@@ -78,7 +40,7 @@ class RainbowTrainer(OffPolicyTrainer):
     net: CategoricalNetwork
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        own = RainbowSettings(**VARIANTS.settings_for(variant))
+        own = RainbowSettings(**RAINBOW_VARIANTS.settings_for(variant))
         support = own.support or (-config.n - 20.0, config.n + 20.0)
         super().__init__({**asdict(own), "support": list(support)}, own, config, seed, moves)
         self._own = own

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,39 +14,12 @@ from marsexplorer.paper.generators import generators_state, load_generators_stat
 from marsexplorer.paper.observation_bytes import ObservationBytes
 from marsexplorer.paper.tianshou_envs import Environments, Rewards
 from marsexplorer.paper.tianshou_kernels import cache_kernels
+from marsexplorer.paper.tianshou_settings import Common
 from marsexplorer.policies.network.paper_network import PaperNetwork
 from marsexplorer.policies.network.paper_policy import save_paper_network
-from marsexplorer.policies.network.shape import NetworkShape
 
 MOVES = gymnasium.spaces.Discrete(4)
 """What tianshou asks of the actions."""
-
-
-@dataclass(frozen=True)
-class Common:
-    """Settings of every algorithm here.
-
-    gamma            discount
-    network          "authors": the state matrix by the network of the authors' repository; "features": ours
-    mask             whether invalid moves are never taken and have no probability
-    reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
-    has_bonus        whether +-n is paid where an episode ends, on the levels that have it
-    num_envs         environments stepped together
-    light            whether the network computes in bfloat16
-    """
-
-    gamma: float = 0.95
-    network: str = "authors"
-    mask: bool = False
-    reward_per_cell: float = 0.0
-    has_bonus: bool = True
-    num_envs: int = 16
-    light: bool = False
-
-    def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
-        """Return the shape of a network for the boards of a configuration."""
-        rows, cols = (None, None) if self.network == "features" else (config.rows, config.cols)
-        return NetworkShape(self.network, head, rows=rows, cols=cols, mask=self.mask, **rest)
 
 
 class TianshouTrainer:

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.algorithms import begin
+from marsexplorer.paper.algorithms import begin, check_variant
 from marsexplorer.paper.interrupts import interrupts_held_back
 from marsexplorer.paper.variants import Variants
 
@@ -40,6 +40,13 @@ def test_a_variant_is_the_paper_with_its_changes(variant, settings):
 def test_an_unknown_variant_is_an_error_that_names_the_others(variant):
     with pytest.raises(ValueError, match=r"SARSA has no variant .*works-no-mask, paper\+reward"):
         VARIANTS.settings_for(variant)
+
+
+@pytest.mark.parametrize("algorithm", ["a2c", "rainbow", "sac"])
+def test_variants_are_checked_without_tianshou(algorithm):
+    check_variant(algorithm, "works-no-features")
+    with pytest.raises(ValueError, match="has no variant 'wroks'"):
+        check_variant(algorithm, "wroks")
 
 
 def test_ctrl_c_waits_for_the_end_of_the_block():
