@@ -85,6 +85,8 @@ def curves_figure(records: Sequence[Record], against: str, human: HumanLevel | N
             plain(axes, title)
             axes.tick_params(labelbottom=row == len(ROWS) - 1, labelleft=column == 0)
         _draw_last_endings(figure.add_subplot(grid[len(ROWS), column]), own, algorithms, is_labelled=column == 0)
+    if against == "cpu_s":
+        shared["x"].set_xlim(left=0)  # last: it ends the automatic choice of the other end
     _add_legend(figure, algorithms, human)
     place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
     text = f"{seeds_text(records)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
@@ -102,8 +104,6 @@ def _draw_panel(axes: Axes, records: Sequence[Record], name: str, against: str, 
         _draw_human(axes, human)
     if against == "moves":
         set_moves_axis(axes)
-    else:
-        axes.set_xlim(left=0)
     axes.set_ylim(-0.02, 1.02)
 
 
@@ -174,9 +174,8 @@ def endings_figure(records: Sequence[Record]) -> Figure:
             own = [record for record in records if (record.trial.algorithm, record.trial.variant) == (algorithm, variant)]
             _draw_endings(axes, own)
             axes.set_xlabel("moves (logarithmic)" if row == len(variants) - 1 else "")
-            axes.set_ylabel("share of episodes" if column == 0 else "")
-            plain(axes, f"{NAMES[algorithm]}, {TITLES.get(variant, variant)}")
-            axes.title.set_fontsize(8.5)
+            axes.set_ylabel(f"{TITLES.get(variant, variant)}\nshare of episodes" if column == 0 else "")
+            plain(axes, NAMES[algorithm] if row == 0 else "")
     handles = [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.5)
     place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"

@@ -88,12 +88,17 @@ def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
 
 def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs):
     human = figure4.HumanLevel("dunes", 10, 0.94, 0.93, 0.95)
-    records = read_records(logs)
+    write_trial(logs / "longest", trial_of("a2c", "works", moves=5000), [0.1, 0.2])
+    records = [*read_records(logs), *read_records(logs / "longest")]
     for against, last in (("moves", 1000), ("cpu_s", 10 / 60)):
         figure = figure4.curves_figure(records, against, human)
         letter = next(axes for axes in figure.axes if axes.get_title(loc="left") == "the letter of the paper")
         x, y = letter.get_lines()[0].get_data()
         assert (x[-1], y[-1]) == (pytest.approx(last), pytest.approx(0.6))
+        longest = max(
+            max(line.get_xdata()) for axes in figure.axes[:6] for line in axes.get_lines() if len(line.get_xdata()) > 2
+        )
+        assert all(axes.get_xlim()[1] >= longest for axes in figure.axes if axes.get_lines())
         assert any(np.allclose(line.get_ydata(), 0.94) for line in letter.get_lines())
 
 
