@@ -18,7 +18,8 @@ from marsexplorer.paper.training_claims import SEEDS
 AIM = 0.9
 """Share of the 21x21 terrains of level `random` that each algorithm should complete as it works, 0..1."""
 NONE_YET = "No such trainings are shipped yet."
-WITHOUT, WITH = "works-no-", "paper+"
+STARTS = ("works-no-", "paper+", "paper-no-")
+"""What the names of variants begin with that leave a change out, make it alone, and leave a part of the paper's out."""
 
 
 def completion(results: Results, algorithm: str, variant: str) -> Mean | None:
@@ -74,7 +75,7 @@ def aims(results: Results) -> str:
 def changes_of(results: Results, algorithm: str) -> list[str]:
     """Return the changes of which an algorithm has trainings without them, or with them alone."""
     variants = {record.trial.variant for record in results.records if record.trial.algorithm == algorithm}
-    found = {each.removeprefix(start) for each in variants for start in (WITHOUT, WITH) if each.startswith(start)}
+    found = {each.removeprefix(start) for each in variants for start in STARTS if each.startswith(start)}
     return sorted(each for each in found if "+" not in each)
 
 
@@ -84,14 +85,12 @@ def ablations(results: Results) -> str:
     for name in ALGORITHMS:
         works = completion(results, name, "works")
         for change in changes_of(results, name):
-            without, alone = completion(results, name, WITHOUT + change), completion(results, name, WITH + change)
-            lost = works.mean - without.mean if works and without else 0.0
-            shown = [percent(each) if each else "" for each in (works, without, alone)]
+            others = [completion(results, name, start + change) for start in STARTS]
+            lost = works.mean - others[0].mean if works and others[0] else 0.0
+            shown = [percent(each) if each else "" for each in (works, *others)]
             rows.append((lost, [NAMES[name], f"`{change}`", *shown]))
-    ordered = sorted(rows, key=lambda row: (row[1][0], -row[0]))
-    return as_table(
-        ("algorithm", "change", "works", "works without it", "the paper's with it alone"), [row for _, row in ordered]
-    )
+    columns = ("algorithm", "change", "works", "works without it", "the letter with it alone", "the letter without it")
+    return as_table(columns, [row for _, row in sorted(rows, key=lambda each: (each[1][0], -each[0]))])
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {

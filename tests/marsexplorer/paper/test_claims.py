@@ -80,12 +80,20 @@ def finished(algorithm, variant, completion, seed, level="random"):
 
 
 def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
-    shares = {"paper": 0.0, "works": 0.95, "works-no-mask": 0.9, "works-no-reward": 0.1, "paper+mask": 0.02}
+    shares = {
+        "paper": 0.0,
+        "works": 0.95,
+        "works-no-mask": 0.9,
+        "works-no-reward": 0.1,
+        "paper+mask": 0.02,
+        "paper-no-bonus": 0.01,
+    }
     results = results_of(tmp_path, [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)])
     assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | 3 | yes |"]
     assert trained_blocks.ablations(results).splitlines()[2:] == [
-        "| SAC | `reward` | 95 ± 0 % | 10 ± 0 % |  |",
-        "| SAC | `mask` | 95 ± 0 % | 90 ± 0 % | 2 ± 0 % |",
+        "| SAC | `reward` | 95 ± 0 % | 10 ± 0 % |  |  |",
+        "| SAC | `mask` | 95 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
+        "| SAC | `bonus` | 95 ± 0 % |  |  | 1 ± 0 % |",
     ]
     assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == ["paper", "works"]
     assert trained_blocks.levels(results) == trained_blocks.NONE_YET
