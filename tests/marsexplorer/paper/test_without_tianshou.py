@@ -8,8 +8,8 @@ import pytest
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.paper.algorithms import begin, check_variant
-from marsexplorer.paper.interrupts import interrupts_held_back
 from marsexplorer.paper.variants import Variants
+from marsexplorer.training.interrupts import postponed_interrupt
 
 VARIANTS = Variants("SARSA", {"reward": {"a": 1}, "mask": {"b": 2}, "rest": {"c": 3}}, works=("reward", "mask"))
 
@@ -53,7 +53,7 @@ def test_ctrl_c_waits_for_the_end_of_the_block():
     done = []
 
     def block():
-        with interrupts_held_back():
+        with postponed_interrupt():
             os.kill(os.getpid(), signal.SIGINT)
             done.append("the rest of the block")
 
