@@ -12,12 +12,12 @@ A variant is the recipe `paper` with some CHANGES:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.paper.variants import Variants
 from marsexplorer.training.config import APPENDIX_PASSES, RECIPES, TrainConfig
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, make_update
 
@@ -43,32 +43,20 @@ rate      a higher learning rate alone, which makes up for the fewer gradient st
 WORKS = ("reward", "mask", "discount", "features", "batch")
 
 
-def settings_for(changes: Iterable[str]) -> dict[str, Any]:
-    """Return the settings of some CHANGES together."""
-    return {name: value for change in changes for name, value in CHANGES[change].items()}
-
-
-VARIANTS: dict[str, dict[str, Any]] = {
-    "paper": {},
+CHANGED = Variants("PPO", CHANGES, WORKS)
+ALONE: dict[str, dict[str, Any]] = {
     "appendix": APPENDIX_PASSES,
     "paper-no-bonus": {"has_bonus": False},
     "paper-no-value-clip": {"vf_change_clip": float("inf")},
-    "works": settings_for(WORKS),
-    **{f"works-no-{left_out}": settings_for(each for each in WORKS if each != left_out) for left_out in WORKS},
 }
-"""Variant -> the settings in which it differs from the recipe `paper`; besides, paper+CHANGE stands for any set of changes."""
+"""Variant -> the settings in which it differs from the recipe `paper`, for those that are no set of changes."""
+VARIANTS = (*ALONE, *CHANGED.names)
 
 
 def config_of(variant: str) -> TrainConfig:
     """Return the configuration of a variant; ValueError when there is none of that name."""
-    start, plus, names = variant.partition("+")
-    changes = names.split("+")
-    if start == "paper" and plus and set(changes) <= set(CHANGES):
-        return replace(RECIPES["paper"], **settings_for(changes))
-    if variant not in VARIANTS:
-        known = ", ".join([*VARIANTS, *(f"paper+{change}" for change in CHANGES)])
-        raise ValueError(f"PPO has no variant {variant!r}; choose one of: {known}")
-    return replace(RECIPES["paper"], **VARIANTS[variant])
+    settings = ALONE[variant] if variant in ALONE else CHANGED.settings_for(variant)
+    return replace(RECIPES["paper"], **settings)
 
 
 class PPOTrainer:
