@@ -29,8 +29,8 @@ class SACTrainer(OffPolicyTrainer):
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
         own = SACSettings(**SAC_VARIANTS.settings_for(variant))
         super().__init__(asdict(own), own, config, seed, moves)
-        net = PolicyNetwork(own.shape(config, "policy"))
-        critics = [QCritic(QNetwork(own.shape(config, "q")), self.form, own.light) for _ in range(2)]
+        net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
+        critics = [QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form, own.light) for _ in range(2)]
         self._alpha = AutoAlpha(
             own.target_entropy * float(np.log(4)), float(np.log(own.initial_alpha)), adam(own.learning_rate)
         )

@@ -29,8 +29,6 @@ class NoValue:
 
 
 NOT_RUN = NoValue("not yet run")
-ABSENT = NoValue("none")
-"""The setting of something that ours has not; a run logs no such key."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ SUPPORT = "it must hold the +-441 of the paper's reward, or the returns of the c
 BATCH = "works: larger batches, fewer gradient steps"
 ENVIRONMENTS = "stepped together"
 SAC_WORKERS = "paper: as with the 8 workers of `runnerSAC.py`"
-NO_HIDDEN = "the dense layer of 512 units leads to the four numbers directly"
+FEATURES = "works: a head over features has a layer of 64 units of its own"
 ENTROPY = "works: the default wants nearly the entropy of chance"
 MASK = "works: a move that is known to be invalid has no probability"
 CELL = "worth of a new cell in moves; 0: eq. 8"
@@ -145,10 +143,8 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("sac", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
     Setting("sac", "learning rate", "3e-4", "3e-4, default", "learning_rate", 3e-4, 3e-4),
     Setting("sac", "twin Q", "used", "used, default", "twin_q", True, True),
-    Setting("sac", "hidden layers of Q", "[256, 256]", "the same, default", "q_hidden", ABSENT, ABSENT, NO_HIDDEN),
-    Setting(
-        "sac", "hidden layers of the policy", "[256, 256]", "the same, default", "policy_hidden", ABSENT, ABSENT, NO_HIDDEN
-    ),
+    Setting("sac", "hidden layers of Q", "[256, 256]", "the same, default", "q_hidden", [256, 256], [], FEATURES),
+    Setting("sac", "hidden layers of the policy", "[256, 256]", "the same, default", "policy_hidden", [256, 256], [], FEATURES),
     Setting(
         "sac",
         "size of the buffer, moves",
@@ -202,8 +198,6 @@ def differences(algorithm: str, variant: str, settings: dict[str, Any]) -> list[
         try:
             value = value_at(settings, row.key)
         except KeyError:
-            if wanted is ABSENT:
-                continue
             found.append(
                 f"{algorithm} {variant}: {row.parameter} is {wanted!r} in the table, and the run logged no {row.key!r}"
             )
@@ -219,7 +213,7 @@ def words(value: Any) -> str:
         return "used" if value else "not used"
     if isinstance(value, int):
         return f"{value:,}"
-    return "none" if value is None else str(value)
+    return "none" if value is None or value == [] else str(value)
 
 
 def as_table(algorithm: str) -> str:

@@ -146,8 +146,7 @@ class SACSettings(OffPolicy):
     tau               share of the critics that their targets take over at a gradient step
     initial_alpha     weight of the entropy at first; it is adapted to `target_entropy`
     target_entropy    share of the entropy of equal probabilities, log 4 (RLlib's "auto" is 0.98 of it)
-    q_hidden, policy_hidden  layers between the 512 units of the network and its heads; the appendix has 256 and 256, here
-                      there are none, as `policies.network` has no such layers yet
+    q_hidden, policy_hidden  units of the layers between the network of the state matrix and its heads
     """
 
     buffer_size: int = 1_000_000
@@ -157,8 +156,8 @@ class SACSettings(OffPolicy):
     learning_rate: float = 3e-4
     tau: float = 5e-3
     twin_q: bool = True
-    q_hidden: tuple[int, ...] = ()
-    policy_hidden: tuple[int, ...] = ()
+    q_hidden: tuple[int, ...] = (256, 256)
+    policy_hidden: tuple[int, ...] = (256, 256)
     initial_alpha: float = 1.0
     target_entropy: float = 0.98
 
@@ -169,7 +168,7 @@ SAC_VARIANTS = Variants(
         "reward": {"reward_per_cell": 0.18, "has_bonus": False},
         "mask": {"mask": True},
         "discount": {"gamma": 0.99},
-        "features": {"network": "features"},
+        "features": {"network": "features", "q_hidden": (), "policy_hidden": ()},
         "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
         "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
     },

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -200,14 +201,14 @@ def _move_head(shape: NetworkShape, outputs: int) -> nn.Module:
     """Return a head over the moves: a dense layer, or one perceptron that the moves share."""
     if shape.observation == "features":
         return nn.Sequential(nn.Linear(MOVE_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs))
-    return _dense(UNITS[shape.trunk], 4 * outputs)
+    return _state_head(shape, 4 * outputs)
 
 
 def _board_head(shape: NetworkShape, outputs: int) -> nn.Module:
     """Return a head over the whole observation."""
     if shape.observation == "features":
         return nn.Sequential(nn.Linear(BOARD_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs))
-    return _dense(UNITS[shape.trunk], outputs)
+    return _state_head(shape, outputs)
 
 
 def _stream(shape: NetworkShape, atoms: int, make_linear: MakeLinear, of_moves: bool) -> nn.Sequential:
@@ -219,10 +220,15 @@ def _stream(shape: NetworkShape, atoms: int, make_linear: MakeLinear, of_moves: 
     return nn.Sequential(make_linear(inputs, units), nn.ReLU(), make_linear(units, outputs))
 
 
-def _dense(inputs: int, outputs: int) -> nn.Linear:
-    layer = nn.Linear(inputs, outputs)
-    initialize_xavier(layer)
-    return layer
+def _state_head(shape: NetworkShape, outputs: int) -> nn.Module:
+    """Return a head over the state matrix: the hidden layers of the shape, and one of the outputs."""
+    units = (UNITS[shape.trunk], *shape.hidden, outputs)
+    layers = [nn.Linear(before, after) for before, after in pairwise(units)]
+    for layer in layers:
+        initialize_xavier(layer)
+    if len(layers) == 1:
+        return layers[0]
+    return nn.Sequential(*(each for layer in layers[:-1] for each in (layer, nn.ReLU())), layers[-1])
 
 
 def _make_small(head: nn.Module) -> None:

@@ -16,6 +16,8 @@ CRITICS = ("shared", "separate", "none")
 SMALLEST_SIDE, LARGEST_SIDE = 5, 128
 """Sides of the grids that a state matrix may have, cells."""
 LARGEST_ATOMS = 501
+MOST_HIDDEN, LARGEST_HIDDEN = 4, 2048
+"""Hidden layers of a head, and units of each."""
 LARGEST_SUPPORT = 1e6
 """Bound on both ends of a categorical support, in units of the rewards that were trained on."""
 
@@ -43,6 +45,7 @@ class NetworkShape:
                 "categorical"  a distribution of the return each, over `atoms` numbers from support[0] to support[1]
     rows, cols  size of the grid for the state matrix; None for features, which serve every size
     critic      of the head "policy": a value from the "shared" trunk, from a "separate" one, or "none"; of others "none"
+    hidden      units of the dense layers between the state matrix's trunk and the heads "policy" and "q"
     mask        whether the network works out which moves are invalid and gives them the lowest logit or value
     atoms       2..LARGEST_ATOMS for the head "categorical", else None
     support     (lowest, highest return) for the head "categorical", else None
@@ -53,6 +56,7 @@ class NetworkShape:
     rows: int | None = None
     cols: int | None = None
     critic: str = "none"
+    hidden: tuple[int, ...] = ()
     mask: bool = False
     atoms: int | None = None
     support: tuple[float, float] | None = None
@@ -68,7 +72,17 @@ class NetworkShape:
         if type(self.mask) is not bool:
             raise ShapeError("true or false as the mask of a network", self.mask)
         self._check_size()
+        self._check_hidden()
         self._check_head()
+
+    def _check_hidden(self) -> None:
+        hidden = self.hidden
+        if not (isinstance(hidden, tuple) and len(hidden) <= MOST_HIDDEN):
+            raise ShapeError(f"at most {MOST_HIDDEN} hidden layers", hidden)
+        if not all(type(units) is int and 1 <= units <= LARGEST_HIDDEN for units in hidden):
+            raise ShapeError(f"hidden layers of 1 to {LARGEST_HIDDEN} units", hidden)
+        if hidden and (self.observation == "features" or self.head == "categorical"):
+            raise ShapeError("no hidden layers of one's own with features or the head categorical", hidden)
 
     def _check_size(self) -> None:
         size = (self.rows, self.cols)
@@ -105,7 +119,8 @@ class NetworkShape:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values."""
-        return {**asdict(self), "support": None if self.support is None else [float(end) for end in self.support]}
+        support = None if self.support is None else [float(end) for end in self.support]
+        return {**asdict(self), "hidden": list(self.hidden), "support": support}
 
     @classmethod
     def from_dict(cls, found: object) -> NetworkShape:
@@ -116,5 +131,5 @@ class NetworkShape:
         for name in ("trunk", "head"):
             if name not in found:
                 raise ShapeError(f'a "{name}" in the "network" of the card', found)
-        support = found.get("support")
-        return cls(**{**found, "support": tuple(support) if isinstance(support, list) else support})
+        lists = {name: tuple(value) for name, value in found.items() if isinstance(value, list)}
+        return cls(**{**found, **lists})

@@ -23,6 +23,7 @@ KINDS = {
     "policy and critic": {"head": "policy", "critic": "separate"},
     "actor": {"head": "policy"},
     "q": {"head": "q"},
+    "hidden layers": {"head": "q", "hidden": (9, 7)},
     "categorical": CATEGORICAL,
 }
 
@@ -34,8 +35,9 @@ def one_thread():
 
 
 def shape_of(trunk, size=SIZE, **more):
-    rows, cols = (None, None) if trunk == "features" else size
-    return NetworkShape(trunk=trunk, rows=rows, cols=cols, **more)
+    if trunk == "features":
+        return NetworkShape(trunk=trunk, **{**more, "hidden": ()})
+    return NetworkShape(trunk=trunk, rows=size[0], cols=size[1], **more)
 
 
 def walk(config, steps, num=32, seed=0):
@@ -186,7 +188,9 @@ def test_distributions_sum_to_one_and_their_means_stay_within_the_support(trunk)
     [
         {"trunk": "nature"}, {"head": "quantile"}, {"critic": "both"}, {"mask": 1}, {"rows": None}, {"rows": 4}, {"cols": 129},
         {"cols": 9.0}, {"rows": True}, {"atoms": 51}, {"support": (-1.0, 1.0)}, {"head": "q"}, {"trunk": "features"},
-        {"head": ["policy"]},
+        {"head": ["policy"]}, {"hidden": [256]}, {"hidden": (0,)}, {"hidden": (4096,)}, {"hidden": (2,) * 5},
+        {"head": "categorical", "critic": "none", "atoms": 2, "support": (0.0, 1.0), "hidden": (4,)},
+        {"trunk": "features", "rows": None, "cols": None, "hidden": (4,)},
     ],
 )  # fmt: skip
 def test_fields_that_do_not_fit_together_are_refused(changed):
