@@ -13,7 +13,7 @@ from marsexplorer.config import LEVELS
 from marsexplorer.evaluation import RULES
 from marsexplorer.paper.play import Line
 from marsexplorer.paper.quadrants import QuadrantCourse, Rate, quadrant_map
-from marsexplorer.paper.scale import ScaleRow, scale_rows
+from marsexplorer.paper.scale import PER_CENT, Estimate, ScaleRow, compare, group_by_place, scale_rows, steps_of
 from marsexplorer.paper.shipped import Results
 from marsexplorer.paper.verdicts import NOT_REPRODUCED, NOT_YET, NOTHING, PARTLY, REPRODUCED, Judgement, partly
 from marsexplorer.paper.visits import course_rates, obstacles_of
@@ -132,14 +132,26 @@ def scaled(results: Results) -> tuple[dict[str, list[ScaleRow]], dict[str, list[
 
 def less_distance(results: Results) -> Judgement:
     """PPO travels less distance than the rules to explore the same share of the terrain."""
-    own, rules = scaled(results)
+    places = group_by_place(results.plays[7])
+    groups = [places.get((LEVEL, size), {}) for size in SIZES]
+    own = [policy for policy in groups[0] if policy.startswith(LEARNT) and policy in groups[1]]
+    if not own or not all(rule in group for rule in RULES for group in groups):
+        return NOTHING
     parts, held = [], {}
-    for policy, rows in own.items():
-        ratios = [row.to_rule for row in rows]
-        held[policy] = [ratio is not None and ratio.high < 1 for ratio in ratios]
-        texts = [f"{each.mean:.3f} ({each.low:.3f} to {each.high:.3f})" if each else "none" for each in ratios]
-        parts.append(f"`{policy}` takes {' and '.join(texts)} of the better rule's moves to 99 % at 42x42 and 84x84")
-    return decided(parts, held) if own and rules else NOTHING
+    for policy in own:
+        ratios = [[to_better_rule(group, policy, share) for share in PER_CENT] for group in groups]
+        held[policy] = [ratio is not None and ratio.high < 1 for each in ratios for ratio in each]
+        texts = [" ".join(f"{ratio.mean:.2f}" if ratio else "none" for ratio in each) for each in ratios]
+        parts.append(
+            f"`{policy}` {texts[0]} at 42x42 and {texts[1]} at 84x84, less with certainty at {sum(held[policy])} of 10"
+        )
+    return decided([f"moves over the better rule's to {', '.join(map(str, PER_CENT))} %: {parts[0]}", *parts[1:]], held)
+
+
+def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate | None:
+    """Return the ratio of a policy's moves to a share of the cells to those of the rule that is better at that share."""
+    better = min((group[rule] for rule in RULES), key=lambda line: float(steps_of(line, per_cent).mean()))
+    return compare(group[policy], better, per_cent)
 
 
 def last_shares(policies: dict[str, list[ScaleRow]]) -> list[str]:
@@ -174,11 +186,14 @@ def no_knee(results: Results) -> Judgement:
 
 
 def scales(results: Results) -> Judgement:
-    """Learning extends to larger terrains."""
+    """Learning extends to larger terrains: it completes them, and keeps up with the rules."""
     own, rules = scaled(results)
     parts, held = [], {}
     for policy, rows in own.items():
-        held[policy] = [row.completion > 0.9 and row.to_rule is not None and row.to_rule.low < 1 for row in rows]
-        texts = [f"{row.completion:.0%} of the terrains in {row.steps.mean:.0f} moves" for row in rows]
+        completes = [row.completion > 0.9 for row in rows]
+        held[policy] = [*completes, *(row.to_rule is not None and row.to_rule.low < 1 for row in rows)]
+        ratios = [f"{row.to_rule.mean:.2f}" if row.to_rule else "no" for row in rows]
+        pairs = zip(rows, ratios, strict=True)
+        texts = [f"{row.completion:.0%} of the terrains in {ratio} of the better rule's moves" for row, ratio in pairs]
         parts.append(f"`{policy}` completes {' and '.join(texts)} at 42x42 and 84x84")
     return decided(parts, held) if own and rules else NOTHING
