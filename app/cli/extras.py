@@ -21,6 +21,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "ray": ("ray",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
+    "paper": ("tianshou", "pandas"),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
@@ -33,6 +34,7 @@ INCLUDED: dict[str, tuple[str, ...]] = {
     "onnx": ("networks",),
     "ray": ("train",),
     "video": ("play",),
+    "paper": ("train",),
 }
 """Extra -> the extras that it includes."""
 

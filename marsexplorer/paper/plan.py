@@ -42,9 +42,29 @@ class Budget:
 
 
 BUDGETS = {
-    "small": Budget({"a2c": 560_000, "ppo": 240_000, "ppo-works": 1_000_000, "rainbow": 40_000, "sac": 20_000}, 240_000, 50),
+    "small": Budget(
+        {
+            "a2c": 560_000,
+            "ppo": 240_000,
+            "ppo-works": 1_000_000,
+            "rainbow": 40_000,
+            "rainbow-works": 80_000,
+            "sac": 20_000,
+            "sac-works": 50_000,
+        },
+        240_000,
+        50,
+    ),
     "full": Budget(
-        {"a2c": 12_000_000, "ppo": 5_000_000, "ppo-works": 20_000_000, "rainbow": 800_000, "sac": 400_000},
+        {
+            "a2c": 12_000_000,
+            "ppo": 5_000_000,
+            "ppo-works": 20_000_000,
+            "rainbow": 800_000,
+            "rainbow-works": 1_600_000,
+            "sac": 400_000,
+            "sac-works": 1_000_000,
+        },
         5_000_000,
         HELD_OUT_TERRAINS,
     ),

@@ -53,7 +53,9 @@ MOVES_PER_CPU_SECOND = {
     "ppo-works": 9000.0,
     "ppo-works-no-batch": 2200.0,
     "rainbow": 350.0,
+    "rainbow-works": 740.0,
     "sac": 180.0,
+    "sac-works": 480.0,
 }
 """What forecasts begin from: of an algorithm and variant, else of `works` for works-no-CHANGE, else of the algorithm."""
 START_CPU_S = 6.0

@@ -24,7 +24,7 @@ from marsexplorer.training.refine import RefineConfig
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "policies"
 NAMES = ("ppo", "ppo-paper")
-ADDED_TO_RECIPES = {"network", "has_bonus", "kl_of_last_epoch", "vf_change_clip"}
+ADDED_TO_RECIPES = {"network", "mask", "has_bonus", "kl_of_last_epoch", "vf_change_clip"}
 """What recipes have had since the shipped policies were trained."""
 
 
