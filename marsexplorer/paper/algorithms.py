@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.ppo_trainer import PPOTrainer, config_of
-from marsexplorer.paper.tianshou_settings import VARIANTS
 from marsexplorer.paper.trainer import Trainer
+from marsexplorer.paper.trainers.ppo_trainer import PPOTrainer, config_of
+from marsexplorer.paper.trainers.tianshou_settings import VARIANTS
 
 ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
 """Name, as `--algorithms` takes it -> what it is."""
@@ -38,9 +38,9 @@ def check_variant(algorithm: str, variant: str) -> None:
 
 def _begin_through_tianshou(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
     try:
-        from marsexplorer.paper.a2c import A2CTrainer
-        from marsexplorer.paper.rainbow import RainbowTrainer
-        from marsexplorer.paper.sac import SACTrainer
+        from marsexplorer.paper.trainers.a2c import A2CTrainer
+        from marsexplorer.paper.trainers.rainbow import RainbowTrainer
+        from marsexplorer.paper.trainers.sac import SACTrainer
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "tianshou":
             raise

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsexplorer.config import LEVELS
-from marsexplorer.paper import difficulty, figure6, figure7
 from marsexplorer.paper.algorithms import ALGORITHMS, check_variant
+from marsexplorer.paper.episodes import difficulty
+from marsexplorer.paper.figures import figure6, figure7
 from marsexplorer.paper.job import Job
 from marsexplorer.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
 

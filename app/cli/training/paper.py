@@ -14,10 +14,10 @@ from app.cli.console import PATH, print_table, reason
 from app.cli.training.paper_results import draw_exported, export_results, show_figures
 
 if TYPE_CHECKING:
-    from marsexplorer.paper.forecast import Forecast
     from marsexplorer.paper.job import Job
     from marsexplorer.paper.plan import Request
-    from marsexplorer.paper.schedule import Failure
+    from marsexplorer.paper.scheduling.forecast import Forecast
+    from marsexplorer.paper.scheduling.schedule import Failure
 
 PRINT_INTERVAL_S = 15
 """Seconds between two lines where stderr is no terminal."""
@@ -182,7 +182,7 @@ def _command() -> str:
 
 def _list(jobs: list[Job], where: Where) -> None:
     """Print each job with its forecast and how far it is, and how long the whole takes."""
-    from marsexplorer.paper.forecast import Forecast, duration
+    from marsexplorer.paper.scheduling.forecast import Forecast, duration
 
     forecast = Forecast.of(jobs, where.out, where.workers)
     rows = []
@@ -196,7 +196,7 @@ def _list(jobs: list[Job], where: Where) -> None:
 
 def _outlook(forecast: Forecast, where: Where) -> str:
     """Return the sentence that says before the start how long it takes."""
-    from marsexplorer.paper.forecast import duration
+    from marsexplorer.paper.scheduling.forecast import duration
 
     to_do = len(forecast.courses) - forecast.done
     if not to_do:
@@ -210,9 +210,9 @@ def _outlook(forecast: Forecast, where: Where) -> str:
 def _run(jobs: list[Job], where: Where) -> list[Failure]:
     """Run the jobs with a bar and return those that failed."""
     from marsexplorer.evaluation.cluster import ClusterError
-    from marsexplorer.paper.cluster import run_on_ray
-    from marsexplorer.paper.forecast import Forecast
-    from marsexplorer.paper.schedule import BusyError, Schedule, lock
+    from marsexplorer.paper.scheduling.cluster import run_on_ray
+    from marsexplorer.paper.scheduling.forecast import Forecast
+    from marsexplorer.paper.scheduling.schedule import BusyError, Schedule, lock
 
     try:
         with lock(where.out) as descriptor:
@@ -241,7 +241,7 @@ def _progress() -> Iterator[Callable[[Forecast], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from marsexplorer.paper.forecast import duration
+    from marsexplorer.paper.scheduling.forecast import duration
 
     console = Console(stderr=True)
     columns = (TextColumn("{task.fields[jobs]}"), BarColumn(), TextColumn("{task.fields[note]}"))

@@ -13,8 +13,8 @@ import click
 from app.cli.console import print_table
 
 if TYPE_CHECKING:
-    from marsexplorer.paper.curves import Record
-    from marsexplorer.paper.figure4 import HumanLevel
+    from marsexplorer.paper.figures.curves import Record
+    from marsexplorer.paper.figures.figure4 import HumanLevel
 
 REPORT_FORMAT = "marsexplorer-report-1"
 TRAINED = {"4", "5"}
@@ -24,7 +24,7 @@ NO_HUMAN_LINE = "No line for people: no closed study was given (--human-level FI
 
 def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) -> None:
     """Draw the figures from what is finished in `folder`, and print and write their tables."""
-    from marsexplorer.paper.curves import read_records
+    from marsexplorer.paper.figures.curves import read_records
 
     human = read_human_level(human_file) if human_file else None
     records = read_records(folder) if TRAINED & set(figures) else []
@@ -37,8 +37,8 @@ def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) 
 
 def _show_trials(figure: str, own: Sequence[Record], source: Path, folder: Path, human: HumanLevel | None) -> None:
     """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
-    from marsexplorer.paper import figure4, figure5
-    from marsexplorer.paper.trained_table import TABLE_COLUMNS, cells_of, rows_of, write_table
+    from marsexplorer.paper.figures import figure4, figure5
+    from marsexplorer.paper.figures.trained_table import TABLE_COLUMNS, cells_of, rows_of, write_table
 
     if not own:
         click.echo(f"figure {figure}: no training is finished in {source}")
@@ -59,7 +59,7 @@ def _show_trials(figure: str, own: Sequence[Record], source: Path, folder: Path,
 
 def _show_plays(figure: str, source: Path, folder: Path) -> None:
     """Draw figure 6 or 7 from the results in `source` into `folder`, and print its table."""
-    from marsexplorer.paper import figure6, figure7
+    from marsexplorer.paper.figures import figure6, figure7
 
     try:
         paths = (figure6 if figure == "6" else figure7).draw(source, folder)
@@ -84,9 +84,9 @@ def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
 
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
     """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays."""
-    from marsexplorer.paper.curves import read_records
-    from marsexplorer.paper.export import write_records
-    from marsexplorer.paper.gathered import gather
+    from marsexplorer.paper.episodes.gathered import gather
+    from marsexplorer.paper.figures.curves import read_records
+    from marsexplorer.paper.figures.export import write_records
 
     records = read_records(folder) if TRAINED & set(figures) else []
     for figure in figures:
@@ -103,7 +103,7 @@ def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
 
 def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file: Path | None) -> None:
     """Draw and tabulate the figures whose files lie in `source` into `folder`; ValueError when there is none."""
-    from marsexplorer.paper.export import read_exported
+    from marsexplorer.paper.figures.export import read_exported
 
     human = read_human_level(human_file) if human_file else None
     found = [figure for figure in figures if any(source.glob(f"figure{figure}*.jsonl"))]
@@ -122,7 +122,7 @@ def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file
 def read_human_level(path: Path) -> HumanLevel:
     """Return the human level in the JSON of a report; ValueError when it is not of a closed study with people on this level."""
     from marsexplorer.config import EnvConfig
-    from marsexplorer.paper.figure4 import HumanLevel
+    from marsexplorer.paper.figures.figure4 import HumanLevel
     from marsexplorer.paper.plan import LEVEL, SIZE
 
     report = _read_report(path)

@@ -12,7 +12,7 @@ import pytest
 from app.cli.main import main
 from app.cli.training.paper_results import read_human_level
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.schedule import lock
+from marsexplorer.paper.scheduling.schedule import lock
 from tests.support.paper_logs import trial_of, write_trial
 from tests.support.servers import eventually
 
@@ -78,7 +78,7 @@ def test_a_mistake_is_one_sentence(run, tmp_path, options, code, part):
 
 
 def test_two_runs_in_a_folder_are_refused(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("marsexplorer.paper.schedule.LOCK_PATIENCE_S", 0)
+    monkeypatch.setattr("marsexplorer.paper.scheduling.schedule.LOCK_PATIENCE_S", 0)
     with lock(tmp_path):
         code, _, err = run("--figure", 4, "--algorithms", "ppo", "--out", tmp_path)
     assert (code, err) == (1, f"marsexplorer: another run is at work in {tmp_path}; wait for it, or give another --out\n")

@@ -1,0 +1,151 @@
+"""What the paper says of its trainings (figures 4 and 5), measured from the logs of trials."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.paper.algorithms import ALGORITHMS
+from marsexplorer.paper.claims.shipped import Results
+from marsexplorer.paper.claims.verdicts import NOT_YET, NOTHING, Judgement, Values, is_above, mean_of, verdict
+from marsexplorer.paper.figures.curves import TITLES, Record
+
+SEEDS = 3
+"""Fewest seeds that a verdict is given on."""
+FIGURE_4 = {"level": "random", "size": 21}
+TOPOLOGIES, MORPHOLOGIES, BONUSES = (1, 2, 3), (1, 2), (1, 2)
+
+
+def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
+    """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
+    found = {name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS}
+    return found if all(len(each) >= SEEDS for each in found.values()) else {}
+
+
+def score_at(record: Record, axis: str, limit: float) -> float:
+    """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is at most the limit; 0 before the first."""
+    points = zip(record.curve[axis], record.curve["score"], strict=True)
+    return next((score for x, score in reversed([*points]) if x is not None and score is not None and x <= limit), 0.0)
+
+
+def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Values]:
+    """Return the scores by algorithm, best first, at the end or where the shortest trial has ended on `axis`."""
+    ends = [float(record.curve[axis][-1] or 0) for each in trials.values() for record in each] if axis else [np.inf]
+    found = {
+        name: np.array([score_at(record, axis or "moves", min(ends)) for record in each], np.float64)
+        for name, each in trials.items()
+    }
+    return dict(sorted(found.items(), key=lambda item: -item[1].mean()))
+
+
+def order(scores: dict[str, Values]) -> str:
+    """Return algorithms and their scores in words, best first."""
+    return ", ".join(f"{name} {mean_of(values)}" for name, values in scores.items())
+
+
+def best(results: Results) -> Judgement:
+    """PPO achieves the highest average episodic reward."""
+    parts, judged = [], NOT_YET
+    for variant, column in TITLES.items():
+        trials = figure_4(results, variant)
+        if not trials:
+            continue
+        views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
+        scores = {words: scores_at(trials, axis) for words, axis in views.items()}
+        parts.append(f"{column}: " + "; ".join(f"{words} {order(each)}" for words, each in scores.items()))
+        if variant == "paper":
+            first, second = list(scores["at the end"].items())[:2]
+            wins = first[0] == "ppo" and is_above(first[1], second[1])
+            judged = verdict(wins)
+    return Judgement(". ".join(parts), judged)
+
+
+def second(results: Results) -> Judgement:
+    """DQN-Rainbow achieves the second-best performance."""
+    trials = figure_4(results, "paper")
+    if not trials:
+        return NOTHING
+    scores = scores_at(trials, None)
+    return Judgement(f"at the end {order(scores)}", verdict(list(scores)[1] == "rainbow"))
+
+
+def half(results: Results) -> Judgement:
+    """Rainbow's average is 50.04 % of PPO's."""
+    trials = figure_4(results, "paper")
+    if not trials:
+        return NOTHING
+    scores = scores_at(trials, None)
+    count = min(len(scores["rainbow"]), len(scores["ppo"]))
+    ratios = scores["rainbow"][:count] / scores["ppo"][:count]
+    low, high = t_interval(ratios)
+    holds = bool(low <= 0.5004 <= high and high - low < 0.5)
+    return Judgement(f"ratio of the final scores {mean_of(ratios)}", verdict(holds))
+
+
+def by_level(results: Results, name: str) -> dict[str, Values]:
+    """Return a figure at the end of PPO's training for the 12 levels: float64[seeds] each; empty until all have SEEDS."""
+    levels = [f"{t}-{m}-{b}" for t in TOPOLOGIES for m in MORPHOLOGIES for b in BONUSES]
+    found = {level: results.finals(name, algorithm="ppo", variant="paper", level=level, size=21) for level in levels}
+    count = min(map(len, found.values()))
+    return {level: values[:count] for level, values in found.items()} if count >= SEEDS else {}
+
+
+def effect(finals: dict[str, Values], element: int) -> Values:
+    """Return the effect of one element of the difficulty (0 d_t, 1 d_m, 2 d_b) for each seed: highest less lowest mean."""
+    values = sorted({level.split("-")[element] for level in finals})
+    means = [
+        np.mean([each for level, each in finals.items() if level.split("-")[element] == value], axis=0) for value in values
+    ]
+    spread: Values = np.max(means, axis=0) - np.min(means, axis=0)
+    return spread
+
+
+def effects(results: Results) -> tuple[dict[str, Values], str]:
+    """Return the effects of d_t, d_m and d_b on the final score, and words with those on coverage too; empty before."""
+    scores, coverages = by_level(results, "score"), by_level(results, "coverage")
+    if not scores:
+        return {}, ""
+    found = {name: effect(scores, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
+    covered = {name: effect(coverages, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
+    words = ", ".join(f"{name} {mean_of(found[name])} of score and {mean_of(covered[name])} of coverage" for name in found)
+    return found, f"spread between its values: {words}"
+
+
+def morphology_first(results: Results) -> Judgement:
+    """d_m has the largest effect on the learned policy."""
+    found, words = effects(results)
+    if not found:
+        return NOTHING
+    largest = all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
+    return Judgement(words, verdict(largest))
+
+
+def morphology_degrades(results: Results) -> Judgement:
+    """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
+    finals = by_level(results, "score")
+    if not finals:
+        return NOTHING
+    small, large = (np.mean([each for level, each in finals.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2"))
+    return Judgement(
+        f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", verdict(is_above(small, large))
+    )
+
+
+def hardest(results: Results) -> Judgement:
+    """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
+    finals = by_level(results, "score")
+    if not finals:
+        return NOTHING
+    wanted = {level: finals[level] for level in ("3-2-1", "3-2-2")}
+    near = all(0.6 <= values.mean() < 0.7 for values in wanted.values())
+    words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
+    return Judgement(f"final score: {words}", verdict(near))
+
+
+def bonus_little(results: Results) -> Judgement:
+    """d_b does not affect the overall performance much."""
+    found, words = effects(results)
+    if not found:
+        return NOTHING
+    least = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
+    return Judgement(words, verdict(least))

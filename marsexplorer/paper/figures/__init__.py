@@ -1,0 +1,1 @@
+"""The figures of the paper, drawn and tabulated from result files alone."""
