@@ -7,6 +7,9 @@ Seeds are averaged on a common grid of GRID points between the latest first poin
 seed's curve is interpolated linearly between its own points, and none is extrapolated. Over moves the grid is even in the
 logarithm, because the algorithms' moves differ thirtyfold at equal CPU time; over CPU seconds it is even. The band is the 95 %
 t interval of the mean over seeds.
+
+A curve begins where EPISODES_PER_LINE episodes have ended: before, the mean is of those episodes that happened to be short. The
+curve of a trial that never got so far is kept whole.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.paper.trial import ENDINGS, Trial, read_log
+from marsexplorer.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial, read_log
 
 POINTS = 50
 GRID = 100
@@ -71,8 +74,9 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def record_of(lines: Sequence[dict[str, Any]]) -> Record:
-    """Return the record of a finished trial from the lines of its log; the curve keeps its first and its last line."""
+    """Return the record of a finished trial from the lines of its log; the curve keeps its first full and its last line."""
     head, *curve, result = lines
+    curve = [line for line in curve if line["episodes"] >= EPISODES_PER_LINE] or curve
     kept = sorted({round(number) for number in np.linspace(0, len(curve) - 1, min(POINTS, len(curve)))})
     columns = {name: [_rounded(name, curve[number].get(name)) for number in kept] for name in COLUMNS}
     result = {name: value for name, value in result.items() if name != "kind"}
