@@ -47,15 +47,16 @@ HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
 MOVES_PER_CPU_SECOND = {
-    "a2c": 5000.0,
+    "a2c": 5400.0,
+    "a2c-works": 7000.0,
     "ppo": 2200.0,
     "ppo-appendix": 270.0,
-    "ppo-works": 9000.0,
+    "ppo-works": 11000.0,
     "ppo-works-no-batch": 2200.0,
-    "rainbow": 350.0,
-    "rainbow-works": 740.0,
-    "sac": 180.0,
-    "sac-works": 480.0,
+    "rainbow": 230.0,
+    "rainbow-works": 830.0,
+    "sac": 117.0,
+    "sac-works": 465.0,
 }
 """What forecasts begin from: of an algorithm and variant, else of `works` for works-no-CHANGE, else of the algorithm."""
 START_CPU_S = 6.0

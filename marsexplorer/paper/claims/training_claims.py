@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
@@ -9,6 +11,7 @@ from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims.shipped import Results
 from marsexplorer.paper.claims.verdicts import NOT_YET, NOTHING, Judgement, Values, is_above, mean_of, verdict
 from marsexplorer.paper.figures.curves import TITLES, Record
+from marsexplorer.paper.plan import is_full
 
 SEEDS = 3
 """Fewest seeds that a verdict is given on."""
@@ -20,6 +23,18 @@ def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
     """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
     found = {name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS}
     return found if all(len(each) >= SEEDS for each in found.values()) else {}
+
+
+def judge(measured: str, holds: bool, records: Iterable[Record]) -> Judgement:
+    """Return a judgement; trainings shorter than those of the full budget are shown, and decide nothing."""
+    if all(is_full(record.trial) for record in records):
+        return Judgement(measured, verdict(holds))
+    return Judgement(f"after short trainings, which decide nothing: {measured}", NOT_YET)
+
+
+def every(trials: dict[str, list[Record]]) -> list[Record]:
+    """Return the trials of all algorithms."""
+    return [record for each in trials.values() for record in each]
 
 
 def score_at(record: Record, axis: str, limit: float) -> float:
@@ -45,7 +60,7 @@ def order(scores: dict[str, Values]) -> str:
 
 def best(results: Results) -> Judgement:
     """PPO achieves the highest average episodic reward."""
-    parts, judged = [], NOT_YET
+    parts, wins = [], False
     for variant, column in TITLES.items():
         trials = figure_4(results, variant)
         if not trials:
@@ -56,8 +71,8 @@ def best(results: Results) -> Judgement:
         if variant == "paper":
             first, second = list(scores["at the end"].items())[:2]
             wins = first[0] == "ppo" and is_above(first[1], second[1])
-            judged = verdict(wins)
-    return Judgement(". ".join(parts), judged)
+    letter = every(figure_4(results, "paper"))
+    return judge(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
 
 
 def second(results: Results) -> Judgement:
@@ -66,7 +81,7 @@ def second(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    return Judgement(f"at the end {order(scores)}", verdict(list(scores)[1] == "rainbow"))
+    return judge(f"at the end {order(scores)}", list(scores)[1] == "rainbow", every(trials))
 
 
 def half(results: Results) -> Judgement:
@@ -79,7 +94,7 @@ def half(results: Results) -> Judgement:
     ratios = scores["rainbow"][:count] / scores["ppo"][:count]
     low, high = t_interval(ratios)
     holds = bool(low <= 0.5004 <= high and high - low < 0.5)
-    return Judgement(f"ratio of the final scores {mean_of(ratios)}", verdict(holds))
+    return judge(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
 
 
 def by_level(results: Results, name: str) -> dict[str, Values]:
@@ -88,6 +103,15 @@ def by_level(results: Results, name: str) -> dict[str, Values]:
     found = {level: results.finals(name, algorithm="ppo", variant="paper", level=level, size=21) for level in levels}
     count = min(map(len, found.values()))
     return {level: values[:count] for level, values in found.items()} if count >= SEEDS else {}
+
+
+def of_levels(results: Results) -> list[Record]:
+    """Return the trials of PPO by the letter on the 12 levels."""
+    return [
+        record
+        for level in by_level(results, "score")
+        for record in results.trials(algorithm="ppo", variant="paper", level=level)
+    ]
 
 
 def effect(finals: dict[str, Values], element: int) -> Values:
@@ -117,7 +141,7 @@ def morphology_first(results: Results) -> Judgement:
     if not found:
         return NOTHING
     largest = all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
-    return Judgement(words, verdict(largest))
+    return judge(words, largest, of_levels(results))
 
 
 def morphology_degrades(results: Results) -> Judgement:
@@ -126,9 +150,8 @@ def morphology_degrades(results: Results) -> Judgement:
     if not finals:
         return NOTHING
     small, large = (np.mean([each for level, each in finals.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2"))
-    return Judgement(
-        f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", verdict(is_above(small, large))
-    )
+    words = f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2"
+    return judge(words, is_above(small, large), of_levels(results))
 
 
 def hardest(results: Results) -> Judgement:
@@ -139,7 +162,7 @@ def hardest(results: Results) -> Judgement:
     wanted = {level: finals[level] for level in ("3-2-1", "3-2-2")}
     near = all(0.6 <= values.mean() < 0.7 for values in wanted.values())
     words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
-    return Judgement(f"final score: {words}", verdict(near))
+    return judge(f"final score: {words}", near, of_levels(results))
 
 
 def bonus_little(results: Results) -> Judgement:
@@ -148,4 +171,4 @@ def bonus_little(results: Results) -> Judgement:
     if not found:
         return NOTHING
     least = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
-    return Judgement(words, verdict(least))
+    return judge(words, least, of_levels(results))

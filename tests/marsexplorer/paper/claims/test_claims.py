@@ -15,18 +15,21 @@ from marsexplorer.paper.claims.shipped import FOLDER, read
 from marsexplorer.paper.claims.verdicts import NOT_REPRODUCED, NOT_YET, REPRODUCED, VERDICTS
 from marsexplorer.paper.figures.curves import Record
 from marsexplorer.paper.figures.export import write_records
+from marsexplorer.paper.plan import BUDGETS
 from marsexplorer.paper.trial import Trial
 
 DOCUMENT = Path(__file__).parents[4] / "docs" / "paper.md"
 MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0, "moves": 3000, "cpu_s": 60.0}
+LONG = 10**8
+"""Moves, more than any budget has."""
 LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
 
 
 def trained(algorithm, seed, scores, level="random", variant="paper", settings=None):
-    """A finished trial whose training had these scores, 1,000 moves and 10 CPU seconds from one to the next."""
+    """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart."""
     points = range(1, len(scores) + 1)
     curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points], "score": scores, "coverage": scores}
-    return Record(Trial(algorithm, variant, level, 21, seed, 3000), settings or {}, {}, curve, {**MEASURED, "completion": 0.0})
+    return Record(Trial(algorithm, variant, level, 21, seed, LONG), settings or {}, {}, curve, {**MEASURED, "completion": 0.0})
 
 
 def results_of(folder, records):
@@ -139,6 +142,16 @@ def test_only_the_longest_trainings_of_a_kind_count(tmp_path):
     long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
     short = [replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]}) for each in long]
     assert verdict_of("best", results_of(tmp_path, [*short, *long])) == REPRODUCED
+
+
+def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
+    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
+    trials = [trained(name, seed, [value + 0.01 * seed]) for name, value in finals.items() for seed in range(3)]
+    short = [replace(each, trial=replace(each.trial, moves=BUDGETS["full"].moves["sac"] - 1)) for each in trials]
+    for name in ("best", "second", "half"):
+        found = CLAIMS[name].decide(results_of(tmp_path, short))
+        assert found.verdict == NOT_YET
+        assert found.measured.startswith("after short trainings, which decide nothing: ")
 
 
 def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
