@@ -25,7 +25,7 @@ def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
     return found if all(len(each) >= SEEDS for each in found.values()) else {}
 
 
-def judge(measured: str, holds: bool, records: Iterable[Record]) -> Judgement:
+def decided(measured: str, holds: bool, records: Iterable[Record]) -> Judgement:
     """Return a judgement; trainings shorter than those of the full budget are shown, and decide nothing."""
     if all(is_full(record.trial) for record in records):
         return Judgement(measured, verdict(holds))
@@ -38,9 +38,9 @@ def every(trials: dict[str, list[Record]]) -> list[Record]:
 
 
 def score_at(record: Record, axis: str, limit: float) -> float:
-    """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is at most the limit; 0 before the first."""
+    """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is within the limit; NaN before the first."""
     points = zip(record.curve[axis], record.curve["score"], strict=True)
-    return next((score for x, score in reversed([*points]) if x is not None and score is not None and x <= limit), 0.0)
+    return next((score for x, score in reversed([*points]) if x is not None and score is not None and x <= limit), np.nan)
 
 
 def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Values]:
@@ -50,12 +50,13 @@ def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Va
         name: np.array([score_at(record, axis or "moves", min(ends)) for record in each], np.float64)
         for name, each in trials.items()
     }
-    return dict(sorted(found.items(), key=lambda item: -item[1].mean()))
+    return dict(sorted(found.items(), key=lambda item: -np.nan_to_num(item[1].mean(), nan=-1)))
 
 
 def order(scores: dict[str, Values]) -> str:
     """Return algorithms and their scores in words, best first."""
-    return ", ".join(f"{name} {mean_of(values)}" for name, values in scores.items())
+    known = {name: "too early to say" if np.isnan(values).any() else mean_of(values) for name, values in scores.items()}
+    return ", ".join(f"{name} {words}" for name, words in known.items())
 
 
 def best(results: Results) -> Judgement:
@@ -72,7 +73,7 @@ def best(results: Results) -> Judgement:
             first, second = list(scores["at the end"].items())[:2]
             wins = first[0] == "ppo" and is_above(first[1], second[1])
     letter = every(figure_4(results, "paper"))
-    return judge(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
+    return decided(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
 
 
 def second(results: Results) -> Judgement:
@@ -81,7 +82,7 @@ def second(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    return judge(f"at the end {order(scores)}", list(scores)[1] == "rainbow", every(trials))
+    return decided(f"at the end {order(scores)}", list(scores)[1] == "rainbow", every(trials))
 
 
 def half(results: Results) -> Judgement:
@@ -94,7 +95,7 @@ def half(results: Results) -> Judgement:
     ratios = scores["rainbow"][:count] / scores["ppo"][:count]
     low, high = t_interval(ratios)
     holds = bool(low <= 0.5004 <= high and high - low < 0.5)
-    return judge(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
+    return decided(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
 
 
 def by_level(results: Results, name: str) -> dict[str, Values]:
@@ -141,7 +142,7 @@ def morphology_first(results: Results) -> Judgement:
     if not found:
         return NOTHING
     largest = all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
-    return judge(words, largest, of_levels(results))
+    return decided(words, largest, of_levels(results))
 
 
 def morphology_degrades(results: Results) -> Judgement:
@@ -151,7 +152,7 @@ def morphology_degrades(results: Results) -> Judgement:
         return NOTHING
     small, large = (np.mean([each for level, each in finals.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2"))
     words = f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2"
-    return judge(words, is_above(small, large), of_levels(results))
+    return decided(words, is_above(small, large), of_levels(results))
 
 
 def hardest(results: Results) -> Judgement:
@@ -162,7 +163,7 @@ def hardest(results: Results) -> Judgement:
     wanted = {level: finals[level] for level in ("3-2-1", "3-2-2")}
     near = all(0.6 <= values.mean() < 0.7 for values in wanted.values())
     words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
-    return judge(f"final score: {words}", near, of_levels(results))
+    return decided(f"final score: {words}", near, of_levels(results))
 
 
 def bonus_little(results: Results) -> Judgement:
@@ -171,4 +172,4 @@ def bonus_little(results: Results) -> Judgement:
     if not found:
         return NOTHING
     least = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
-    return judge(words, least, of_levels(results))
+    return decided(words, least, of_levels(results))

@@ -165,6 +165,15 @@ def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
     assert "at equal CPU time ppo 0.401" in measured
 
 
+def test_a_curve_that_has_not_begun_has_no_score(tmp_path):
+    trials = [trained(name, seed, [0.2, 0.3 + 0.01 * seed]) for name in ALGORITHMS for seed in range(3)]
+    late = [
+        replace(each, curve={**each.curve, "moves": [5000, 6000]}) if each.trial.algorithm == "a2c" else each for each in trials
+    ]
+    measured = CLAIMS["best"].decide(results_of(tmp_path, late)).measured
+    assert "a2c too early to say; at equal CPU time" in measured
+
+
 def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
     def results(topology, morphology, bonus):
         def score(level):
