@@ -89,7 +89,8 @@ def curves_figure(records: Sequence[Record], against: str, human: HumanLevel | N
         shared["x"].set_xlim(left=0)  # last: it ends the automatic choice of the other end
     _add_legend(figure, algorithms, human)
     place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
-    text = f"{seeds_text(records)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
+    shown = [record for record in records if record.trial.variant in shown_variants(records)]
+    text = f"{seeds_text(shown)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
     heading(figure, f"Learning on {place}, at {AGAINST[against]}", text)
     return figure
 
