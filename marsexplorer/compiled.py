@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from llvmlite import ir
-from numba import njit, uint64
+from numba import int64, njit, types, uint64
 from numba.core import event
 from numba.extending import intrinsic
 
@@ -94,3 +94,19 @@ def lowest(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling 
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return uint64(uint64), code
+
+
+@intrinsic
+def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
+    """Ask for the cache line of array[index], which need not exist, and go on without it."""
+    del typingctx, index
+
+    def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        place, number = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer()), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
+        function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
+        builder.call(function, [place, number(0), number(3), number(1)])  # to read, into every level, data
+        return context.get_dummy_value()
+
+    return types.void(array, int64), code

@@ -8,7 +8,8 @@ the centres crosses the interior of the obstacle's square when its corners lie s
 between free cells is symmetric.
 
 A window is the square of 2 radius + 1 cells a side round the rover, stored as rows of bits: row i of the window occupies
-`lane` bits (16, 32 or 64) of word i // per_word, lowest bit west. The table of a radius is one uint64 array:
+`lane` bits (16, 32 or 64) of word i // per_word, lowest bit west; windows of 16-bit lanes have four words at every radius.
+The table of a radius is one uint64 array:
 
     [0]                         lane
     [1]                         words in a window
@@ -32,6 +33,9 @@ from marsexplorer.compiled import inlined, lowest, popcount
 HEADER = 2
 """Words of a table before the disc."""
 
+NARROW = 16
+"""Bits of the narrowest lane, that of radii up to 7."""
+
 ONE = np.uint64(1)
 
 
@@ -47,7 +51,9 @@ def hides(br: int, bc: int, dr: int, dc: int) -> bool:
 def window_words(radius: int) -> tuple[int, int]:
     """Return (lane, words): bits a window row takes and uint64 words a window takes, for a radius of 1..31 cells."""
     side = 2 * radius + 1
-    lane = 16 if side <= 16 else 32 if side <= 32 else 64
+    if side <= NARROW:
+        return NARROW, 4
+    lane = 32 if side <= 32 else 64
     return lane, -(-side // (64 // lane))
 
 

@@ -22,9 +22,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined, kernel, lowest
+from marsexplorer.compiled import inlined, kernel, prefetch
 from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
-from marsexplorer.lidar import HEADER, ONE, find_visible, window_row
+from marsexplorer.lidar import ONE
+from marsexplorer.scan import scan
 from marsexplorer.terrain import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, draw_solvable, next_state, shape_of
 
 POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
@@ -38,55 +39,13 @@ LIMIT, BONUS = SHAPE, SHAPE + 1
 R_MOVE = 0.5
 """r_move, section 2.4."""
 
+AHEAD, LINE = 4, 8
+"""How many scans ahead the memory is asked for, and the words of a cache line."""
+
 
 def rules_of(config: EnvConfig) -> NDArray[np.int64]:
     """Return the numbers that a configuration gives the kernels: terrain.shape_of, then max_steps and r_bonus."""
     return np.concatenate([shape_of(config)[:SHAPE], [config.limit, config.r_bonus]]).astype(np.int64)
-
-
-@inlined
-def scan(state, base, codes, cbase, sight, rules, row, col):
-    """Make every cell the lidar sees from (row, col) known and return how many were new (eq. 4 and 5)."""
-    radius, words, cols = rules[RADIUS], rules[WORDS], rules[COLS]
-    side = 2 * radius + 1
-    lane, masks = np.int64(sight[0]), np.int64(sight[1])
-
-    # 1. Find the cells that are seen and were unknown. With margins of `radius` all round, the window's first row and
-    #    column in the padded map have the rover's own numbers. The map holds what is known, hence the flip.
-    size = (rules[ROWS] + 2 * radius) * words
-    obstacles = base + HEAD + row * words
-    known = obstacles + size
-    visible = HEADER + masks
-    new = find_visible(
-        state, known, ~np.uint64(0), state, obstacles, words, col, radius, sight, sight, visible,
-    )  # fmt: skip
-
-    # 2. Take them row by row of the window: a word of it holds 64 / lane rows.
-    per_word = 64 // lane
-    lane_mask = (ONE << np.uint64(lane)) - ONE if lane < 64 else ~np.uint64(0)
-    for k in range(masks if new > 0 else 0):
-        seen = sight[visible + k]
-        while seen != np.uint64(0):
-            j = np.int64(lowest(seen)) // lane
-            bits = (seen >> np.uint64(j * lane)) & lane_mask
-            seen &= ~(lane_mask << np.uint64(j * lane))
-            i = k * per_word + j
-
-            # 3. Mark the row's cells as known. The window may straddle two words of the map.
-            at = known + i * words + (col >> 6)
-            shift = np.uint64(col & 63)
-            state[at] |= bits << shift
-            if (col & 63) + side > 64:
-                state[at + 1] |= bits >> (np.uint64(64) - shift)
-
-            # 4. Write the codes of the new cells alone: 1 where the terrain is free, 1 + 2 where it is blocked.
-            blocked = window_row(state, np.uint64(obstacles + i * words), np.uint64(col), np.uint64(side))
-            cell = cbase + (row + i - radius) * cols + col - radius
-            while bits != np.uint64(0):
-                c = lowest(bits)
-                bits &= bits - ONE
-                codes[cell + np.int64(c)] = np.uint8(FREE) + (np.uint8((blocked >> c) & ONE) << np.uint8(1))
-    return new
 
 
 @inlined
@@ -119,7 +78,7 @@ def begin(state, base, codes, cbase, sight, rules, masks, row, col):
     state[base + POSITION] = np.uint64(row) << np.uint64(32) | np.uint64(col)
 
     # 3. Scan. The cells found now are no reward of any move, so their number is kept by itself.
-    new = scan(state, base, codes, cbase, sight, rules, row, col)
+    new = scan(state, base + HEAD, codes, cbase, sight, rules, row, col)
     codes[cbase + row * rules[COLS] + col] = np.uint8(ROVER)
     state[base + STEPS] = np.uint64(0)
     state[base + DISCOVERED] = np.uint64(new)
@@ -141,47 +100,90 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     return draws
 
 
-@kernel
-def move(state, base, codes, cbase, sight, rules, action):
-    """Make one move in a running world and return its reward (eq. 8); the outcome stands in the record."""
-    rows, cols = rules[ROWS], rules[COLS]
-    where = state[base + POSITION]
-    row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
-    to_row = row + np.int64(action == 2) - np.int64(action == 0)
-    to_col = col + np.int64(action == 1) - np.int64(action == 3)
-    steps = state[base + STEPS] + ONE
-    state[base + STEPS] = steps
+@inlined
+def advance(state, record, codes, rules, actions, rewards, listed):
+    """Make one move in every running world, all but the scan; list the worlds that scan and return how many.
 
-    # 1. An invalid move ends the episode where it stands: off the grid first, for there is no cell to look up.
-    if to_row < 0 or to_row >= rows or to_col < 0 or to_col >= cols:
-        state[base + OUTCOME] = np.uint64(OUT_OF_BOUNDS)
-        return -float(rules[BONUS])
-    at, mask = bit_at(to_row, to_col, rules)
-    if state[base + HEAD + at] & mask:
-        state[base + OUTCOME] = np.uint64(COLLIDED)
-        return -float(rules[BONUS])
+    An ended world stays as it is. Rewards are those of the moves without what scans find and without the bonus.
+    """
+    rows, cols, radius, words = rules[ROWS], rules[COLS], rules[RADIUS], rules[WORDS]
+    cells, count = np.uint64(rows * cols), 0
+    visited = np.uint64(2 * (rows + 2 * radius) * words)
+    for i in range(actions.shape[0]):
+        base, cbase = np.uint64(i) * np.uint64(record), np.uint64(i) * cells
+        rewards[i] = 0.0
+        if state[base + np.uint64(OUTCOME)] != np.uint64(RUNNING):
+            continue
+        where, action = state[base + np.uint64(POSITION)], actions[i]
+        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
+        to_row = row + np.int64(action == 2) - np.int64(action == 0)
+        to_col = col + np.int64(action == 1) - np.int64(action == 3)
+        state[base + np.uint64(STEPS)] += ONE
 
-    # 2. Move. A cell that was scanned from before shows nothing new, so it is not scanned again.
-    codes[cbase + row * cols + col] = np.uint8(FREE)
-    state[base + POSITION] = np.uint64(to_row) << np.uint64(32) | np.uint64(to_col)
-    new = 0
-    visited = base + HEAD + 2 * (rows + 2 * rules[RADIUS]) * rules[WORDS] + at
-    if not state[visited] & mask:
-        state[visited] |= mask
-        new = scan(state, base, codes, cbase, sight, rules, to_row, to_col)
-    codes[cbase + to_row * cols + to_col] = np.uint8(ROVER)
+        # 1. An invalid move ends the episode where it stands. The margins are wide enough to look up any cell one move away.
+        bit = np.uint64(to_col + radius)
+        at = base + np.uint64(HEAD) + np.uint64((to_row + radius) * words) + (bit >> np.uint64(6))
+        mask = ONE << (bit & np.uint64(63))
+        is_off = to_row < 0 or to_row >= rows or to_col < 0 or to_col >= cols
+        if is_off or state[at] & mask:
+            state[base + np.uint64(OUTCOME)] = np.uint64(OUT_OF_BOUNDS if is_off else COLLIDED)
+            rewards[i] = -float(rules[BONUS])
+            continue
 
-    # 3. Reward: the new cells less the cost of a move, and the bonus for exploring enough. Success on the last move allowed
-    #    is success, so it is tested before the limit.
-    discovered = np.int64(state[base + DISCOVERED]) + new
-    state[base + DISCOVERED] = np.uint64(discovered)
-    reward = float(new) - R_MOVE
-    if discovered >= rules[TARGET]:
-        state[base + OUTCOME] = np.uint64(EXPLORED)
-        return reward + float(rules[BONUS])
-    if np.int64(steps) >= rules[LIMIT]:
-        state[base + OUTCOME] = np.uint64(TIMED_OUT)
-    return reward
+        # 2. Move. A cell that was scanned from before shows nothing new, so only a world on a new one is listed: its number
+        #    is written always and counted then, for nothing foretells which move leads to a new cell.
+        codes[cbase + np.uint64(row * cols + col)] = np.uint8(FREE)
+        codes[cbase + np.uint64(to_row * cols + to_col)] = np.uint8(ROVER)
+        state[base + np.uint64(POSITION)] = np.uint64(to_row) << np.uint64(32) | np.uint64(to_col)
+        rewards[i] = -R_MOVE
+        listed[count] = i
+        count += np.int64(state[at + visited] & mask == np.uint64(0))
+        state[at + visited] |= mask
+    return count
+
+
+@inlined
+def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
+    """Scan from the new cells of the listed worlds; what is found is discovered and rewarded."""
+    cells, words = rules[ROWS] * rules[COLS], rules[WORDS]
+    known = (rules[ROWS] + 2 * rules[RADIUS]) * words
+    for k in range(count):
+        # 1. The rows of a later world's window are on their way while this one is scanned.
+        if k + AHEAD < count:
+            base = listed[k + AHEAD] * record
+            where = state[base + POSITION]
+            first = base + HEAD + np.int64(where >> np.uint64(32)) * words + (np.int64(where & np.uint64(0xFFFFFFFF)) >> 6)
+            for line in range(0, 16 * words, LINE):
+                prefetch(state, first + line)
+                prefetch(state, first + known + line)
+
+        # 2. Scan.
+        i = listed[k]
+        base = i * record
+        where = state[base + POSITION]
+        row, col = where >> np.uint64(32), where & np.uint64(0xFFFFFFFF)
+        new = scan(state, base + HEAD, codes, i * cells, sight, rules, row, col)
+        state[base + DISCOVERED] += np.uint64(new)
+        rewards[i] += float(new)
+
+
+@inlined
+def settle(state, record, rules, rewards, outcomes):
+    """End the worlds that discovered enough, with the bonus, or ran out of moves; write the outcomes of all (eq. 8).
+
+    Success on the last move allowed is success, so it is tested before the limit.
+    """
+    for i in range(rewards.shape[0]):
+        base = np.uint64(i) * np.uint64(record)
+        outcome = state[base + np.uint64(OUTCOME)]
+        if outcome == np.uint64(RUNNING):
+            if np.int64(state[base + np.uint64(DISCOVERED)]) >= rules[TARGET]:
+                outcome = np.uint64(EXPLORED)
+                rewards[i] += float(rules[BONUS])
+            elif np.int64(state[base + np.uint64(STEPS)]) >= rules[LIMIT]:
+                outcome = np.uint64(TIMED_OUT)
+            state[base + np.uint64(OUTCOME)] = outcome
+        outcomes[i] = np.uint8(outcome)
 
 
 @kernel
@@ -202,20 +204,19 @@ def start_given(state, base, codes, cbase, sight, rules, masks, row, col):
 
 
 @kernel
-def step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes):
-    """Make one move in every world that is running; an ended one stays as it is and has reward 0."""
-    cells = rules[ROWS] * rules[COLS]
-    for i in range(actions.shape[0]):
-        base = i * record
-        reward = 0.0
-        if state[base + OUTCOME] == np.uint64(RUNNING):
-            reward = move(state, base, codes, i * cells, sight, rules, actions[i])
-        rewards[i] = reward
-        outcomes[i] = np.uint8(state[base + OUTCOME])
+def step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed):
+    """Make one move in every world that is running; an ended one stays as it is and has reward 0.
+
+    rewards, outcomes  float64[num] and uint8[num], written
+    listed             int64[num], scratch
+    """
+    count = advance(state, record, codes, rules, actions, rewards, listed)
+    scan_listed(state, record, codes, sight, rules, rewards, listed, count)
+    settle(state, record, rules, rewards, outcomes)
 
 
 @kernel
-def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, outcomes, last, last_codes):
+def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed, last, last_codes):
     """Do `step_all`, and start each world that ended on the seed that follows its own.
 
     last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
@@ -223,13 +224,11 @@ def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, 
     Return 0, or 1 + the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
     begins anew at once.
     """
+    step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed)
     cells = rules[ROWS] * rules[COLS]
     for i in range(actions.shape[0]):
-        base, cbase = i * record, i * cells
-        rewards[i] = move(state, base, codes, cbase, sight, rules, actions[i])
-        outcome = state[base + OUTCOME]
-        outcomes[i] = np.uint8(outcome)
-        if outcome != np.uint64(RUNNING):
+        if outcomes[i] != RUNNING:
+            base, cbase = i * record, i * cells
             for at in range(HEAD):
                 last[i * HEAD + at] = state[base + at]
             for at in range(cells):

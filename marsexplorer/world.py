@@ -49,6 +49,7 @@ class Worlds:
         self._tables = (sight_table(config.sensor_radius).copy(), rules_of(config), terrains.row_masks(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
+        self._listed = np.zeros(num, np.int64)
         self._scalars = self._state.reshape(num, self._record)[:, :HEAD]
         self._last = np.zeros(num * HEAD, np.uint64)
         self._last_codes: NDArray[np.uint8] | None = None
@@ -84,7 +85,9 @@ class Worlds:
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
         """Make one move in every running world and return the rewards. actions: int64[num], 0..3."""
-        step_all(self._state, self._record, self._codes, *self._tables, actions, self.rewards, self.outcomes)
+        step_all(
+            self._state, self._record, self._codes, *self._tables, actions, self.rewards, self.outcomes, self._listed
+        )  # fmt: skip
         return self.rewards
 
     def step_autoreset(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -102,6 +105,7 @@ class Worlds:
             actions,
             self.rewards,
             self.outcomes,
+            self._listed,
             self._last,
             last,
         )

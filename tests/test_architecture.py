@@ -377,7 +377,14 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.policies.random_policy": {"marsexplorer.observation", "marsexplorer.random_numbers"},
     "marsexplorer.random_numbers": {"marsexplorer.compiled"},
-    "marsexplorer.rules": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar", "marsexplorer.terrain"},
+    "marsexplorer.rules": {
+        "marsexplorer.compiled",
+        "marsexplorer.config",
+        "marsexplorer.lidar",
+        "marsexplorer.scan",
+        "marsexplorer.terrain",
+    },
+    "marsexplorer.scan": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar", "marsexplorer.terrain"},
     "marsexplorer.score": {"marsexplorer.config"},
     "marsexplorer.terrain": {
         "marsexplorer.compiled",
@@ -456,6 +463,7 @@ LIBRARIES: dict[str, set[str]] = {
     "marsexplorer.policies.random_policy": {"numpy"},
     "marsexplorer.random_numbers": {"numpy"},
     "marsexplorer.rules": {"numpy"},
+    "marsexplorer.scan": {"numpy"},
     "marsexplorer.terrain": {"numpy"},
     "marsexplorer.training": {"gymnasium", "matplotlib", "numpy", "ray", "tensorboardX", "torch"},
     "marsexplorer.vector": {"gymnasium", "numpy"},
