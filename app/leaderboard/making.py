@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import version
 
 from app.leaderboard.entries import OFFERED, LeaderboardEntry, offered_entry
 from app.leaderboard.jobs import EvaluationJob
-from app.leaderboard.shipped import Origin, ShippedFigure, file_sha256, to_document
+from app.leaderboard.shipped import Origin, ShippedFigure, ShippedFigures, file_sha256, to_document
 from app.leaderboard.worker import evaluate_policy
 from app.play.policy_catalogue import PolicyCatalogue
 
@@ -19,8 +19,16 @@ def offered_boards() -> dict[str, LeaderboardEntry]:
     return {entry.id: entry for entry in map(offered_entry, OFFERED)}
 
 
-def make_board(entry: LeaderboardEntry, workers: int, advance: Callable[[int, int], None]) -> str:
+def make_board(
+    entry: LeaderboardEntry,
+    workers: int,
+    advance: Callable[[int, int], None],
+    kept: ShippedFigures | None = None,
+    again: Sequence[str] = (),
+) -> str:
     """Play a board's policies in as many processes and return the text of its file.
+
+    kept   figures that are taken where they still hold, except for the policies in `again`
 
     The figures do not depend on `workers`. `advance` is called with the number of policies that are done and their number.
     """
@@ -28,10 +36,13 @@ def make_board(entry: LeaderboardEntry, workers: int, advance: Callable[[int, in
     size = (entry.config.rows, entry.config.cols)
     jobs = entry.jobs({offer.name: offer.source for offer in PolicyCatalogue().offers() if offer.size in (None, size)})
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(make_figure, job, origin) for job in reversed(jobs)]  # the slowest first
+        found = [kept.find(job) if kept is not None and job.policy not in again else None for job in jobs]
+        waiting = [
+            old or pool.submit(make_figure, job, origin) for job, old in zip(reversed(jobs), reversed(found), strict=True)
+        ]  # the slowest first
         figures = []
-        for future in reversed(waiting):
-            figures.append(future.result())
+        for each in reversed(waiting):
+            figures.append(each if isinstance(each, ShippedFigure) else each.result())
             advance(len(figures), len(jobs))
     return to_document(entry.config, entry.seeds, figures, origin)
 

@@ -13,9 +13,14 @@ from marsexplorer.policies.files.extras import check_extra
 from marsexplorer.policies.files.formats import PAPER_FORMAT, PAPER_NETWORK_FORMAT
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
+from marsexplorer.policies.priced import FrontierPriced
 from marsexplorer.policies.random_policy import RandomPolicy
 
 BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
+    "frontier-priced": (
+        FrontierPriced,
+        "Prices unknown cells by how closed in they are, and goes where they are highest for the way.",
+    ),
     "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
     "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
     "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),

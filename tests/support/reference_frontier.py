@@ -1,9 +1,10 @@
 """The frontier rules from their definitions: slow, in plain Python, sharing no code with the package.
 
 A map is a list of lists of codes 0 unknown, 1 free, 2 rover, 3 obstacle. Sight is decided by clipping the segment between two
-centres adiscoveriest each obstacle's open square, in fractions.
+centres against each obstacle's open square, in fractions.
 """
 
+import math
 from fractions import Fraction
 from functools import cache
 
@@ -26,20 +27,26 @@ def crosses(b_row, b_col, q_row, q_col):
 
 
 def expected_discoveries(grid, row, col, radius):
-    """Unknown cells in sight of (row, col), unknown ones being transparent."""
-    count = 0
+    """How many unknown cells are in sight of (row, col), unknown ones being transparent."""
+    return len(expected_cells(grid, row, col, radius))
+
+
+def expected_cells(grid, row, col, radius):
+    """Those cells, [(row, col)]."""
+    found = []
     for r, line in enumerate(grid):
         for c, code in enumerate(line):
             d_row, d_col = r - row, c - col
             if code != 0 or d_row**2 + d_col**2 > radius**2:
                 continue
-            count += not any(
+            if not any(
                 grid[b_row][b_col] == 3 and crosses(b_row - row, b_col - col, d_row, d_col)
                 for b_row in range(min(r, row), max(r, row) + 1)
                 for b_col in range(min(c, col), max(c, col) + 1)
                 if (b_row, b_col) != (r, c)
-            )
-    return count
+            ):
+                found.append((r, c))
+    return found
 
 
 def distances(grid, start):
@@ -81,8 +88,52 @@ def decide(grid, visited, rover, heading, radius, rule):
     else:
         goals = [cell for cell, new in discoveries.items() if new]
         goals = sorted(goals, key=lambda cell: (-Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell))[:1]
+    return first_action(grid, rover, heading, reach, goals)
+
+
+def first_action(grid, rover, heading, reach, goals):
+    """The action that begins a shortest path to one of the goals: straight on, else north, east, south, west; else None."""
     for action in [heading, 0, 1, 2, 3]:
         near = (rover[0] + DISPLACEMENTS[action][0], rover[1] + DISPLACEMENTS[action][1])
         if near in reach and any(distances(grid, goal).get(near) == reach[goal] - 1 for goal in goals):
             return action
     return None
+
+
+def decide_priced(grid, visited, rover, heading, radius, rule):
+    """The action of the priced rule, or None; `rule` has the parameters for a radius of 6, by name."""
+    reach = distances(grid, rover)
+    priced = cache(lambda u: price(grid, u, radius, rule))
+    values = {}
+    for cell, way in reach.items():
+        shown = [] if cell in visited else expected_cells(grid, *cell, radius)
+        if shown:
+            total = sum(priced(u) * fade(u, cell, radius, rule) for u in shown)
+            limit = round(rule["limit"] * 1024 * 64)
+            values[cell] = min(total, limit) * (way + rule["offset"]) ** -rule["power"]
+    goals = sorted(values, key=lambda cell: (-values[cell], reach[cell], cell))[:1]
+    return first_action(grid, rover, heading, reach, goals)
+
+
+def price(grid, cell, radius, rule):
+    """What an unknown cell counts, in 1024ths."""
+    rows, cols = len(grid), len(grid[0])
+    total = 1024
+    for half, weight, power in zip((2, 6, 12), rule["weights"], rule["powers"], strict=True):
+        side = max(1, round(half * radius / 6))
+        square = [(r, c) for r in range(cell[0] - side, cell[0] + side + 1) for c in range(cell[1] - side, cell[1] + side + 1)]
+        unknown = sum(1 for r, c in square if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0)
+        total += round(1024 * weight * (1 - unknown / len(square)) ** power)
+    region, edge = {cell}, [cell]
+    while edge:
+        row, col = edge.pop()
+        near = [(r, c) for r in range(row - 1, row + 2) for c in range(col - 1, col + 2)]
+        new = [(r, c) for r, c in near if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0 and (r, c) not in region]
+        region.update(new)
+        edge += new
+    return total + round(1024 * rule["pocket"] * math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2)))
+
+
+def fade(cell, viewer, radius, rule):
+    """What is left of a price over the distance, in 64ths."""
+    return round(64 * math.exp(-rule["fade"] * 6 / radius * max(0, math.dist(cell, viewer) - 1)))

@@ -12,33 +12,42 @@ from app.cli.console import PATH, interruptible, progress, reason
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
 @click.option("--board", "boards", multiple=True, help="A board such as random-21x21; repeatable.  [default: all on offer]")
+@click.option(
+    "--policy", "again", multiple=True, help="Play this policy alone, and keep the others' figures in --out; repeatable."
+)
 @click.option("--out", type=PATH, required=True, help="The folder for the figures, a file for each board; made when absent.")
 @click.option(
     "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that play at the same time."
 )
-def leaderboard(boards: tuple[str, ...], out: Path, workers: int) -> None:
+def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
     """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
 
     The package comes with the figures that this command wrote to data/leaderboard. Run it again when the rules, a shipped
     policy or the terrains have changed. The figures are the same for any number of processes. All boards take about half an
-    hour of one core; most of it is the planner on 84 x 84 cells.
+    hour of one core; most of it is the planner on 84 x 84 cells. With --policy the figures that --out has of other policies
+    stay, where they still hold.
 
     \b
     Examples:
       marsexplorer leaderboard --out data/leaderboard
       marsexplorer leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
+      marsexplorer leaderboard --policy ppo --out data/leaderboard
     """
     from app.leaderboard.making import make_board, offered_boards
-    from app.leaderboard.shipped import file_name
+    from app.leaderboard.shipped import ShippedFigures, file_name
     from marsexplorer.files import write_whole
+    from marsexplorer.policies import names
 
     known = offered_boards()
     if unknown := [name for name in boards if name not in known]:
         raise click.UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
+    if unknown := [name for name in again if name not in names()]:
+        raise click.UsageError(f"no policy {unknown[0]!r} is shipped; choose one of: {', '.join(names())}")
+    kept = ShippedFigures(out) if again else None
     for name in boards or known:
         path = out / file_name(known[name].config)
         with progress(f"playing {name}") as advance:
-            text = interruptible(partial(make_board, known[name], workers, advance))
+            text = interruptible(partial(make_board, known[name], workers, advance, kept, again))
         try:
             out.mkdir(parents=True, exist_ok=True)
             with write_whole(path) as file:

@@ -34,7 +34,8 @@ from marsexplorer.policies.kernels.grid import (
     neighbour,
     search_breadth_first,
 )
-from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible, word_and_bit
+from marsexplorer.policies.kernels.prices import NO_CODE, update_board
+from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible
 
 SCALES = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
@@ -46,43 +47,21 @@ DISCOUNTS = (0.5, 0.75, 0.9)
 """What a new cell is worth a move later, three ways of looking ahead."""
 FARTHEST = 127
 """Distances beyond it look the same (nearness 0)."""
-NO_CODE = 255
-"""What is kept of a cell before the first board."""
 
 
 @kernel
-def update_new_cells(codes, view, known, new_cells, changed_columns):
+def update_new_cells(codes, board, half_sides, new_cells, changed_columns):
     """Bring what is kept of one board up to date with codes uint8[rows, cols]; return how many cells are unknown.
 
-    view             of `visibility`, its bitboards as they were kept
-    known            uint8[rows * cols], the codes as they were kept
+    board, half_sides, changed_columns  see `prices.update_board`
     new_cells        int64[rows * cols], cells that a scan from each known free cell is expected to discover
-    changed_columns  int64[rows, 2], scratch: the first and the last changed column of each row
     """
-    unknown, blocked, _, _, stride, radius = view
+    view = board[2]
+    radius = view[5]
     rows, cols = codes.shape
 
-    # 1. Find the cells that changed since the last board, correct the bitboards, and note the changed part of each row.
-    #    A cell that went from rover to free, or the other way round, changes no bit.
-    left, changed = 0, False
-    for row in range(rows):
-        changed_columns[row, 0], changed_columns[row, 1] = cols, -1
-        for col in range(cols):
-            code, cell = codes[row, col], row * cols + col
-            left += code == UNKNOWN
-            if known[cell] == code:
-                continue
-            known[cell] = code
-            word, bit = word_and_bit(row, col, stride, radius)
-            was = (unknown[word] & bit, blocked[word] & bit)
-            now = (bit if code == UNKNOWN else np.uint64(0), bit if code == OBSTACLE else np.uint64(0))
-            if was != now:
-                unknown[word] ^= was[0] ^ now[0]
-                blocked[word] ^= was[1] ^ now[1]
-                changed_columns[row, 0], changed_columns[row, 1] = min(changed_columns[row, 0], col), col
-                changed = True
-    if not changed:
-        return left
+    # 1. Correct what is kept, and note the changed part of each row.
+    left = update_board(codes, board, half_sides, changed_columns)
 
     # 2. Count again where the count can have changed: within `radius` of a changed cell, for sight is local.
     for row in range(rows):
@@ -180,22 +159,21 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, plan
     visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
     lidar     (sight, stride, radius) of a `visibility` view
     kept      of each board, from call to call: known, unknown, blocked, new_cells (see `update_new_cells`)
-    scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions; and the tables
-              nearness and discounts
+    scratch   visible, counts and half_sides of no square (see `prices`), changed_columns, is_open, distance, first_actions,
+              queue, candidates, goals, rule_actions; and the tables nearness and discounts
     """
     rows, cols = codes.shape[1], codes.shape[2]
     sight, stride, radius = lidar
     all_known, all_unknown, all_blocked, all_new_cells = kept
-    visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions, nearness, discounts = (
-        scratch
-    )
+    visible, counts, half_sides, changed_columns, is_open, distance, first_actions, queue, candidates = scratch[:9]
+    goals, rule_actions, nearness, discounts = scratch[9:]
     slack = rows * cols - completion_target(rows * cols)
     for i in range(codes.shape[0]):
         board, cell, new_cells = codes[i], cells[i], all_new_cells[i]
 
         # 1. What would a scan discover, from every cell? Only what changed since the last board is counted again.
-        view = (all_unknown[i], all_blocked[i], sight, visible, stride, radius)
-        left = update_new_cells(board, view, all_known[i], new_cells, changed_columns)
+        kept_board = (all_known[i], counts, (all_unknown[i], all_blocked[i], sight, visible, stride, radius))
+        left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
@@ -259,6 +237,8 @@ class FeatureExtractor:
         )
         self._scratch = (
             np.zeros(int(sight[1]), np.uint64),
+            np.zeros((0, cells), np.int16),
+            np.zeros(0, np.int64),
             np.zeros((rows, 2), np.int64),
             np.zeros(cells, np.uint8),
             np.zeros(cells, np.int32),

@@ -165,7 +165,7 @@ def test_what_can_be_chosen_is_listed(server):
     client = server.client()
     assert [level["name"] for level in client.get("/api/levels").json()] == list(LEVELS)
     policies = client.get("/api/policies").json()
-    assert {"random", "frontier-cost", "frontier-utility"} <= {policy["name"] for policy in policies}
+    assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= {policy["name"] for policy in policies}
     assert all(policy["summary"] for policy in policies)
     health = client.get("/api/health").json()
     assert (health["status"], health["core_version"], health["database"]) == ("ok", "1", "playground.db")

@@ -13,7 +13,7 @@ from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.random_policy import RandomPolicy
 
-BUILT_IN = ["frontier-utility", "frontier-cost", "planner", "random"]
+BUILT_IN = ["frontier-priced", "frontier-utility", "frontier-cost", "planner", "random"]
 CONFIG = EnvConfig("random", 9, 14, sensor_radius=4)
 
 
@@ -26,13 +26,13 @@ def play(policy, seed, config=CONFIG, floats=False):
 
 
 def test_names_come_best_default_first_and_all_load():
-    assert policies.names()[-4:] == BUILT_IN
+    assert policies.names()[-5:] == BUILT_IN
     for name in policies.names():
         policy = policies.load(name)
         assert policy.name == name
         assert isinstance(policy, policies.Policy)
         assert policies.describe(name).endswith(".")
-    if len(policies.names()) > 4:
+    if len(policies.names()) > 5:
         assert policies.names()[0] == "ppo"
 
 

@@ -1,0 +1,176 @@
+"""The rule `frontier-priced`: like `frontier-utility`, but unknown cells are priced by how closed in they are.
+
+Exploration is cheap in the open, where a cell will be seen in passing, and dear where something was left behind and the
+rover has to come back. So the rule goes towards the candidate (see `frontier`) of the highest
+
+    min(prices of the unknown cells it is expected to show, limit) / (way + offset)^power
+
+way being the length of a shortest known path in moves, and decides again after every move. `kernels.prices` defines the
+prices. Ties go to the nearer, then to the northernmost, then to the westernmost candidate; of several shortest paths the rover
+takes one that begins straight on, else the first of north, east, south, west.
+
+The rule ends. While nothing new is seen the prices stay as they are, so each move towards the best candidate raises its
+value, and the best value rises strictly. There are finitely many values, so after finitely many moves the rover stands on the
+candidate, which is none from then on; and there are finitely many candidates. As the candidates are those of
+`frontier-utility`, the rule ends only when all is seen that can be. The loop guard stands behind it nevertheless.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.compiled import kernel
+from marsexplorer.config import OBSTACLE, UNKNOWN
+from marsexplorer.observation import valid_actions
+from marsexplorer.policies.base import Memory
+from marsexplorer.policies.guard import LoopGuard
+from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
+from marsexplorer.policies.kernels.prices import (
+    FADE_UNIT,
+    PRICE_UNIT,
+    PricedBoard,
+    PriceParameters,
+    PriceTables,
+    forget_prices,
+    sum_prices,
+    update_board,
+)
+from marsexplorer.policies.kernels.visibility import count_visible
+
+SCREEN = 1
+"""The square whose half side is the sensor radius: where it has no unknown cell, nothing new can be seen."""
+
+
+@dataclass(frozen=True)
+class PricedRule:
+    """The parameters of `frontier-priced`, for a sensor radius of 6 cells.
+
+    prices  of unknown cells
+    limit   the most that a view counts, in unknown cells in the open; it bounds how far away a goal can be
+    offset  added to a way, moves, 0 or more; power: of the way, above 0
+    """
+
+    prices: PriceParameters
+    limit: float
+    offset: float
+    power: float
+
+    def __post_init__(self) -> None:
+        if self.limit <= 0 or self.offset < 0 or self.power <= 0:
+            raise ValueError(f"limit and power must be above 0 and offset 0 or more, got {self}")
+
+
+TUNED = PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335)
+"""The parameters that the policy has."""
+
+
+@kernel
+def toward_most_priced(codes, visited, row, col, heading, board, tables, search, bounds, weights):
+    """Return the first action of a shortest path to the candidate of the highest value, or -1 when there is none.
+
+    codes, visited  uint8[rows, cols]; board and tables as in `prices`, the board up to date
+    search          (scratch of `prices`; distance int32[n]; first_actions uint8[n]; queue int32[n])
+    bounds          (the highest product of a price and a fade, the limit), int64[2]
+    weights         float64[n + 1]: (way + offset)^-power
+    """
+    rows, cols = codes.shape
+    scratch, distance, first_actions, queue = search
+    known, counts, view = board
+    highest, limit = bounds[0], bounds[1]
+    forget_prices(scratch)
+    distance[:] = UNREACHABLE
+    start = row * cols + col
+    distance[start], first_actions[start], queue[0] = 0, 0, start
+    head, tail = 0, 1
+    best, best_value, best_moves = -1, 0.0, 0
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        moves = distance[cell]
+        r = cell // cols
+        c = cell - r * cols
+
+        # 1. Cells come nearest first, so when the most that a view counts would not be enough, nothing farther is.
+        if limit * weights[moves] < best_value:
+            break
+
+        # 2. Price what the cell is expected to show, unless the number of cells says already that it is not enough.
+        if visited[r, c] == 0 and counts[SCREEN, cell] > 0:
+            new = count_visible(view, r, c)
+            if new > 0 and min(new * highest, limit) * weights[moves] >= best_value:
+                value = min(sum_prices(r, c, rows, cols, board, tables, scratch), limit) * weights[moves]
+                if value > best_value or (value == best_value and moves == best_moves and cell < best):
+                    best, best_value, best_moves = cell, value, moves
+
+        # 3. Go on to its neighbours, and hand on the actions that begin a shortest path.
+        for action in range(4):
+            near = neighbour(cell, action, rows, cols)
+            if near < 0 or known[near] == UNKNOWN or known[near] == OBSTACLE:
+                continue
+            if distance[near] == UNREACHABLE:
+                distance[near], queue[tail] = moves + 1, near
+                tail += 1
+                first_actions[near] = 1 << action if moves == 0 else first_actions[cell]
+            elif distance[near] == moves + 1:
+                first_actions[near] |= first_actions[cell]
+    if best < 0:
+        return -1
+    if first_actions[best] >> heading & 1:
+        return heading
+    for action in range(4):
+        if first_actions[best] >> action & 1:
+            return action
+    return -1
+
+
+class FrontierPriced:
+    """The priced rule with the memory of its episode; when nothing is left to see it makes valid moves.
+
+    rule   its parameters; TUNED unless others are given
+    guard  the loop guard, which never had to act so far
+    """
+
+    name = "frontier-priced"
+
+    def __init__(self, sensor_radius: int = 6, rule: PricedRule = TUNED) -> None:
+        self.sensor_radius, self.rule = sensor_radius, rule
+        self.memory, self.guard = Memory(), LoopGuard(sensor_radius)
+        self._tables = PriceTables(rule.prices, sensor_radius)
+        self._bounds = np.array([self._tables.highest, round(rule.limit * PRICE_UNIT * FADE_UNIT)])
+        self._board: PricedBoard | None = None
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode; the rule draws nothing."""
+        del seed
+        self.memory.forget()
+        self.guard.reset()
+
+    def act(self, observation: NDArray[Any]) -> int:
+        """Return an action 0..3."""
+        self.memory.observe(observation)
+        guarded = self.guard.overrule(self.memory)
+        return self.decide(self.memory) if guarded is None else guarded
+
+    def decide(self, memory: Memory) -> int:
+        """Return the action for an episode remembered elsewhere."""
+        codes, (row, col) = memory.codes, memory.position
+        if self._board is None or self._board.shape != codes.shape:
+            self._begin(codes.shape)
+        assert self._board is not None
+        board, tables = self._board.board, self._tables.arrays
+        update_board(codes, board, tables[0], self._board.changed_columns)
+        action = toward_most_priced(
+            codes, memory.visited, row, col, memory.heading, board, tables, self._search, self._bounds, self._weights
+        )
+        return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
+
+    def _begin(self, shape: tuple[int, ...]) -> None:
+        self._board, cells = PricedBoard(shape, self.sensor_radius), shape[0] * shape[1]
+        arrays = np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
+        self._search = (self._board.scratch, *arrays)
+        ways = np.maximum(np.arange(cells + 1.0), 1.0)
+        self._weights = (ways + self.rule.offset) ** -self.rule.power

@@ -1,0 +1,102 @@
+"""The priced rule is the literal one, ends everywhere, and never needs the guard that stands behind it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marsexplorer.config import OBSTACLE, UNKNOWN, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies.kernels.prices import PricedBoard, PriceParameters, PriceTables, update_board
+from marsexplorer.policies.kernels.visibility import VisibilityMap
+from marsexplorer.policies.priced import TUNED, FrontierPriced, PricedRule
+from tests.support import reference_frontier, strategies
+
+OTHER = PricedRule(PriceParameters((1.5, 0.0, 7.0), (2.0, 1.0, 0.5), 30.0, 2.5, 0.3), 40.0, 0.0, 2.0)
+"""Parameters that are nothing like the tuned ones: a low limit, no offset, one square left out."""
+
+
+def plain(rule):
+    """The parameters by name, for the literal rule."""
+    return {**vars(rule), **vars(rule.prices)}
+
+
+@settings(max_examples=15, deadline=None)
+@given(strategies.terrains(max_side=8, max_density=0.4), st.integers(1, 7), st.sampled_from([TUNED, OTHER]))
+def test_the_compiled_rule_is_the_literal_one(terrain, radius, rule):
+    config = EnvConfig("random", *terrain.shape, sensor_radius=radius, beta=1.0, max_steps=25)
+    episode, policy, heading = Episode.begin(config, terrain=terrain), FrontierPriced(radius, rule), 1
+    policy.reset(0)
+    while not episode.ended:
+        codes, visited = episode.codes.copy(), set(episode.path)
+        expected = reference_frontier.decide_priced(codes.tolist(), visited, episode.position, heading, radius, plain(rule))
+        if expected is None:
+            return
+        heading = policy.act(episode.observation())
+        assert heading == expected, codes
+        episode.step(heading)
+
+
+@pytest.mark.parametrize("rule", [TUNED, OTHER], ids=["tuned", "other"])
+@pytest.mark.parametrize(("level", "size"), [("random", (21, 33)), ("3-2-1", (33, 21)), ("1-1-1", (17, 26))])
+def test_every_terrain_is_explored_and_the_guard_never_acts(level, size, rule):
+    config, policy = EnvConfig.of(level, size), FrontierPriced(6, rule)
+    for seed in range(5):
+        episode = Episode.begin(config, seed=seed)
+        policy.reset(seed)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        assert (episode.outcome, policy.guard.overruled) == ("explored", 0), seed
+
+
+@settings(max_examples=30, deadline=None)
+@given(strategies.terrains(max_side=16, max_density=0.5), st.integers(2, 8))
+def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
+    """Unsolvable terrains included: what borders on a reachable free cell is known before the candidates run out."""
+    config = EnvConfig("random", *terrain.shape, sensor_radius=radius, beta=1.0, max_steps=terrain.size**2)
+    episode, policy = Episode.begin(config, terrain=terrain), FrontierPriced(radius)
+    policy.reset(0)
+    visibility = VisibilityMap(terrain.shape, radius)
+    while not episode.ended:
+        policy.memory.observe(episode.codes)
+        visibility.fill(episode.codes)
+        reach = reference_frontier.distances(episode.codes.tolist(), episode.position)
+        if not any(policy.memory.visited[cell] == 0 and visibility.expected_discoveries(*cell) for cell in reach):
+            break
+        episode.step(policy.decide(policy.memory))
+    assert episode.outcome in ("explored", "running")
+    for row, col in reference_frontier.distances(np.where(terrain, 3, 1).tolist(), (0, 0)):
+        assert (episode.codes[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2] != UNKNOWN).all(), (row, col)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 9), st.integers(0, 2**32 - 1))
+def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radius, seed):
+    """Boards may follow each other in any order: also one on which less is known than on the one before."""
+    rng = np.random.default_rng(seed)
+    half_sides = PriceTables(TUNED.prices, radius).arrays[0]
+    kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
+    for _ in range(4):
+        codes = np.where(rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols)), before % 4).astype(np.uint8)
+        left = update_board(codes, kept.board, half_sides, kept.changed_columns)
+        new = PricedBoard((rows, cols), radius)
+        assert left == update_board(codes, new.board, half_sides, new.changed_columns) == np.count_nonzero(codes == UNKNOWN)
+        visibility = VisibilityMap((rows, cols), radius)
+        visibility.fill(codes)
+        for mine, theirs, filled in zip(kept.board[2][:2], new.board[2][:2], visibility.view[:2], strict=True):
+            assert (mine == theirs).all()
+            assert (mine == filled).all()
+        assert (kept.board[0] == new.board[0]).all()
+        assert (kept.board[1] == new.board[1]).all()
+        for row in range(rows):
+            kinds = [(board[row] == UNKNOWN) + 2 * (board[row] == OBSTACLE) for board in (before, codes)]
+            changed = np.flatnonzero(kinds[0] != kinds[1]).tolist()
+            assert kept.changed_columns[row].tolist() == ([changed[0], changed[-1]] if changed else [cols, -1])
+        before = codes
+
+
+def test_prices_that_make_no_sense_are_refused():
+    with pytest.raises(ValueError, match="weights, pocket and fade must be 0 or more"):
+        PriceParameters((1.0, -1.0, 1.0), (1.0, 1.0, 1.0), 0.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="limit and power must be above 0"):
+        PricedRule(TUNED.prices, 300.0, 1.0, 0.0)
