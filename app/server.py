@@ -127,7 +127,7 @@ def _services(
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
         debriefs=Debriefs(store),
-        leaderboard=Leaderboard(store.path, policies.offers()),
+        leaderboard=Leaderboard(store.path, policies.offers(), settings.studies),
         regrets=Regrets(store.path),
         replays=Replays(store.path, policies.offers()),
         admin=None if login is None else AdminServices(login, progress, settings.studies),

@@ -41,7 +41,6 @@ ALLOWED: dict[str, set[str]] = {
         "app.storage",
         "app.study",
         "marsexplorer.config",
-        "marsexplorer.evaluation",
         "marsexplorer.policies",
     },
     "app.cli.serve": {"app.cli.console", "app.server", "app.storage"},

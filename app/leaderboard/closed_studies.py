@@ -5,6 +5,7 @@ An open study is not shown: a mean that changes with every episode would reveal 
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,18 @@ from app.statistics.summaries import EpisodeSummary, trial_summaries
 from app.storage.reader import Reader
 from app.storage.study_reader import closed_studies, count_participants
 from app.study.data import StudyData, load
+from app.study.policy_files import FOLDER
 from app.study.seeds import seed
 
 
 class ClosedStudies:
-    """The closed studies of a database; each is read once, because it no longer changes."""
+    """The closed studies of a database; each is read once, because it no longer changes.
 
-    def __init__(self) -> None:
+    studies  the folder of studies, which keeps the files of their policies
+    """
+
+    def __init__(self, studies: Path) -> None:
+        self._folder = studies
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
 
     def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
@@ -33,7 +39,7 @@ class ClosedStudies:
             # one who is forgotten afterwards is gone from here as well
             key = (study.name, study.closed_ms, count_participants(reader, study.name))
             if key not in self._known:
-                data = load(reader, study.name)
+                data = load(reader, study.name).with_policies_in(self._folder / study.name / FOLDER)
                 self._known[key] = (data, _people(reader, data))
             found.append(self._known[key])
         return found

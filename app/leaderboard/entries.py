@@ -10,7 +10,9 @@ from app.leaderboard.jobs import EvaluationJob
 from app.statistics.human_level import human_level
 from app.storage.reader import Reader
 from app.study.data import StudyData
+from app.study.policy_files import PolicyFiles
 from marsexplorer.config import LEVELS, EnvConfig
+from marsexplorer.policies import PolicyNotFoundError
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
@@ -28,6 +30,7 @@ class LeaderboardEntry:
     seeds     of the policies' terrains
     study     its name; None for an entry of the playground
     policies  names (or paths); None means everything on offer
+    files     of a study's policies
     """
 
     id: str
@@ -37,13 +40,26 @@ class LeaderboardEntry:
     seeds: tuple[int, ...]
     study: str | None = None
     policies: tuple[str, ...] | None = None
+    files: PolicyFiles | None = None
 
-    def jobs(self, sources: dict[str, str]) -> list[EvaluationJob]:
-        """Return what has to be evaluated, quick policies first; `sources` is what `policies.load` takes, by name."""
+    def jobs(self, sources: dict[str, str]) -> dict[str, EvaluationJob]:
+        """Return what has to be evaluated by the policy's name, quick policies first.
+
+        sources  what `policies.load` takes, by name. A study's policies are played from their own files; where one is lost,
+                 the job names the place where it was kept, and fails
+        """
         slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        return [EvaluationJob(sources.get(name, name), self.config, self.seeds) for name in ordered]
+        return {name: EvaluationJob(self._source(name, sources), self.config, self.seeds) for name in ordered}
+
+    def _source(self, name: str, sources: dict[str, str]) -> str:
+        if self.files is None or name not in self.files.hashes:
+            return sources.get(name, name)
+        try:
+            return self.files.source(name)
+        except PolicyNotFoundError:
+            return str(self.files.place(name))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry as the list of the leaderboard shows it."""
@@ -88,7 +104,7 @@ def held_out_seeds(config: EnvConfig) -> tuple[int, ...]:
 def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
     protocol = data.protocol
     names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
-    return LeaderboardEntry(*names, human, ranked_seeds(data), protocol.name, protocol.policies)
+    return LeaderboardEntry(*names, human, ranked_seeds(data), protocol.name, protocol.policies, data.policy_files)
 
 
 def _of_config(config: EnvConfig, human: dict[str, Any] | None) -> LeaderboardEntry:

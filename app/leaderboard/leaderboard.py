@@ -27,11 +27,11 @@ class UnknownEntryError(LookupError):
 class Leaderboard:
     """Reads people from the database and has the policies on offer evaluated."""
 
-    def __init__(self, database: Path, offers: Sequence[PolicyOffer]) -> None:
+    def __init__(self, database: Path, offers: Sequence[PolicyOffer], studies: Path) -> None:
         self._database, self._offers = database, offers
         self._evaluations = PolicyEvaluations(database.with_name(database.name + "-figures.json"), ShippedFigures())
         self._people = HumanSummaries()
-        self._studies = ClosedStudies()
+        self._studies = ClosedStudies(studies)
         self._reading = threading.Lock()
 
     def entries(self) -> list[LeaderboardEntry]:
@@ -48,18 +48,17 @@ class Leaderboard:
         size = (found.config.rows, found.config.cols)
         sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
         jobs = found.jobs(sources)
-        names = {source: name for name, source in sources.items()}
         summaries = {offer.source: offer.summary for offer in self._offers}
-        states = self._evaluations.request(jobs)
+        states = self._evaluations.request(list(jobs.values()))
         likeness = (found.human or {}).get("likeness", {})
         policies = [
             {
-                "name": (name := names.get(job.policy, job.policy)),
+                "name": name,
                 "summary": summaries.get(job.policy, ""),
                 **state,
                 "human_likeness": likeness.get(name),
             }
-            for job, state in zip(jobs, states, strict=True)
+            for (name, job), state in zip(jobs.items(), states, strict=True)
         ]
         return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY_PLAYED}
 

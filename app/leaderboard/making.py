@@ -34,7 +34,8 @@ def make_board(
     """
     origin = Origin(version("marsexplorer-playground"), f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard")
     size = (entry.config.rows, entry.config.cols)
-    jobs = entry.jobs({offer.name: offer.source for offer in PolicyCatalogue().offers() if offer.size in (None, size)})
+    sources = {offer.name: offer.source for offer in PolicyCatalogue().offers() if offer.size in (None, size)}
+    jobs = list(entry.jobs(sources).values())
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         found = [kept.find(job) if kept is not None and job.policy not in again else None for job in jobs]
         waiting = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.moves.likeness import EpisodeAgreements, Likeness, episode_agreements, find_likeness, player_agreements
-from app.moves.regret import RegretSummary, has_regret, regret_cache, summarize_regret
+from app.moves.regret import RegretSummary, has_regret, regret_cache, study_estimator, summarize_regret
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.study_figures import primary_set
 from app.storage.reader import Reader
@@ -75,7 +75,7 @@ def analyse_known(
         regret = None
         if data.closed_ms is not None and has_regret(data.protocol.env_config):
             with progress("regret of each move") as advance:
-                regret = _regret(reader, data, cohort, RegretEstimator(cache=known.cache), advance)
+                regret = _regret(reader, data, cohort, study_estimator(data, known.cache), advance)
         likeness = find_likeness(player_agreements(cohort, policies, known.agreements))
         found[cohort.name] = MoveAnalysis(regret, likeness)
     return found

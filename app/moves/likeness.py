@@ -73,7 +73,8 @@ def episode_agreements(
     those of `policies.load`.
     """
     radius = data.protocol.env_config.sensor_radius
-    loaded = {name: load(name, radius) for name in dict.fromkeys(policies) if name != NO_PLAN}
+    source = data.policy_files.source
+    loaded = {name: load(source(name), radius) for name in dict.fromkeys(policies) if name != NO_PLAN}
     trials = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
     found = {}
     for done, (trial, record) in enumerate(trial_records(reader, trials), 1):
@@ -102,7 +103,8 @@ def human_likeness(reader: Reader, data: StudyData, cohort: Cohort, ids: Sequenc
     found = {}
     for name in data.protocol.policies:
         try:
-            policy = load(name, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
+            source = data.policy_files.source(name)
+            policy = load(source, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
         except (LookupError, ValueError, OSError):
             policy = None
         if policy is not None:

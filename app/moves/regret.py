@@ -18,6 +18,7 @@ from app.statistics.exclusion_sets import Cohort
 from app.statistics.intervals import Interval, printed_interval
 from app.storage.reader import Reader
 from app.study.data import StudyData, StudyEpisode, trial_records
+from app.study.policy_files import REGRET_POLICY
 from app.study.protocol import StudyError
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
@@ -27,7 +28,7 @@ from marsexplorer.evaluation.regret import MAX_CELLS, EpisodeRegret, RegretEstim
 from marsexplorer.evaluation.run import Progress
 from marsexplorer.policies import load
 
-POLICY = "ppo"
+POLICY = REGRET_POLICY
 """The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""
 
 
@@ -87,6 +88,14 @@ def forget_regrets(database: Path) -> None:
 def has_regret(config: EnvConfig) -> bool:
     """Return whether boards of this size have regrets."""
     return config.n <= MAX_CELLS
+
+
+def study_estimator(data: StudyData, cache: Path | None) -> RegretEstimator:
+    """Return what works out a study's regrets: with POLICY's file of the time at which the study was frozen.
+
+    cache  the folder in which regrets are kept; None keeps nothing
+    """
+    return RegretEstimator(data.policy_files.source(POLICY), cache)
 
 
 def trial_regrets(
@@ -173,7 +182,7 @@ def summarize_regret(
             for value in np.mean([np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()], axis=0)
         ),
         policy=POLICY,
-        policy_mean=_policy_mean(list(terrains.values()), estimator),
+        policy_mean=_policy_mean(data.policy_files.source(POLICY), list(terrains.values()), estimator),
         by_player=players,
     )
 
@@ -188,7 +197,7 @@ def _player(player: str, episodes: Sequence[EpisodeRegret]) -> PlayerRegret:
     )
 
 
-def _policy_mean(records: Sequence[Record], estimator: RegretEstimator) -> float:
-    """Return the mean regret of the policy's own episodes on the terrains of some records."""
-    policy = load(POLICY, records[0].config.sensor_radius)
+def _policy_mean(source: str, records: Sequence[Record], estimator: RegretEstimator) -> float:
+    """Return the mean regret of the policy's own episodes on the terrains of some records; `source` as `load` takes it."""
+    policy = load(source, records[0].config.sensor_radius)
     return float(np.mean([estimator.regret(play_terrain(policy, record).record()).total for record in records]))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.moves.likeness import EpisodeAgreements
-from app.moves.regret import RegretRow
+from app.moves.regret import POLICY, RegretRow
 from app.release import signing
 from app.release.arrivals import count_arrivals
 from app.release.croissant import write_croissant
@@ -36,7 +36,8 @@ from app.study.data import LookTaken, load
 from app.study.folder import Advance
 from app.study.invitations import Invitation
 from app.study.looks import LOOKS_FILE, joined_looks, write_looks
-from app.study.policy_episodes import PolicyEpisode
+from app.study.policy_episodes import PolicyEpisode, compared_policies
+from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
 from marsexplorer.files import replace_whole
@@ -55,6 +56,7 @@ class ReleaseRequest:
     without_policies  that the report leaves out although the protocol names them
     looks        taken at the figures while the study was open
     invitations  of the study by id; None where it has none, or its folder is not at hand
+    policy_folder  in which the files of the policies are kept; None where it is not at hand
     """
 
     database: Path
@@ -67,6 +69,7 @@ class ReleaseRequest:
     without_policies: tuple[str, ...] = ()
     looks: tuple[LookTaken, ...] = ()
     invitations: Mapping[str, Invitation] | None = None
+    policy_folder: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,8 @@ def build_release(
     advance   called with (episodes verified or written, of how many)
     reporter  makes the report, which only a closed study's release holds; None: a release without one
 
-    ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing.
+    ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
+    PolicyNotFoundError when the file of a policy that the report compares is lost.
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
@@ -123,7 +127,7 @@ def build_release(
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
             if header.looks:
                 write_looks(folder / LOOKS_FILE, header.looks)
-            report = reporter(folder / BUNDLE_DATABASE) if reporter and not header.interim else ReleasedReport({})
+            report = _report(request, header, folder, reporter)
             given = replace(header, left_out=out)
             written = _write_files(folder, given, report, lambda done: advance(total // 2 + done, total))
             signing_key = signing.signing_key(request.database)
@@ -131,6 +135,15 @@ def build_release(
     if not header.interim:
         _note_published(request, written[0], manifest_hash)
     return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key)))
+
+
+def _report(request: ReleaseRequest, header: ReleaseHeader, folder: Path, reporter: Reporter | None) -> ReleasedReport:
+    """Return the report with what it is made from, the files of the policies put into the release; an interim one has none."""
+    if reporter is None or header.interim:
+        return ReleasedReport({})
+    compared = {*compared_policies(header.protocol), POLICY} - {*request.without_policies}
+    PolicyFiles.of(header.protocol, request.policy_folder).copy_to(folder / FOLDER, sorted(compared))
+    return reporter(folder / BUNDLE_DATABASE)
 
 
 def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:

@@ -12,6 +12,7 @@ from app.study.flow import with_invitations
 from app.study.folder import Folder, Study
 from app.study.invitations import Invitations
 from app.study.looks import LOOKS_FILE, with_looks_in
+from app.study.policy_files import FOLDER
 from app.study.protocol import StudyError
 
 
@@ -22,10 +23,10 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
     terrains that somebody has begun. A study that nobody has joined is known from the folder alone. StudyError for a study that
     is in neither, and for two different ones of that name.
     """
-    study = _in_folder(studies, name)
+    study, policies = _in_folder(studies, name), studies / name / FOLDER
     joined = find_study(reader, name) is not None
     if study is None:
-        data = load(reader, name)
+        data = load(reader, name).with_policies_in(policies)
         return data, data.seeds()
     if joined:
         data = load(reader, name)
@@ -39,6 +40,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
             secret=None,
             people=(),
             trials=(),
+            policy_files=study.policy_files,
         )
     if data.protocol_hash != study.protocol_hash:
         raise StudyError(
@@ -49,7 +51,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         data = replace(data, arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened))
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
-    data = with_looks_in(studies / name / LOOKS_FILE, data)
+    data = with_looks_in(studies / name / LOOKS_FILE, data).with_policies_in(policies)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
 
 

@@ -29,6 +29,7 @@ from app.storage.study_reader import (
 from app.storage.study_rows import ParticipantKind, Phase
 from app.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from app.study.plausibility import RulesVersion, effort_labels, pause_share, plausibility_labels
+from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
@@ -145,6 +146,7 @@ class StudyData:
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     view   what may be seen of it; None: not decided yet, and `trials` hold everything
     looks  that were taken while it was open, as far as an imported release or the study's folder tells
+    policy_files  of the policies that it is compared with
     """
 
     protocol: Protocol
@@ -158,6 +160,11 @@ class StudyData:
     arrivals: Arrivals = field(default_factory=Arrivals)
     view: View | None = None
     looks: tuple[LookTaken, ...] = ()
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
+
+    def with_policies_in(self, folder: Path) -> StudyData:
+        """Return the same data with the policies' files kept in a folder."""
+        return replace(self, policy_files=self.policy_files.at(folder))
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
@@ -208,6 +215,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         ),
         arrivals=with_noted(arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)),
         looks=tuple(LookTaken(**each) for each in looks_known(reader, study)),
+        policy_files=PolicyFiles.of(protocol),
     )
 
 

@@ -111,7 +111,7 @@ def _play(study: Study, phase: Shown) -> list[PolicyRun]:
     config, runs = study.protocol.env_config, list[PolicyRun]()
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
-        policy = load(study.protocol.debrief_policy, config.sensor_radius)
+        policy = load(study.policy_files.source(study.protocol.debrief_policy), config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []

@@ -29,15 +29,20 @@ def read_object(path: Path) -> dict[str, Any]:
 
 def write_object(path: Path, value: object, private: bool = False) -> None:
     """Write the value to the file, whole and on disk; a private file is readable by its owner alone."""
+    text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
+    write_bytes(path, text.encode() + b"\n", private)
+
+
+def write_bytes(path: Path, content: bytes, private: bool = False) -> None:
+    """Write a file of a study's folder, whole and on disk; StudyError when it cannot be written."""
     from marsexplorer.files import write_whole
 
-    text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_whole(path) as file:
             if private:
                 os.fchmod(file.fileno(), 0o600)
-            file.write(text.encode() + b"\n")
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:

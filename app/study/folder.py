@@ -5,6 +5,7 @@
     NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/closed.json     the secret revealed, and when
+    NAME/policies/       see `app.study.policy_files`
     NAME/invitations.json   see `app.study.invitations`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
@@ -23,6 +24,7 @@ from typing import Literal
 
 from app.storage.study_rows import StudyRow
 from app.study.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
+from app.study.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
 from app.study.protocol import (
     NAME,
     DraftStudyError,
@@ -50,6 +52,7 @@ class Study:
 
     closed_ms   milliseconds since 1970; None while it is open
     secret      32 bytes; the operator alone may see it until the study is closed
+    policy_files  of the policies that it compares with
     """
 
     name: str
@@ -59,6 +62,7 @@ class Study:
     frozen_ms: int
     closed_ms: int | None
     secret: bytes = field(repr=False)
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
 
     @property
     def is_open(self) -> bool:
@@ -148,8 +152,6 @@ class Folder:
 
         advance  called with (terrains drawn, of how many)
         """
-        from marsexplorer.policies import PolicyNotFoundError, load
-
         if self.status(name) != "draft":
             raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
         path = self.path(name)
@@ -160,11 +162,7 @@ class Folder:
                 f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
                 "write the new one into protocol.json, or install the release that has the old one"
             )
-        for policy in {*protocol.policies, protocol.debrief_policy}:
-            try:
-                load(policy)
-            except (PolicyNotFoundError, ValueError, OSError) as error:
-                raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
+        protocol = protocol.model_copy(update={"policy_hashes": _record_policies(protocol, path / FOLDER)})
         secret, now = secrets.token_bytes(32), now_ms()
         study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
         _check_terrains(study, advance)
@@ -200,8 +198,10 @@ class Folder:
     def _template(self, name: str) -> Protocol:
         """Return a draft with its placeholders, also where a freeze was cut short after it had filled them in."""
         draft, kept = self.draft(name), self.path(name) / "draft.json"
-        if kept.is_file() and fill(template := parse_protocol(read_object(kept))) == draft:
-            return template
+        if kept.is_file():
+            template = parse_protocol(read_object(kept))
+            if fill(template) == draft.model_copy(update={"policy_hashes": template.policy_hashes}):
+                return template
         return draft
 
     def _existing(self, name: str) -> Path:
@@ -232,7 +232,31 @@ class Folder:
             raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
         if commitment(secret) != fixed["commitment"]:
             raise StudyError(f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup")
-        return Study(name, parse_protocol(raw), **fixed, closed_ms=closed_ms, secret=secret)
+        protocol = parse_protocol(raw)
+        files = PolicyFiles.of(protocol, path / FOLDER)
+        return Study(name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files)
+
+
+def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
+    """Keep the files of a protocol's policies in a folder and return their hashes; StudyError when one cannot be played.
+
+    A hash that the draft gives already must be that of the file.
+    """
+    from marsexplorer.policies import PolicyNotFoundError, load
+
+    for policy in {*protocol.policies, protocol.debrief_policy}:
+        try:
+            load(policy)
+        except (PolicyNotFoundError, ValueError, OSError) as error:
+            raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
+    found = record_files({*protocol.policies, protocol.debrief_policy, REGRET_POLICY}, folder)
+    for policy, given in protocol.policy_hashes.items():
+        if found.get(policy) != given:
+            raise StudyError(
+                f"policy_hashes gives {policy!r} the SHA-256 {given}, its file has {found.get(policy, 'none')}: "
+                "put that file there, or leave the field empty, and freezing writes it"
+            )
+    return found
 
 
 def _check_terrains(study: Study, advance: Advance) -> None:

@@ -9,6 +9,7 @@ text uses it up, opening its link does not.
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import secrets
 from collections.abc import Sequence
@@ -22,7 +23,6 @@ from app.storage.study_rows import participant_label
 from app.study.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
 from app.study.folder import Folder, Study
 from app.study.protocol import StudyError
-from app.study.tokens import ALPHABET, grouped, read_code, signature
 
 MAX_INVITATIONS = 5_000
 """Most invitations of a study."""
@@ -30,6 +30,10 @@ MAX_INVITATIONS = 5_000
 PARAMETER = "invitation"
 """The parameter of the link that holds the token."""
 
+ALPHABET = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+"""Crockford's base 32, of which codes consist: without I, L, O and U. A typed I or L is read as 1, an O as 0."""
+
+_LOOK_ALIKES = str.maketrans("ILO", "110", " -_")
 _FORMAT = "marsexplorer-invitations-1"
 _ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 
@@ -173,6 +177,22 @@ def state_of(invitation: Invitation, use: Use | None) -> Literal["issued", "open
     if invitation.revoked_ms is not None:
         return "revoked"
     return "issued" if use is None else use.state
+
+
+def signature(secret: bytes, text: str, length: int) -> str:
+    """Return `length` characters (5 bits each, at most 51 of them) of HMAC-SHA256(secret, text)."""
+    number = int.from_bytes(hmac.new(secret, text.encode(), hashlib.sha256).digest(), "big")
+    return "".join(ALPHABET[number >> (256 - 5 * (i + 1)) & 31] for i in range(length))
+
+
+def grouped(code: str) -> str:
+    """Return a code in groups of four, as it is shown."""
+    return "-".join(code[i : i + 4] for i in range(0, len(code), 4))
+
+
+def read_code(typed: str) -> str:
+    """Return what was typed as a code: without spaces and dashes, in capitals, look-alikes read as what they look like."""
+    return typed.upper().translate(_LOOK_ALIKES)
 
 
 def _signed(study: Study, ident: str) -> str:

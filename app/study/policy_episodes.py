@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol
 from app.study.seeds import seed
 from marsexplorer import policies
@@ -56,27 +57,34 @@ def compared_policies(protocol: Protocol) -> list[str]:
 
 
 def play_policies(
-    names: Sequence[str], config: EnvConfig, seeds: Mapping[int, int], progress: Callable[[int, int], None] | None = None
+    names: Sequence[str],
+    config: EnvConfig,
+    seeds: Mapping[int, int],
+    progress: Callable[[int, int], None] | None = None,
+    files: PolicyFiles | None = None,
 ) -> tuple[PolicyEpisode, ...]:
     """Play each policy (a name or path) on every terrain, and return the episodes by policy and terrain.
 
     seeds     by terrain index; progress is called with (episodes played, episodes in all)
+    files     of the study's policies; None takes the files that are there today
 
     PolicyNotFoundError and PolicyFileError when a policy cannot be played; nothing is played then.
     """
-    chosen = list(dict.fromkeys(names))
-    for name in chosen:
-        policies.load(name, config.sensor_radius)  # what cannot be played is refused before anything is
-    hashes = {name: policies.policy_hash(name) for name in chosen}
+    sources = {name: (files or PolicyFiles()).source(name) for name in names}
+    chosen = list(dict.fromkeys(sources.values()))
+    for source in chosen:
+        policies.load(source, config.sensor_radius)  # what cannot be played is refused before anything is
+    hashes = {source: policies.policy_hash(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
     for part in play_chunks(make_chunks(chosen, [config], list(seeds.values()), traces=True), None):
         for each in part:
             assert each.trace is not None
             terrain, moves = index_of[each.seed], bytes(each.trace.actions)
-            found[each.policy, terrain] = PolicyEpisode(
-                each.policy, hashes[each.policy], terrain, each.seed, moves, each.trace.trajectory_hash
-            )
+            for name in (name for name, source in sources.items() if source == each.policy):
+                found[name, terrain] = PolicyEpisode(
+                    name, hashes[each.policy], terrain, each.seed, moves, each.trace.trajectory_hash
+                )
         if progress:
-            progress(len(found), len(chosen) * len(seeds))
-    return tuple(found[name, index] for name in chosen for index in sorted(seeds))
+            progress(len(found), len(sources) * len(seeds))
+    return tuple(found[name, index] for name in sources for index in sorted(seeds))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -99,6 +100,7 @@ class Protocol(_Part):
     completion_code      the same for all; None: one drawn for each participant
     policies             compared in the report, on exactly the ranked terrains
     debrief_policy       compared with the participant on the warm-up terrains
+    policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them (`app.study.policy_files`)
     exclusion            further figures of the report by name, with who enters them
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
@@ -136,6 +138,7 @@ class Protocol(_Part):
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
     policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
     debrief_policy: Line = "ppo"
+    policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
     equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
     keep_episodes_when_forgotten: bool = False
@@ -163,6 +166,14 @@ class Protocol(_Part):
         if max(config.rows, config.cols) > MAX_API_SIDE:
             raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}")
         return config.to_dict()
+
+    @field_validator("policy_hashes")
+    @classmethod
+    def _hashes_are_sha256(cls, given: dict[str, str]) -> dict[str, str]:
+        for policy, digest in given.items():
+            if not re.fullmatch(r"[0-9a-f]{64}", digest):
+                raise ValueError(f"policy_hashes holds 64 hexadecimal digits for each policy, got {digest!r} for {policy!r}")
+        return given
 
     @field_validator("outside_ids")
     @classmethod

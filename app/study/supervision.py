@@ -12,8 +12,8 @@ from app.play.attestation import SUPERVISED_FOR_MS
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Study
+from app.study.invitations import grouped, read_code, signature
 from app.study.participation import StageError
-from app.study.tokens import grouped, read_code, signature
 
 MAX_WRONG_CODES = 10
 """Wrong codes of one participant after which no code of theirs is looked at."""

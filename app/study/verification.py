@@ -11,7 +11,7 @@ import multiprocessing
 import signal
 import sqlite3
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from app.storage.chain_checks import ChainState, EarlierHead, chain_state, check
 from app.storage.connection import is_copy, reading
 from app.storage.resimulation import Finding
 from app.study.checks import check_attestation, check_studies
-from app.study.folder import Advance
+from app.study.folder import Advance, Folder
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import cores, one_thread
@@ -107,6 +107,14 @@ def verify_moment(
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
     return Verification(len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn))
+
+
+def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
+    """Yield what is wrong with the kept files of some frozen studies' policies; earlier versions kept none."""
+    for study in map(folder.study, names):
+        if study.protocol.policy_hashes:
+            for path, found, recorded in study.policy_files.damaged():
+                yield Finding(f"file {path}", "sha256", f"{recorded} when the study was frozen", found or "no such file")
 
 
 def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str]) -> Iterator[tuple[int, int, list[Finding]]]:

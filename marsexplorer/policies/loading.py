@@ -82,6 +82,16 @@ def find_file(name: str) -> Path:
     raise PolicyNotFoundError(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')
 
 
+def is_rule(name: str) -> bool:
+    """Return whether a name stands for a rule, which is code and has no file."""
+    return name in BUILT_IN
+
+
+def find_shipped(digest: str) -> Path | None:
+    """Return the shipped file of this SHA-256 (hex), whatever its name is now; None when none has it."""
+    return next((path for name, path in shipped().items() if policy_hash(name) == digest), None)
+
+
 def policy_hash(name: str) -> str | None:
     """Return SHA-256 (hex) of a policy's file; None for a rule, which is code. PolicyNotFoundError when there is none."""
     if name in BUILT_IN:

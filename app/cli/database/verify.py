@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,14 +82,15 @@ def verify(
 
 def _of_database(database: Path | None, studies: Path | None, head: str | None) -> tuple[Verification, str]:
     from app.study.folder import Folder
-    from app.study.verification import verify_database
+    from app.study.verification import check_policy_files, verify_database
 
     settings = settings_of()
-    path = database or settings.database
-    known = {name: secret for name, (_, secret) in Folder(studies or settings.studies).known_secrets().items()}
+    path, folder = database or settings.database, Folder(studies or settings.studies)
+    known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
     with progress("verifying (the rules are compiled first)") as advance:
-        return verify_database(path, advance, known, head=earlier), str(path)
+        result = verify_database(path, advance, known, head=earlier)
+    return replace(result, findings=(*result.findings, *check_policy_files(folder, known))), str(path)
 
 
 def _earlier_head(given: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,18 +43,23 @@ class Derivation:
 
 def read_bundle(folder: Path) -> Derivation:
     """Return the bundle's data and its policies' episodes."""
+    from app.moves.regret import POLICY
     from app.release.derived import read_policy_episodes
     from app.release.header import BUNDLE_DATABASE
     from app.release.manifest import read_manifest
     from app.storage.connection import reading
     from app.study.data import load
     from app.study.looks import LOOKS_FILE, with_looks_in
+    from app.study.policy_files import FOLDER, PolicyFiles
 
     manifest, _ = read_manifest(folder)
     with reading(folder / BUNDLE_DATABASE) as conn:
         episodes = read_policy_episodes(conn)
-    data = load(folder / BUNDLE_DATABASE, str(manifest["study"]))
-    return Derivation(folder, with_looks_in(folder / LOOKS_FILE, data), episodes, manifest.get("regret_policy_hash"))
+    data = with_looks_in(folder / LOOKS_FILE, load(folder / BUNDLE_DATABASE, str(manifest["study"])))
+    played = {each.policy: each.policy_hash for each in episodes} | {POLICY: manifest.get("regret_policy_hash")}
+    recorded = {name: digest for name, digest in played.items() if digest}
+    data = replace(data, policy_files=PolicyFiles({**data.policy_files.hashes, **recorded}, folder / FOLDER))
+    return Derivation(folder, data, episodes, manifest.get("regret_policy_hash"))
 
 
 def derive(made: Derivation, synthetic: bool, known: KnownMoves | None = None) -> Report:
@@ -87,14 +92,16 @@ def known_moves(made: Derivation, cache: Path, plays_again: bool) -> KnownMoves 
     from app.release.header import BUNDLE_DATABASE
     from app.storage.connection import reading
     from app.storage.reader import Reader
-    from marsexplorer.policies import policy_hash
+    from marsexplorer.policies import PolicyNotFoundError
 
     with reading(made.folder / BUNDLE_DATABASE) as conn:
         recorded, regrets = read_agreements(conn), read_regrets(conn)
     if not recorded and not regrets:
         return None
-    if regrets and policy_hash(POLICY) != made.regret_policy_hash:
-        made.not_compared.append(f"regret and likeness of moves: {POLICY} here is another file than the release's")
+    try:
+        made.data.policy_files.source(POLICY)
+    except PolicyNotFoundError as error:
+        made.not_compared.append(f"regret and likeness of moves: {error}")
         return None
     policies = dict.fromkeys(policy for _, policy in recorded)
     names = [name for name in policies if plays_again and name != NO_PLAN and is_at_hand(made, name)]
@@ -112,14 +119,13 @@ def known_moves(made: Derivation, cache: Path, plays_again: bool) -> KnownMoves 
 
 def _compare_regrets(made: Derivation, reader: Reader, regrets: Sequence[RegretRow], cache: Path) -> None:
     """Work the regret of every ranked move out again and compare it with the recorded one."""
-    from app.moves.regret import regret_rows
-    from marsexplorer.evaluation.regret import RegretEstimator
+    from app.moves.regret import regret_rows, study_estimator
 
     if not regrets:
         return
     ranked = [each for each in made.data.trials if each.phase == "ranked"]
     with progress("regret of each move") as advance:
-        rows = regret_rows(reader, made.data, ranked, RegretEstimator(cache=cache), advance)
+        rows = regret_rows(reader, made.data, ranked, study_estimator(made.data, cache), advance)
         found = {(each.episode, each.step): each for each in rows}
     for row in regrets:
         other = found.get((row.episode, row.step))
@@ -162,8 +168,9 @@ def is_at_hand(made: Derivation, name: str) -> bool:
     if name not in made.at_hand:
         (recorded, *_) = (each.policy_hash for each in made.episodes if each.policy == name)
         try:
-            load(name, made.data.protocol.env_config.sensor_radius)
-            is_same = policy_hash(name) == recorded
+            source = made.data.policy_files.source(name)
+            load(source, made.data.protocol.env_config.sensor_radius)
+            is_same = policy_hash(source) == recorded
             why = f"its file here has another SHA-256 than {recorded}"
         except (PolicyNotFoundError, PolicyFileError) as error:
             is_same, why = False, str(error)
@@ -181,7 +188,7 @@ def play_at_hand(made: Derivation) -> tuple[PolicyEpisode, ...]:
     data, names = made.data, []
     for name in compared_policies(data.protocol):
         try:
-            load(name, data.protocol.env_config.sensor_radius)
+            load(data.policy_files.source(name), data.protocol.env_config.sensor_radius)
             names.append(name)
         except (PolicyNotFoundError, PolicyFileError) as error:
             click.echo(f"- {name} is left out: {error}")

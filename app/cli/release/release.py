@@ -61,6 +61,7 @@ def release(
     from app.study.folder import Folder
     from app.study.invitations import Invitations
     from app.study.looks import LOOKS_FILE, read_looks
+    from app.study.policy_files import FOLDER
     from app.study.protocol import StudyError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
@@ -71,8 +72,9 @@ def release(
         looks = read_looks(folder.root / study / LOOKS_FILE)
         invited = Invitations(folder).of(study) or None
         request = ReleaseRequest(
-            database or settings.database, study, out, authors, url, interim, known, without, looks, invited
-        )
+            database or settings.database, study, out, authors, url, interim, known, without, looks, invited,
+            folder.root / study / FOLDER,
+        )  # fmt: skip
         with progress("verifying and writing") as advance:
             reporter = released_report(study, without, regret_cache(request.database))
             built = build_release(request, advance, reporter)

@@ -64,12 +64,12 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
 
 def _work_out(reader: Reader, data: StudyData, database: Path) -> tuple[RegretSummary, list[dict[str, object]]]:
     """Return the summary over everybody who played, under pseudonyms, and every move as a dictionary."""
-    from app.moves.regret import regret_cache, regret_rows, summarize_regret
+    from app.moves.regret import regret_cache, regret_rows, study_estimator, summarize_regret
     from app.statistics.exclusion_sets import members, people_of
-    from marsexplorer.evaluation.regret import RegretEstimator, check_size
+    from marsexplorer.evaluation.regret import check_size
 
     check_size(data.protocol.env_config)
-    cohort, estimator = people_of(data), RegretEstimator(cache=regret_cache(database))
+    cohort, estimator = people_of(data), study_estimator(data, regret_cache(database))
     ids = members(cohort, {}) if data.closed_ms is not None else sorted(person for person, own in cohort.warm_up.items() if own)
     with progress("regret of each move") as advance:
         summary = summarize_regret(reader, data, cohort, ids, estimator, advance)

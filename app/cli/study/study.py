@@ -110,7 +110,8 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
-    one in fewer than half of all cases is refused.
+    one in fewer than half of all cases is refused. The file of each network that people are compared with is kept with the
+    study, so that its report plays the same network for ever.
 
     Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
@@ -124,6 +125,8 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
         planning.echo_plan(plan)
+    for policy, digest in found.protocol.policy_hashes.items():
+        click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
     click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":

@@ -58,7 +58,7 @@ def play_compared(data: StudyData, seeds: dict[int, int], names: Sequence[str]) 
     from app.study.policy_episodes import play_policies
 
     with progress("policies on the same terrains") as advance:
-        return interruptible(lambda: play_policies(names, data.protocol.env_config, seeds, advance))
+        return interruptible(lambda: play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files))
 
 
 def released_report(study: str, without: Sequence[str], cache: Path | None = None) -> Callable[[Path], ReleasedReport]:
@@ -74,10 +74,11 @@ def released_report(study: str, without: Sequence[str], cache: Path | None = Non
         from app.study.data import load
         from app.study.looks import LOOKS_FILE, with_looks_in
         from app.study.policy_episodes import compared_policies, ranked_seeds
+        from app.study.policy_files import FOLDER
 
         reader = Reader.open(database)
         try:
-            data = with_looks_in(database.parent / LOOKS_FILE, load(reader, study))
+            data = with_looks_in(database.parent / LOOKS_FILE, load(reader, study)).with_policies_in(database.parent / FOLDER)
             if not any(has_played(data, synthetic) for synthetic in (False, True)):
                 return ReleasedReport(_report_files(build_report(data, (), False, {}), False))
             names = [name for name in compared_policies(data.protocol) if name not in without]
@@ -95,9 +96,8 @@ def _played_report(
     """Return the reports of people and scripts with everything that they are made from."""
     from app.moves.analysis import KnownMoves, analyse_known
     from app.moves.likeness import episode_agreements
-    from app.moves.regret import POLICY, has_regret, regret_rows
+    from app.moves.regret import POLICY, has_regret, regret_rows, study_estimator
     from app.release.build import ReleasedReport
-    from marsexplorer.evaluation.regret import RegretEstimator
     from marsexplorer.policies import policy_hash
 
     with progress("comparing moves with the policies'") as advance:
@@ -113,8 +113,8 @@ def _played_report(
             return ReleasedReport(files, episodes, (), agreements)
         ranked = [each for each in data.trials if each.phase == "ranked"]
         with progress("regret of each move") as advance:
-            regrets = tuple(regret_rows(reader, data, ranked, RegretEstimator(cache=known.cache), advance))
-    return ReleasedReport(files, episodes, regrets, agreements, policy_hash(POLICY) or "")
+            regrets = tuple(regret_rows(reader, data, ranked, study_estimator(data, known.cache), advance))
+    return ReleasedReport(files, episodes, regrets, agreements, policy_hash(data.policy_files.source(POLICY)) or "")
 
 
 def _report_files(found: Report, synthetic: bool) -> dict[str, bytes]:

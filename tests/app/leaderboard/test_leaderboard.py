@@ -29,10 +29,11 @@ def test_policies_terrains_are_those_that_training_refuses():
 def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
-        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, ClosedStudies())]
+        studies = ClosedStudies(tmp_path / "studies")
+        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, studies)]
         assert players == [0] * len(entries.OFFERED)
         play(store, seed=1, explore=True)
-        first, *rest = entries.list_entries(store, ClosedStudies())
+        first, *rest = entries.list_entries(store, studies)
     finally:
         store.close()
     assert first.config == SMALL

@@ -25,7 +25,8 @@ def sizes():
 
 def jobs_of(entry):
     """The policies that play a board: a network made for one size plays no other."""
-    return entry.jobs({name: name for name, size in sizes().items() if size in (None, (entry.config.rows, entry.config.cols))})
+    size = (entry.config.rows, entry.config.cols)
+    return list(entry.jobs({name: name for name, only in sizes().items() if only in (None, size)}).values())
 
 
 @pytest.mark.parametrize("board", offered_boards())

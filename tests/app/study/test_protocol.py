@@ -16,6 +16,7 @@ from app.study.protocol import Protocol, canonical, default_protocol, parse_prot
 from app.study.seeds import balanced_order, commitment, order, seed
 from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.policies import find_file
 
 SMALL = EnvConfig.of("random", (7, 9))
 
@@ -70,6 +71,7 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         ({"outside_ids": ["A", "A"]}, "must differ"),
         ({"rankde": 3}, "rankde"),
         ({"exclusion": {"mine": {"weather": True}}}, "weather"),
+        ({"policy_hashes": {"ppo": "de42"}}, "policy_hashes"),
     ],
 )
 def test_a_wrong_field_is_named(wrong, said):
@@ -101,7 +103,8 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     with pytest.raises(StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"):
         folder.study("small")
     study = folder.freeze("small")
-    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, fill(small()))
+    hashes = {"ppo": hashlib.sha256(find_file("ppo").read_bytes()).hexdigest()}  # the other policies are rules
+    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, fill(small(policy_hashes=hashes)))
     frozen_json = json.loads((path.parent / "frozen.json").read_text())
     assert set(frozen_json) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
     assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
@@ -174,7 +177,8 @@ def test_a_frozen_study_that_was_touched_is_refused(frozen, harm, said):
 def test_spaces_and_the_order_of_keys_are_no_thaw(frozen):
     path = frozen.path("small") / "protocol.json"
     path.write_text(json.dumps(dict(reversed(json.loads(path.read_text()).items()))))
-    assert frozen.study("small").protocol == fill(small())
+    study = frozen.study("small")
+    assert study.protocol == fill(small(policy_hashes=study.protocol.policy_hashes))
 
 
 def test_mistakes_are_said_in_one_sentence(frozen):

@@ -14,24 +14,27 @@ from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
+from marsexplorer.policies.files import card
 from tests.support import earlier
+from tests.support.policy_files import flat_weights, sb3_description, write_sb3
 from tests.support.stored_studies import freeze, play_study
 
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory):
-    """The release of a study that compares a policy from a file, which is gone; the database and the studies are gone too."""
+    """The release of a study that compares a policy from a file, which is another now; database and studies are gone."""
     folder = tmp_path_factory.mktemp("reproduce")
     policy = folder / "mine.safetensors"
     shutil.copy(find_file("ppo"), policy)
     study = freeze(folder / "studies", policies=("random", "frontier-cost", str(policy)))
     play_study(folder / "play.db", study)
-    built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out"), reporter=released_report("dunes", ()))
-    kept = folder / "kept.safetensors"
-    policy.rename(kept)
+    kept = folder / "studies" / "dunes" / "policies"
+    shutil.copy(find_file("ppo-paper"), policy)
+    request = ReleaseRequest(folder / "play.db", "dunes", folder / "out", policy_folder=kept)
+    built = build_release(request, reporter=released_report("dunes", ()))
     (folder / "play.db").unlink()
     shutil.rmtree(folder / "studies")
-    return folder / "out", built.signer, policy, kept
+    return folder / "out", built.signer, policy
 
 
 @pytest.fixture
@@ -57,7 +60,7 @@ def counts(out):
 
 
 def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
-    out, signer, policy, _ = bundle
+    out, signer, policy = bundle
     code, said, _ = reproduce(out)
     assert (code, said.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
     found = counts(said)
@@ -65,11 +68,12 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     for section in ("figures", "metrics", "comparisons", "players", "pictures", "policies", "page", "scripts: figures"):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
-    assert found["policies' episodes, played again"] == (2 * 3, 0)
-    assert found["agreement of moves"] == (3 * 3, 0)  # of frontier-cost, which is at hand and no drawn policy
+    assert found["policies' episodes, played again"] == (3 * 3, 0)
+    assert found["agreement of moves"] == (2 * 3 * 3, 0)  # of the two that are no drawn policy
     assert found["regret of each move"][0] > 100
     assert found["moves"][0] > 30
-    assert f"{policy} was not played again, its recorded moves were replayed" in said
+    assert [path.name for path in (out / "policies").iterdir()] == [f"{policies.policy_hash('ppo')}.safetensors"]
+    assert f"{policy} was not played again" not in said
     assert f"signer not checked: nothing here says whose key {signer} is" in said
     # the sections of the people's report hold as many numbers and texts as report.json does
     again = ("policies' episodes, replayed", "policies' episodes, played again", "agreement of moves", "regret of each move")
@@ -88,18 +92,20 @@ def leaves(value):
 
 
 @pytest.mark.long
-def test_a_policy_that_is_back_is_played_again_and_another_file_is_not(bundle, reproduce):
-    out, _, policy, kept = bundle
-    try:
-        shutil.copy(kept, policy)
-        assert counts(reproduce(out)[1])["policies' episodes, played again"] == (3 * 3, 0)
-        shutil.copy(find_file("ppo-paper"), policy)
-        code, said, _ = reproduce(out)
-        assert (code, counts(said)["policies' episodes, played again"]) == (0, (2 * 3, 0))
-        assert counts(said)["agreement of moves"] == (3 * 3, 0)
-        assert "its file here has another SHA-256" in said
-    finally:
-        policy.unlink()
+def test_a_policy_whose_file_is_not_in_the_bundle_is_played_again_only_from_the_same_file(
+    bundle, tmp_path, reproduce, monkeypatch
+):
+    out = tmp_path / "without"
+    shutil.copytree(bundle[0], out)
+    shutil.rmtree(out / "policies")
+    code, said, _ = reproduce(out)
+    assert (code, counts(said)["policies' episodes, played again"]) == (1, (3 * 3, 0)), "the shipped ppo is that file"
+    assert "file policies/" in said
+    monkeypatch.setattr(card, "shipped_folder", lambda: tmp_path)
+    said = reproduce(out)[1]
+    assert counts(said)["policies' episodes, played again"] == (2 * 3, 0)
+    assert f"{bundle[2]} was not played again, its recorded moves were replayed: the study compares with" in said
+    assert "not compared: regret and likeness of moves: the study compares with the policy 'ppo'" in said
 
 
 @pytest.fixture
@@ -169,11 +175,11 @@ def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derive
 
 
 def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(tmp_path, capsys, reproduce):
-    policy = tmp_path / "gone.safetensors"
-    shutil.copy(find_file("ppo"), policy)
+    policy = write_sb3(tmp_path / "gone.zip", flat_weights((7, 9)), sb3_description((7, 9)))
     study = freeze(tmp_path / "studies", policies=("random", str(policy)))
     play_study(tmp_path / "play.db", study, kinds=("human",))
     policy.unlink()
+    study.policy_files.place(str(policy)).unlink()
     where = [
         "--study",
         "dunes",

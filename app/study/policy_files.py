@@ -1,0 +1,121 @@
+"""The files of the policies that a study compares with: recorded by SHA-256 when it is frozen, and kept.
+
+    NAME/policies/SHA256.safetensors   in the folder of studies; a release has such a folder too
+
+A name may stand for another file in a later version, and a path for another one or for none. So whatever plays a policy of a
+frozen study asks here for the file of the recorded hash, and no other file takes its place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from app.study.files import write_bytes
+from app.study.protocol import Protocol, StudyError
+
+FOLDER = "policies"
+"""The folder of the kept files, in a study's folder and in a release."""
+
+REGRET_POLICY = "ppo"
+"""The policy that regrets are relative to (`app.moves.regret`), whether the protocol compares with it or not."""
+
+LAST_UNRECORDED = {
+    "ppo": "de4256a36fa8c0d06cc9e6b259cf627011c3ce8e26e057b22f070f0f17334804",
+    "ppo-paper": "c47b15064751d07d4d15cab4cc1b9e73f21429c94440e5826c88465ad69b077f",
+}
+"""What these names stood for in the last version whose protocols recorded no hash: a study frozen before means these files."""
+
+
+@dataclass(frozen=True)
+class PolicyFiles:
+    """The files of a study's policies.
+
+    hashes  SHA-256 (hex) by policy, as the protocol names it; a rule has none, and where none was recorded, today's file plays
+    folder  where the files are kept; None where that is not at hand
+    """
+
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    folder: Path | None = None
+
+    @classmethod
+    def of(cls, protocol: Protocol, folder: Path | None = None) -> PolicyFiles:
+        """Return the files that a frozen protocol means."""
+        return cls(protocol.policy_hashes or LAST_UNRECORDED, folder)
+
+    def at(self, folder: Path) -> PolicyFiles:
+        """Return the same with the files kept in this folder."""
+        return replace(self, folder=folder)
+
+    def source(self, policy: str) -> str:
+        """Return what `policies.load` takes for a policy: its name where that still stands for its file, else a path.
+
+        PolicyNotFoundError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
+        """
+        from marsexplorer.policies import PolicyNotFoundError, find_shipped
+
+        expected = self.hashes.get(policy)
+        if expected is None or _hash_of(policy) == expected:
+            return policy
+        for path in (*self._kept(expected), find_shipped(expected)):
+            if path is not None and _hash_of(str(path)) == expected:
+                return str(path)
+        raise PolicyNotFoundError(
+            f"the study compares with the policy {policy!r} of SHA-256 {expected}, and that file is not here; no other one is "
+            f"played in its place. Copy it from the study's folder or from a release to {self.place(policy)}"
+        )
+
+    def place(self, policy: str) -> Path:
+        """Return where the file of a policy with a recorded hash is kept, or would be."""
+        kept = next(self._kept(self.hashes[policy]), None)
+        return kept or (self.folder or Path(FOLDER)) / f"{self.hashes[policy]}{Path(policy).suffix or '.safetensors'}"
+
+    def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
+        """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
+        from marsexplorer.policies import find_file
+
+        for policy in (policy for policy in dict.fromkeys(policies) if policy in self.hashes):
+            _keep(find_file(self.source(policy)), folder)
+
+    def damaged(self) -> Iterator[tuple[Path, str | None, str]]:
+        """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
+        for policy, expected in self.hashes.items():
+            path = self.place(policy)
+            if (found := _hash_of(str(path))) != expected:
+                yield path, found, expected
+
+    def _kept(self, digest: str) -> Iterator[Path]:
+        return iter(()) if self.folder is None else self.folder.glob(f"{digest}.*")
+
+
+def record_files(policies: Iterable[str], folder: Path) -> dict[str, str]:
+    """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
+
+    PolicyNotFoundError for a policy that is not there; StudyError when a file cannot be read or written.
+    """
+    from marsexplorer.policies import find_file, is_rule
+
+    return {policy: _keep(find_file(policy), folder) for policy in sorted(set(policies)) if not is_rule(policy)}
+
+
+def _keep(path: Path, folder: Path) -> str:
+    """Copy a file into a folder under its SHA-256, and return that: the hash is of the very bytes that are kept."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"cannot read the policy's file {path}: {(error.strerror or str(error)).lower()}") from error
+    digest = hashlib.sha256(content).hexdigest()
+    write_bytes(folder / f"{digest}{path.suffix}", content)
+    return digest
+
+
+def _hash_of(policy: str) -> str | None:
+    """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
+    from marsexplorer.policies import PolicyNotFoundError, policy_hash
+
+    try:
+        return policy_hash(policy)
+    except (PolicyNotFoundError, OSError):
+        return None

@@ -1,0 +1,132 @@
+"""A frozen study is measured with the policy files of its time, whatever their names stand for later."""
+
+import hashlib
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from app.leaderboard.entries import LeaderboardEntry
+from app.study.debrief import _play
+from app.study.folder import Folder
+from app.study.policy_episodes import play_policies
+from app.study.policy_files import LAST_UNRECORDED, PolicyFiles
+from app.study.protocol import StudyError, default_protocol, parse_protocol
+from app.study.verification import check_policy_files
+from marsexplorer.config import EnvConfig
+from marsexplorer.policies import PolicyNotFoundError, find_file
+from marsexplorer.policies.files import card
+from tests.support.policy_files import flat_weights, write_sb3
+
+CONFIG = EnvConfig("random", 6, 7, sensor_radius=3)
+SEEDS = {0: 4, 1: 5}
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A policy's file, a network of Stable-Baselines3."""
+    return write_sb3(tmp_path / "mine.zip", flat_weights(seed=1))
+
+
+@pytest.fixture
+def study(tmp_path, mine):
+    """An open study that compares with that file."""
+    folder = Folder(tmp_path / "studies")
+    known = {"warm_up": 1, "ranked": 2, "players": 2, "policies": (str(mine), "frontier-cost"), "debrief_policy": str(mine)}
+    folder.create(default_protocol("dunes", CONFIG, **known))
+    return folder.freeze("dunes")
+
+
+def moves(study, mine, files=None):
+    return [(each.policy_hash, each.actions) for each in play_policies([str(mine)], CONFIG, SEEDS, files=files)]
+
+
+def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
+    ppo = find_file("ppo")  # the policy that regrets are relative to
+    assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
+    kept = tmp_path / "studies" / "dunes" / "policies"
+    assert {path.name: path.read_bytes() for path in kept.iterdir()} == {
+        f"{sha256(mine)}.zip": mine.read_bytes(), f"{sha256(ppo)}.safetensors": ppo.read_bytes()
+    }  # fmt: skip
+
+
+def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_none(study, mine):
+    before = moves(study, mine, study.policy_files)
+    assert before == moves(study, mine)
+    write_sb3(mine, flat_weights(seed=2))
+    assert moves(study, mine) != before, "the new file must play another way for this test"
+    assert moves(study, mine, study.policy_files) == before
+    mine.unlink()
+    assert moves(study, mine, study.policy_files) == before
+    assert [len(run.record.actions) for run in _play(study, "warm_up")], "the debrief goes on, too"
+    job = LeaderboardEntry("d", "d", CONFIG, None, (4, 5), "dunes", (str(mine),), study.policy_files).jobs({})[str(mine)]
+    assert job.policy == str(study.policy_files.place(str(mine)))
+
+
+def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
+    write_sb3(mine, flat_weights(seed=2))
+    kept = study.policy_files.place(str(mine))
+    kept.unlink()
+    with pytest.raises(PolicyNotFoundError, match=f"and that file is not here.* to {kept}"):
+        moves(study, mine, study.policy_files)
+    assert _play(study, "warm_up") == []
+    kept.write_bytes(mine.read_bytes())
+    with pytest.raises(PolicyNotFoundError, match="no other one is played in its place"):
+        moves(study, mine, study.policy_files)
+
+
+def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path):
+    folder = Folder(tmp_path / "studies")
+    assert list(check_policy_files(folder, ["dunes"])) == []
+    kept = study.policy_files.place(str(mine))
+    kept.write_bytes(b"another one")
+    (finding,) = check_policy_files(folder, ["dunes"])
+    assert (finding.where, finding.found) == (f"file {kept}", hashlib.sha256(b"another one").hexdigest())
+    kept.unlink()
+    (finding,) = check_policy_files(folder, ["dunes"])
+    assert finding.found == "no such file"
+
+
+def test_a_hash_in_the_draft_must_be_that_of_the_file(tmp_path, mine):
+    folder = Folder(tmp_path / "studies")
+    known = {"policies": (str(mine),), "debrief_policy": "random"}
+    path = folder.create(default_protocol("right", CONFIG, policy_hashes={str(mine): sha256(mine)}, **known))
+    assert folder.freeze("right").protocol.policy_hashes[str(mine)] == sha256(mine)
+    folder.create(default_protocol("wrong", CONFIG, policy_hashes={str(mine): "0" * 64}, **known))
+    with pytest.raises(StudyError, match=f"the SHA-256 {'0' * 64}, its file has {sha256(mine)}"):
+        folder.freeze("wrong")
+    assert json.loads(path.read_text())["policy_hashes"]
+
+
+@pytest.fixture
+def later_version(tmp_path, monkeypatch):
+    """The shipped policies of a later version: `ppo` is another network, and the one of today has another name."""
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    shutil.copy(find_file("ppo"), shipped / "ppo-first.safetensors")
+    shutil.copy(find_file("ppo-paper"), shipped / "ppo.safetensors")
+    monkeypatch.setattr(card, "shipped_folder", lambda: shipped)
+    return shipped
+
+
+def test_a_study_that_recorded_no_hash_means_the_files_of_its_time_by_whatever_name(study, later_version, tmp_path):
+    earlier = parse_protocol({**study.protocol.model_dump(mode="json"), "policy_hashes": {}})
+    files = PolicyFiles.of(earlier, tmp_path / "studies" / "none" / "policies")
+    assert files.source("ppo") == str(later_version / "ppo-first.safetensors")
+    assert files.source("frontier-cost") == "frontier-cost"
+    (later_version / "ppo-first.safetensors").unlink()
+    with pytest.raises(PolicyNotFoundError, match=f"'ppo' of SHA-256 {LAST_UNRECORDED['ppo']}"):
+        files.source("ppo")
+    with pytest.raises(PolicyNotFoundError, match="is not here"):
+        replace(files, hashes=study.protocol.policy_hashes).source("ppo")
+    assert study.policy_files.source("ppo") == str(study.policy_files.place("ppo")), "it keeps its own"
+
+
+def test_the_files_that_earlier_studies_mean_are_still_shipped():
+    shipped = {sha256(path) for path in card.shipped().values()}
+    assert set(LAST_UNRECORDED.values()) <= shipped
