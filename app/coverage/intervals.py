@@ -182,7 +182,7 @@ def _mixed_models(studies: int, seed: int, players: Sequence[int], progress: Pro
 def coverage_error(coverage: float, studies: int) -> float:
     """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
     share = coverage / 100
-    return float(100 * scipy.stats.norm.ppf(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
+    return float(100 * scipy.special.ndtri(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
 
 
 def _further(what: str, studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:

@@ -109,7 +109,7 @@ def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]
         return ends, None
     if error == 0:
         return ends, 0.0 if abs(mean) < margin else 1.0
-    p = scipy.stats.t.sf([(mean + margin) / error, (margin - mean) / error], freedom)
+    p = scipy.special.stdtr(freedom, [-(mean + margin) / error, (mean - margin) / error])
     return ends, float(p.max())
 
 

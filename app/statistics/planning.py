@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from app.statistics.learning import LEVEL, assess_learning
-from app.statistics.power import MAX_PLAYERS, plan_sample_size
+from app.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
 from app.statistics.sequential import ALPHA
 from app.study.protocol import Protocol, assumed_sds
 from marsexplorer.evaluation.intervals import Floats, t_quantile
@@ -118,9 +118,9 @@ def flat_power(change_sd: float, players: int, margin: float) -> float:
     if players < 2:
         return 0.0
     freedom, error = players - 1, change_sd / math.sqrt(players)
-    sampled = np.sqrt(scipy.stats.chi2.ppf(_QUANTILES, freedom) / freedom)
+    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
     room = margin / error - t_quantile(freedom, 1 - 2 * LEVEL) * sampled
-    return float(np.maximum(0.0, 2 * scipy.stats.norm.cdf(room) - 1).mean())
+    return float(np.maximum(0.0, 2 * scipy.special.ndtr(room) - 1).mean())
 
 
 def difference_power(mean_sd: float, players: int, difference: float, policies: int) -> float:
@@ -131,8 +131,8 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(scipy.stats.chi2.ppf(_QUANTILES, freedom) / freedom)
-    return float((scipy.stats.norm.sf(limit - shift) + scipy.stats.norm.cdf(-limit - shift)).mean())
+    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
+    return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
 
 
 def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
@@ -176,7 +176,7 @@ def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
     freedom = players - 1
     unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
     mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
-    return unit * mean, unit * math.sqrt(float(scipy.stats.chi2.ppf(WANTED_POWER, freedom)) / freedom)
+    return unit * mean, unit * math.sqrt(float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom)
 
 
 def _least(power: Callable[[float], float]) -> float:

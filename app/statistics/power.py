@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.spread import variance_components
@@ -98,8 +99,14 @@ def _widths(spread: float, assurance: float) -> list[Width]:
     unit = _t_quantiles() * spread / np.sqrt(players)
     log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
     mean_sd = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
-    assured = unit * np.sqrt(scipy.stats.chi2.ppf(assurance, freedom) / freedom)
+    assured = unit * np.sqrt(chi_squared_quantile(assurance, freedom) / freedom)
     return [Width(*row) for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)]
+
+
+def chi_squared_quantile(probability: float | Floats, freedom: int | NDArray[np.int64]) -> Floats:
+    """Return what a chi-squared variable with `freedom` degrees of freedom stays below with this probability (0..1)."""
+    quantile: Floats = 2 * scipy.special.gammaincinv(freedom / 2, probability)
+    return quantile
 
 
 @cache

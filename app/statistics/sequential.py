@@ -70,7 +70,7 @@ def spent_alpha(spending: Spending, fraction: float, alpha: float = ALPHA) -> fl
         return 0.0
     if spending == "pocock":
         return 2 * side * float(np.log(1 + (np.e - 1) * fraction))
-    return 4 * float(scipy.stats.norm.sf(scipy.stats.norm.isf(side / 2) / np.sqrt(fraction)))
+    return 4 * float(scipy.special.ndtr(scipy.special.ndtri(side / 2) / np.sqrt(fraction)))
 
 
 def boundaries(spending: Spending, fractions: Sequence[float], alpha: float = ALPHA) -> tuple[Boundary, ...]:
@@ -88,7 +88,7 @@ def _boundaries(spending: Spending, fractions: tuple[float, ...], alpha: float) 
     for fraction in fractions:
         target = spent_alpha(spending, fraction, alpha)
         z = _boundary(reached, before, fraction, target - spent)
-        tail = 2 * float(scipy.stats.norm.sf(z))
+        tail = 2 * float(scipy.special.ndtr(-z))
         found.append(Boundary(fraction, target, z, 1 - tail))
         reached = _survived(reached, before, fraction, z)
         before, spent = fraction, target
@@ -100,7 +100,7 @@ def _boundary(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
     if alpha < 1e-15:
         return float("inf")
     if reached is None:
-        return float(scipy.stats.norm.isf(alpha / 2))
+        return -float(scipy.special.ndtri(alpha / 2))
 
     def excess(z: float) -> float:
         return _crossing(reached, before, fraction, z) - alpha
@@ -112,8 +112,14 @@ def _crossing(reached: tuple[Floats, Floats], before: float, fraction: float, z:
     """Return the probability of getting this far and then crossing +-z at `fraction`."""
     grid, density = reached
     scale, edge = np.sqrt(fraction - before), z * np.sqrt(fraction)
-    beyond = scipy.stats.norm.sf((edge - grid) / scale) + scipy.stats.norm.cdf((-edge - grid) / scale)
+    beyond = scipy.special.ndtr((grid - edge) / scale) + scipy.special.ndtr((-edge - grid) / scale)
     return float((density * beyond).sum() * (grid[1] - grid[0]))
+
+
+def _normal_density(x: Floats, scale: float) -> Floats:
+    """Return the density at x of the normal distribution with mean 0 and the standard deviation `scale`."""
+    density: Floats = np.exp(-((x / scale) ** 2) / 2) / np.sqrt(2 * np.pi) / scale
+    return density
 
 
 def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: float, z: float) -> tuple[Floats, Floats]:
@@ -123,10 +129,9 @@ def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
     count = int(np.ceil(2 * edge / scale * POINTS_PER_SD))
     grid = -edge + 2 * edge * (np.arange(count) + 0.5) / count
     if reached is None:
-        density: Floats = scipy.stats.norm.pdf(grid, scale=scale)
-        return grid, density
+        return grid, _normal_density(grid, scale)
     old, held = reached
     density = np.concatenate(
-        [scipy.stats.norm.pdf(part[:, None] - old, scale=scale) @ held for part in np.array_split(grid, 1 + count // 500)]
+        [_normal_density(part[:, None] - old, scale) @ held for part in np.array_split(grid, 1 + count // 500)]
     )
     return grid, density * (old[1] - old[0])

@@ -98,7 +98,7 @@ def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) 
     doubt = parts[0] ** 2 / (n0 - 1) + parts[1] ** 2 / ((p0 - 1) * (n0 - 1))
     freedom = max(sum(parts) ** 2 / doubt, 1.0) if doubt > 0 else 1.0
     below = n0 * of_terrains + (n0 * p0 - n0 - p0) * rest
-    near, far = scipy.stats.f.ppf(1 - TAIL, [p0 - 1, freedom], [freedom, p0 - 1])
+    near, far = scipy.special.fdtri([p0 - 1, freedom], [freedom, p0 - 1], 1 - TAIL)
     low = p0 * (of_players - near * rest) / (near * below + p0 * of_players)
     high = p0 * (far * of_players - rest) / (below + p0 * far * of_players)
     return float(low), float(high)

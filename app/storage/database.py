@@ -9,15 +9,29 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from sqlite_utils import Database
-
 from app.storage.migrations import MIGRATIONS, Migration
+
+
+@contextmanager
+def _hidden(name: str) -> Iterator[None]:
+    """Let an import of this module fail within the block, unless it is imported already."""
+    is_hidden = sys.modules.setdefault(name, None) is None  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        if is_hidden:
+            del sys.modules[name]
+
+
+with _hidden("pandas"):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
+    from sqlite_utils import Database
 
 APPLICATION_ID = 0x4D415253
 """`MARS` in ASCII, at byte 68 of the file."""

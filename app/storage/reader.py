@@ -12,14 +12,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
-
-from sqlite_utils import Database
+from typing import TYPE_CHECKING, Any, Literal
 
 from app.storage.database import StoreError, hold, open_read_only
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.score import steps_to_target
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 Who = Literal["all", "human"]
 

@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 
 def t_quantile(degrees_of_freedom: float, confidence: float = CONFIDENCE) -> float:
     """Return the two-sided quantile of Student's t: |T| stays below it with probability `confidence` (0..1)."""
-    return float(scipy.stats.t.ppf((1 + confidence) / 2, degrees_of_freedom))
+    return float(scipy.special.stdtrit(degrees_of_freedom, (1 + confidence) / 2))
 
 
 def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:

@@ -73,8 +73,10 @@ def test_settings_come_from_the_environment(monkeypatch, tmp_path):
 
 
 def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
-    code = "import app.server, pathlib; assert not list(pathlib.Path('.').iterdir())"
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+    code = "import app.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
+    slow_to_import = {"torch", "scipy.stats", "pandas", "matplotlib"}
+    assert slow_to_import.isdisjoint(done.stdout.split())
 
 
 def test_kept_alive_requests_are_answered_without_waiting_for_an_acknowledgement(server):
