@@ -26,6 +26,7 @@ import torch
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
+from marsexplorer.evaluation.run import Progress
 from marsexplorer.files import replace_whole, write_whole
 from marsexplorer.paper.algorithms import begin
 from marsexplorer.paper.job import OnProgress
@@ -48,15 +49,16 @@ HELD_OUT_TERRAINS = 200
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
 MOVES_PER_CPU_SECOND = {
     "a2c": 5400.0,
-    "a2c-works": 7000.0,
+    "a2c-works": 3000.0,
+    "a2c-tuned": 7000.0,
     "ppo": 2200.0,
     "ppo-appendix": 270.0,
-    "ppo-works": 11000.0,
-    "ppo-works-no-batch": 2200.0,
+    "ppo-tuned": 11000.0,
+    "ppo-tuned-no-batch": 2200.0,
     "rainbow": 230.0,
-    "rainbow-works": 830.0,
+    "rainbow-tuned": 830.0,
     "sac": 117.0,
-    "sac-works": 465.0,
+    "sac-tuned": 465.0,
 }
 """What forecasts begin from: of an algorithm and variant, else of `works` for works-no-CHANGE, else of the algorithm."""
 START_CPU_S = 6.0
@@ -97,7 +99,12 @@ class Trial:
     @property
     def forecast(self) -> float:
         """CPU seconds, about."""
-        return self.moves / moves_per_cpu_second(self.algorithm, self.variant) + START_CPU_S + CPU_S_PER_TERRAIN * self.terrains
+        return self.moves / moves_per_cpu_second(self.algorithm, self.variant) + START_CPU_S + self._measuring_s
+
+    @property
+    def _measuring_s(self) -> float:
+        """CPU seconds of the measurement, about."""
+        return CPU_S_PER_TERRAIN * self.terrains
 
     def is_done(self, folder: Path) -> bool:
         """Return whether its log ends with a result."""
@@ -105,7 +112,10 @@ class Trial:
         return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Train, from the checkpoint if there is one, and measure; ValueError when the folder holds another trial."""
+        """Train, from the checkpoint if there is one, and measure; ValueError when the folder holds another trial.
+
+        on_progress   called with the share of both that is done, 0..1; what it raises stops either
+        """
         if self.is_done(folder):
             (folder / self.name / "checkpoint.pt").unlink(missing_ok=True)  # a kill can leave it
             return
@@ -113,14 +123,15 @@ class Trial:
         trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
         run = _Run(self, trainer, folder / self.name)
         run.resume()
+        training = 1.0 - self._measuring_s / self.forecast
         try:
             while trainer.moves < self.moves:
                 run.advance()
-                on_progress(min(1.0, trainer.moves / self.moves))
+                on_progress(training * min(1.0, trainer.moves / self.moves))
         except KeyboardInterrupt:
             run.stop()
             raise
-        run.finish()
+        run.finish(lambda played, episodes: on_progress(training + (1.0 - training) * played / episodes))
 
 
 def moves_per_cpu_second(algorithm: str, variant: str) -> float:
@@ -219,11 +230,14 @@ class _Run:
         now = time.monotonic()
         self._save_due = now + max(CHECKPOINT_INTERVAL_S, (now - begun) / SAVING_SHARE)
 
-    def finish(self) -> None:
-        """Measure the policy on held-out terrains, write the result and drop the checkpoint."""
+    def finish(self, on_episode: Progress) -> None:
+        """Measure the policy on held-out terrains, write the result and drop the checkpoint.
+
+        on_episode   called with the episodes played and in all
+        """
         self.save()
         cpu_s = round(self.cpu_seconds, 2)
-        result = measure(self.policy, self._trial)
+        result = measure(self.policy, self._trial, on_episode)
         self._save_policy({f"{self._trial.level} {self._trial.size}x{self._trial.size}": result})
         last = {"kind": "result", "moves": self._trainer.moves, "cpu_s": cpu_s, **result}
         self._write_log([*self._lines, last])
@@ -261,9 +275,9 @@ def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
     return {"episodes": float(recent.count), **means, **shares}
 
 
-def measure(policy: Path, trial: Trial) -> dict[str, Any]:
+def measure(policy: Path, trial: Trial, on_episode: Progress) -> dict[str, Any]:
     """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
-    table = evaluate([str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, workers=1)
+    table = evaluate([str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, on_episode, workers=1)
     own, *rules = table.rows
     outcomes = [result.outcome for result in table.results if result.policy == own.policy]
     return {

@@ -47,7 +47,7 @@ class Where:
 @click.option(
     "--variants",
     multiple=True,
-    help="paper, works, or works-no-CHANGE; repeatable, or with commas.  [default: paper,works; figure 5: paper]",
+    help="paper, works, tuned, works-no-CHANGE ...; repeatable, or with commas.  [default: paper,works; figure 5: paper]",
 )
 @click.option("--policy", "policies", multiple=True, help="For figures 6 and 7 besides theirs: a name or file; repeatable.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True, help="Trainings of each kind.")

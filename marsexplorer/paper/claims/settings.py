@@ -40,8 +40,9 @@ class Setting:
     repository  what the authors' script or RLlib's default has, None where neither has it
     key         where a trial's `settings` have it, with dots into objects
     ours        its value in the variant "paper"
-    works       its value in the variant "works"
+    tuned       its value in the variant "tuned"
     reason      why ours differs, or where a value comes from that the paper leaves open
+    in_works    whether the variant "works" has the value of "tuned", else that of "paper"
     """
 
     algorithm: str
@@ -50,19 +51,25 @@ class Setting:
     repository: str | None
     key: str
     ours: Any = NOT_RUN
-    works: Any = NOT_RUN
+    tuned: Any = NOT_RUN
     reason: str = ""
+    in_works: bool = False
+
+    @property
+    def works(self) -> Any:
+        """Its value in the variant "works"."""
+        return self.tuned if self.in_works else self.ours
 
 
 DEFAULT = "RLlib's default, since the paper says nothing"
-RECIPE = "works: what our recipe `best` has"
-LONG_EPISODES = "works: at 0.95 a cell that is seen 50 moves later counts for a thirteenth"
+RECIPE = "tuned: what our recipe `best` has"
+LONG_EPISODES = "tuned: at 0.95 a cell that is seen 50 moves later counts for a thirteenth"
 LIGHT = "the variant `appendix` has 30 passes of 128 moves; 6 of 500 take an eighth of the time"
-NO_END = "works: the ends of +-441 swamp the values of new cells"
+NO_END = "tuned: the ends of +-441 swamp the values of new cells"
 A3C_STEPS = "paper: A3C's default of RLlib"
 HESSEL = "as Hessel et al. 2018 have it; with RLlib's default it would be no Rainbow"
 SUPPORT = "it must hold the +-441 of the paper's reward, or the returns of the changed one"
-BATCH = "works: larger batches, fewer gradient steps"
+BATCH = "tuned: larger batches, fewer gradient steps"
 ENVIRONMENTS = "stepped together"
 SAC_WORKERS = "paper: as with the 8 workers of `runnerSAC.py`"
 FEATURES = "works: a head over features has a layer of 64 units of its own"
@@ -80,8 +87,8 @@ def _changes(algorithm: str) -> tuple[Setting, ...]:
             algorithm, "worth of a new cell in moves; 0: eq. 8", "eq. 8", "see the claims", "reward_per_cell", 0.0, 0.18, NO_END
         ),
         Setting(algorithm, "n and -n at the end", "used", "400 and -400", "has_bonus", True, False, NO_END),
-        Setting(algorithm, "mask of invalid moves", None, "none", "mask", False, True, MASK),
-        Setting(algorithm, "network", TWO_LAYERS, f"`{NETWORK}`", "network", "authors", "features", AUTHORS),
+        Setting(algorithm, "mask of invalid moves", None, "none", "mask", False, True, MASK, in_works=True),
+        Setting(algorithm, "network", TWO_LAYERS, f"`{NETWORK}`", "network", "authors", "features", AUTHORS, in_works=True),
     )
 
 
@@ -143,8 +150,20 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("sac", "discount", "0.95", "0.9", "gamma", 0.95, 0.99, LONG_EPISODES),
     Setting("sac", "learning rate", "3e-4", "3e-4, default", "learning_rate", 3e-4, 3e-4),
     Setting("sac", "twin Q", "used", "used, default", "twin_q", True, True),
-    Setting("sac", "hidden layers of Q", "[256, 256]", "the same, default", "q_hidden", [256, 256], [], FEATURES),
-    Setting("sac", "hidden layers of the policy", "[256, 256]", "the same, default", "policy_hidden", [256, 256], [], FEATURES),
+    Setting(
+        "sac", "hidden layers of Q", "[256, 256]", "the same, default", "q_hidden", [256, 256], [], FEATURES, in_works=True
+    ),
+    Setting(
+        "sac",
+        "hidden layers of the policy",
+        "[256, 256]",
+        "the same, default",
+        "policy_hidden",
+        [256, 256],
+        [],
+        FEATURES,
+        in_works=True,
+    ),
     Setting(
         "sac",
         "size of the buffer, moves",
@@ -166,6 +185,8 @@ SETTINGS: tuple[Setting, ...] = (
     *_changes("sac"),
 )
 """The table, in the order of the page."""
+COLUMNS = {"paper": "ours", "works": "works", "tuned": "tuned"}
+"""Variant -> what has its value in a row."""
 
 
 def of(algorithm: str) -> Iterator[Setting]:
@@ -188,11 +209,11 @@ def differences(algorithm: str, variant: str, settings: dict[str, Any]) -> list[
 
     settings  as the first line of a trial's log has them
     """
-    if variant not in ("paper", "works"):
+    if variant not in COLUMNS:
         return []
     found, settings = [], json.loads(json.dumps(settings))  # as the log has them: tuples are lists
     for row in of(algorithm):
-        wanted = row.ours if variant == "paper" else row.works
+        wanted = getattr(row, COLUMNS[variant])
         if wanted is NOT_RUN:
             continue
         try:
@@ -218,8 +239,14 @@ def words(value: Any) -> str:
 
 def as_table(algorithm: str) -> str:
     """Return the rows of an algorithm as a table in Markdown."""
-    lines = ["| setting | paper | repository | ours: paper | ours: works | why |", "|---|---|---|---|---|---|"]
+    lines = ["| setting | paper | repository | ours: paper | ours: works | ours: tuned | why |", "|---" * 7 + "|"]
     for row in of(algorithm):
-        cells = (row.parameter, row.paper or "", row.repository or "", words(row.ours), words(row.works), row.reason)
+        cells = (
+            row.parameter,
+            row.paper or "",
+            row.repository or "",
+            *(words(getattr(row, name)) for name in COLUMNS.values()),
+            row.reason,
+        )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -11,14 +11,16 @@ from collections.abc import Callable, Sequence
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims.shipped import Results
 from marsexplorer.paper.claims.training_claims import SEEDS
-from marsexplorer.paper.figures.curves import NAMES, Record
+from marsexplorer.paper.figures.curves import NAMES, TITLES, Record
 from marsexplorer.paper.figures.trained_table import TABLE_COLUMNS, Mean, cells_of, rows_of
 from marsexplorer.paper.plan import LEVEL, SIZE
 
 AIM = 0.9
 """Share of the 21x21 terrains of level `random` that each algorithm should complete as it works, 0..1."""
 NONE_YET = "No such trainings are shipped yet."
-STARTS = ("works-no-", "paper+", "paper-no-")
+WITHOUT = ("works", "tuned")
+"""The variants from which a change can be taken out."""
+STARTS = (*(f"{variant}-no-" for variant in WITHOUT), "paper+", "paper-no-")
 """What the names of variants begin with that leave a change out, make it alone, and leave a part of the paper's out."""
 
 
@@ -41,8 +43,8 @@ def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def trained(results: Results) -> str:
-    """Return the table of the policies of figure 4: all four algorithms, by the letter and as they work."""
-    found = [each for name in ALGORITHMS for variant in ("paper", "works") for each in of_figure_4(results, name, variant)]
+    """Return the table of the policies of figure 4: all four algorithms, by the letter, as they work, and tuned."""
+    found = [each for name in ALGORITHMS for variant in TITLES for each in of_figure_4(results, name, variant)]
     return as_table(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
 
 
@@ -64,12 +66,14 @@ def aims(results: Results) -> str:
     """Return which algorithms complete the share of terrains that is aimed at, as a table; SEEDS seeds decide it."""
     rows = []
     for name in ALGORITHMS:
-        letter, works = completion(results, name, "paper"), completion(results, name, "works")
+        letter, works, tuned = (completion(results, name, variant) for variant in TITLES)
         if works is not None:
             seeds = len(of_figure_4(results, name, "works"))
             reached = "too few seeds" if seeds < SEEDS else "yes" if works.mean >= AIM else "no"
-            rows.append([NAMES[name], percent(letter) if letter else "", percent(works), str(seeds), reached])
-    return as_table(("algorithm", "completes by the letter", "completes as it works", "seeds", f"{AIM:.0%} reached"), rows)
+            shown = [percent(each) if each else "" for each in (letter, works, tuned)]
+            rows.append([NAMES[name], *shown, str(seeds), reached])
+    columns = ("algorithm", "completes by the letter", "completes as it works", "completes tuned", "seeds as it works")
+    return as_table((*columns, f"{AIM:.0%} reached"), rows)
 
 
 def changes_of(results: Results, algorithm: str) -> list[str]:
@@ -83,13 +87,20 @@ def ablations(results: Results) -> str:
     """Return what each change does to completion, as a table, the one whose lack costs most first."""
     rows: list[tuple[float, list[str]]] = []
     for name in ALGORITHMS:
-        works = completion(results, name, "works")
+        whole = [completion(results, name, variant) for variant in WITHOUT]
         for change in changes_of(results, name):
             others = [completion(results, name, start + change) for start in STARTS]
-            lost = works.mean - others[0].mean if works and others[0] else 0.0
-            shown = [percent(each) if each else "" for each in (works, *others)]
+            lost = max((both.mean - one.mean for both, one in zip(whole, others, strict=False) if both and one), default=0.0)
+            shown = [percent(each) if each else "" for each in others]
             rows.append((lost, [NAMES[name], f"`{change}`", *shown]))
-    columns = ("algorithm", "change", "works", "works without it", "the letter with it alone", "the letter without it")
+    columns = (
+        "algorithm",
+        "change",
+        "works without it",
+        "tuned without it",
+        "the letter with it alone",
+        "the letter without it",
+    )
     return as_table(columns, [row for _, row in sorted(rows, key=lambda each: (each[1][0], -each[0]))])
 
 

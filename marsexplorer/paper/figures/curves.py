@@ -37,7 +37,7 @@ OTHER_DIGITS = 4
 
 NAMES = {"ppo": "PPO", "a2c": "A2C", "rainbow": "Rainbow", "sac": "SAC"}
 LINE_STYLES: dict[str, Any] = {"ppo": "-", "a2c": "--", "rainbow": "-.", "sac": (0, (1, 1.2))}
-TITLES = {"paper": "the letter of the paper", "works": "as it works"}
+TITLES = {"paper": "the letter of the paper", "works": "as it works", "tuned": "tuned"}
 """Variant -> what its column is called."""
 BAND_ALPHA = 0.18
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.files import write_whole
-from marsexplorer.paper.figures.curves import NAMES, Record, count_text, grouped
+from marsexplorer.paper.figures.curves import NAMES, TITLES, Record, count_text, grouped
 
 MEASURES = ("score", "coverage", "completion", "steps", "ratio")
 
@@ -68,8 +68,10 @@ class Row:
 
 
 def rows_of(records: Sequence[Record]) -> list[Row]:
-    """Return the rows, by variant, then algorithm, then level."""
-    return [_row(group) for _, group in sorted(grouped(records).items(), key=lambda each: (each[0][1], *each[0]))]
+    """Return the rows, by variant in the order of TITLES, the others after them by name, then algorithm, then level."""
+    rank = {variant: place for place, variant in enumerate(TITLES)}
+    by_variant = sorted(grouped(records).items(), key=lambda each: (rank.get(each[0][1], len(rank)), each[0][1], *each[0]))
+    return [_row(group) for _, group in by_variant]
 
 
 def _row(group: Sequence[Record]) -> Row:

@@ -4,7 +4,8 @@ A variant is the recipe `paper` with some CHANGES:
 
     paper, appendix        none; the appendix's run makes RLlib's 30 passes in minibatches of 128
     works                  WORKS, the smallest set that completes terrains
-    works-no-CHANGE        the same without one of them
+    tuned                  TUNED, which needs fewer moves besides
+    works-no-CHANGE        the same without one of them; tuned-no-CHANGE likewise
     paper+CHANGE           the recipe with one of them, or with several: paper+reward+mask
     paper-no-bonus         eq. 8 without +-n at the end of an episode, as on the levels t-m-2
     paper-no-value-clip    the values' change since the rollout is not clipped
@@ -40,10 +41,10 @@ features  our network and its features for the state matrix
 batch     the optimiser's: larger batches, fewer passes, a falling learning rate, an entropy target
 rate      a higher learning rate alone, which makes up for the fewer gradient steps of the 6 passes
 """
-WORKS = ("reward", "mask", "discount", "features", "batch")
+WORKS = ("mask", "features")
+TUNED = ("reward", "mask", "discount", "features", "batch")
 
-
-CHANGED = Variants("PPO", CHANGES, WORKS)
+CHANGED = Variants("PPO", CHANGES, WORKS, TUNED)
 ALONE: dict[str, dict[str, Any]] = {
     "appendix": APPENDIX_PASSES,
     "paper-no-bonus": {"has_bonus": False},

@@ -96,7 +96,8 @@ A2C_VARIANTS = Variants(
         "features": {"network": "features"},
         "batch": {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0},
     },
-    works=("reward", "mask", "discount", "features", "batch"),
+    works=("mask", "features"),
+    tuned=("reward", "mask", "discount", "features", "batch"),
 )
 
 
@@ -134,7 +135,8 @@ RAINBOW_VARIANTS = Variants(
         "features": {"network": "features"},
         "batch": {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000},
     },
-    works=("reward", "mask", "discount", "features", "batch"),
+    works=("mask", "features"),
+    tuned=("reward", "mask", "discount", "features", "batch"),
 )
 
 
@@ -172,7 +174,8 @@ SAC_VARIANTS = Variants(
         "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
         "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
     },
-    works=("reward", "mask", "discount", "features", "entropy", "batch"),
+    works=("mask", "features"),
+    tuned=("reward", "mask", "discount", "features", "entropy", "batch"),
 )
 
 VARIANTS = {"a2c": A2C_VARIANTS, "rainbow": RAINBOW_VARIANTS, "sac": SAC_VARIANTS}

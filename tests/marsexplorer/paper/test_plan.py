@@ -24,7 +24,7 @@ def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
 def test_a_small_figure_4_takes_half_an_hour_of_two_cores_and_a_full_one_a_night():
     minutes = {budget: sum(job.forecast for job in plan(Request(("4",), budget), NOWHERE)) / 60 for budget in BUDGETS}
     assert 40 < minutes["small"] < 60
-    assert 8 * 60 < minutes["full"] < 20 * 60
+    assert 5 * 60 < minutes["full"] < 20 * 60
 
 
 def test_every_algorithm_has_about_the_same_cpu_time():

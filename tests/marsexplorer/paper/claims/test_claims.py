@@ -86,19 +86,21 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
     shares = {
         "paper": 0.0,
         "works": 0.95,
-        "works-no-mask": 0.9,
-        "works-no-reward": 0.1,
+        "works-no-mask": 0.1,
+        "tuned": 1.0,
+        "tuned-no-mask": 0.9,
+        "tuned-no-reward": 0.9,
         "paper+mask": 0.02,
         "paper-no-bonus": 0.01,
     }
     results = results_of(tmp_path, [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)])
-    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | 3 | yes |"]
+    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"]
     assert trained_blocks.ablations(results).splitlines()[2:] == [
-        "| SAC | `reward` | 95 ± 0 % | 10 ± 0 % |  |  |",
-        "| SAC | `mask` | 95 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
-        "| SAC | `bonus` | 95 ± 0 % |  |  | 1 ± 0 % |",
+        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
+        "| SAC | `reward` |  | 90 ± 0 % |  |  |",
+        "| SAC | `bonus` |  |  |  | 1 ± 0 % |",
     ]
-    assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == ["paper", "works"]
+    assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == ["paper", "works", "tuned"]
     assert trained_blocks.levels(results) == trained_blocks.NONE_YET
 
 
@@ -211,16 +213,19 @@ def test_the_settings_have_every_number_of_the_appendix_and_no_other():
 
 
 def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
-    row = settings.Setting("ppo", "discount", "0.95", "0.9", "optimizer.gamma", 0.95, 0.99)
+    row = settings.Setting("ppo", "discount", "0.95", "0.9", "optimizer.gamma", 0.95, 0.99, in_works=True)
     monkeypatch.setattr(settings, "SETTINGS", (row,))
     assert settings.differences("ppo", "paper", {"optimizer": {"gamma": 0.95}}) == []
     assert settings.differences("ppo", "works", {"optimizer": {"gamma": 0.95}}) == [
         "ppo works: discount is 0.99 in the table and was 0.95 in the run"
     ]
+    monkeypatch.setattr(settings, "SETTINGS", (replace(row, in_works=False),))
+    assert settings.differences("ppo", "works", {"optimizer": {"gamma": 0.95}}) == []
+    assert settings.differences("ppo", "tuned", {"optimizer": {"gamma": 0.95}}) != []
     assert "the run logged no 'optimizer.gamma'" in settings.differences("ppo", "paper", {})[0]
 
 
-@pytest.mark.parametrize("variant", ["paper", "works"])
+@pytest.mark.parametrize("variant", settings.COLUMNS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_table_is_what_the_trainers_log(algorithm, variant):
     if algorithm != "ppo":

@@ -9,7 +9,7 @@ import torch
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.paper.algorithms import begin
-from marsexplorer.paper.trainers.ppo_trainer import CHANGES, VARIANTS, WORKS, PPOTrainer, config_of
+from marsexplorer.paper.trainers.ppo_trainer import CHANGES, TUNED, VARIANTS, PPOTrainer, config_of
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.config import RECIPES
@@ -42,15 +42,16 @@ def test_a_variant_differs_from_the_paper_in_the_settings_of_its_changes_alone()
     assert changed("paper-no-value-clip") == {"vf_change_clip"}
     assert changed("paper+discount") == {"gamma"}
     assert changed("paper+reward+discount") == {"reward_per_cell", "has_bonus", "gamma"}
-    for left_out in WORKS:
-        assert changed("works") - changed(f"works-no-{left_out}") == set(CHANGES[left_out]) & changed("works")
+    assert changed("works") == changed("paper+mask+features")
+    for left_out in TUNED:
+        assert changed("tuned") - changed(f"tuned-no-{left_out}") == set(CHANGES[left_out]) & changed("tuned")
     assert len({config_of(variant) for variant in VARIANTS}) == len(VARIANTS)
-    assert replace(config_of("works"), name="best", has_bonus=True) == RECIPES["best"]
+    assert replace(config_of("tuned"), name="best", has_bonus=True) == RECIPES["best"]
 
 
 @pytest.mark.parametrize("variant", ["paper+", "paper+moss", "works-no-moss", "works-no-", "moss"])
 def test_an_unknown_variant_is_refused_with_those_that_there_are(variant):
-    with pytest.raises(ValueError, match=r"no variant .*works-no-.*paper\+reward"):
+    with pytest.raises(ValueError, match=r"no variant .*works-no-.*tuned-no-.*paper\+reward"):
         begin("ppo", variant, ENV_CONFIG, 0, 100)
 
 

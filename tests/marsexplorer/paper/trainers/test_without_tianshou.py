@@ -11,7 +11,8 @@ from marsexplorer.paper.algorithms import begin, check_variant
 from marsexplorer.paper.trainers.variants import Variants
 from marsexplorer.training.interrupts import postponed_interrupt
 
-VARIANTS = Variants("SARSA", {"reward": {"a": 1}, "mask": {"b": 2}, "rest": {"c": 3}}, works=("reward", "mask"))
+CHANGES = {"reward": {"a": 1}, "mask": {"b": 2}, "rest": {"c": 3}}
+VARIANTS = Variants("SARSA", CHANGES, works=("reward", "mask"), tuned=("reward", "mask", "rest"))
 
 
 @pytest.mark.parametrize("algorithm", ["a2c", "rainbow", "sac"])
@@ -28,6 +29,8 @@ def test_without_tianshou_a_sentence_says_what_to_run(algorithm):
         ("paper", {}),
         ("works", {"a": 1, "b": 2}),
         ("works-no-mask", {"a": 1}),
+        ("tuned", {"a": 1, "b": 2, "c": 3}),
+        ("tuned-no-mask", {"a": 1, "c": 3}),
         ("paper+rest", {"c": 3}),
         ("paper+mask+rest", {"b": 2, "c": 3}),
     ],
@@ -36,9 +39,11 @@ def test_a_variant_is_the_paper_with_its_changes(variant, settings):
     assert VARIANTS.settings_for(variant) == settings
 
 
-@pytest.mark.parametrize("variant", ["", "work", "works-no-", "works-no-rest", "paper+", "paper+none", "paper-reward"])
+@pytest.mark.parametrize(
+    "variant", ["", "work", "works-no", "works-no-", "works-no-rest", "paper-no-mask", "paper+", "paper+none", "paper-reward"]
+)
 def test_an_unknown_variant_is_an_error_that_names_the_others(variant):
-    with pytest.raises(ValueError, match=r"SARSA has no variant .*works-no-mask, paper\+reward"):
+    with pytest.raises(ValueError, match=r"SARSA has no variant .*works-no-mask, tuned, .*tuned-no-rest, paper\+reward"):
         VARIANTS.settings_for(variant)
 
 
