@@ -365,6 +365,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies.files",
         "marsexplorer.policies.guard",
         "marsexplorer.policies.kernels",
+        "marsexplorer.policies.priced",
         "marsexplorer.random_numbers",
     },
     "marsexplorer.policies.planner": {

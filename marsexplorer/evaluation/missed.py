@@ -40,7 +40,7 @@ class Missed:
 
 def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> list[Missed]:
     """Return what was missed by each of some losses of an episode, in their order."""
-    first_seen, player = _first_seen(record), GreedyRollouts(record.config, 1)
+    first_seen, player = _first_seen(record), GreedyRollouts(record.config, 1, net.sees_prices)
     player.worlds.start_on(0, record.terrain_map(), record.start)
     wanted = {loss.step: loss for loss in losses}
     found: dict[int, Missed] = {}

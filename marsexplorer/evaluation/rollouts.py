@@ -27,6 +27,8 @@ Snapshot = dict[str, NDArray[Any]]
 class ActionScorer(Protocol):
     """A network that scores the actions: `policies.network.model.Net`, or one with the same method."""
 
+    sees_prices: bool
+
     def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[num, 4], values float32[num]) for what `FeatureExtractor` returns."""
 
@@ -57,12 +59,14 @@ class GreedyRollouts:
     known_at   int64[num_worlds, cells], cells known when the rover was last there: the same number again starts the guard
     remaining  int64[num_worlds], moves that the guard still makes
     stuck_at   int64[num_worlds], the cells known when the guard started
+
+    sees_prices  whether the network that is to decide sees prices, see `policies.network.model.Net`
     """
 
-    def __init__(self, config: EnvConfig, num_worlds: int) -> None:
-        self.config, self.num_worlds = config, num_worlds
+    def __init__(self, config: EnvConfig, num_worlds: int, sees_prices: bool = False) -> None:
+        self.config, self.num_worlds, self.sees_prices = config, num_worlds, sees_prices
         self.worlds = Worlds(config, num_worlds)
-        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius)
+        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices)
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
         self.memory: Snapshot = {
@@ -131,6 +135,6 @@ class GreedyRollouts:
 
     def subset(self, indices: NDArray[np.intp]) -> GreedyRollouts:
         """Return copies of some of the worlds, to be played on without the others."""
-        fewer = GreedyRollouts(self.config, len(indices))
+        fewer = GreedyRollouts(self.config, len(indices), self.sees_prices)
         fewer.restore(np.arange(len(indices)), self.snapshot(indices))
         return fewer

@@ -19,10 +19,12 @@ from marsexplorer.evaluation.branches import MIN_RUNNING_SHARE, concatenate, pla
 from marsexplorer.evaluation.rollouts import ActionScorer, Decisions, GreedyRollouts, Snapshot
 from marsexplorer.training.envs import refuse_evaluation_seeds
 
+SIDE = 21
+"""Side of the grids that costs are stated for, cells."""
 MAX_COST = 20
-"""Costs are clipped to so many moves either way: beyond that they are mostly chance."""
+"""Costs at 21x21 are clipped to so many moves either way: beyond that they are mostly chance."""
 MAX_EXTRA_MOVES = 30
-"""A branch that has made so many moves more than its episode is played no further."""
+"""A branch at 21x21 that has made so many moves more than its episode is played no further."""
 TYPICAL_MOVES_PER_CELL = 0.17
 """Length of an ordinary episode, in moves for each cell of the grid."""
 MAX_MOVES_PER_CELL = 0.57
@@ -39,7 +41,8 @@ class ActionPairs:
 
     planes, moves  the observations, see `policies.network.features`
     own, other     int64[num_pairs], actions
-    cost           float32[num_pairs], moves that the episode takes more with the other action, -MAX_COST..MAX_COST
+    cost           float32[num_pairs], moves that the episode takes more with the other action, at 21x21 -MAX_COST..MAX_COST, in
+                   proportion to the side elsewhere
     steps          int64[num_episodes], moves of the episodes
     """
 
@@ -99,7 +102,8 @@ def branch_episodes(
         found.append((rollouts.snapshot(chosen), pairs))
     worlds, pairs = concatenate([snapshot for snapshot, _ in found]), concatenate([pairs for _, pairs in found])
     cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
-    return ActionPairs(**pairs, cost=np.clip(cost, -MAX_COST, MAX_COST).astype(np.float32), steps=steps)
+    most = MAX_COST * relative_side(config)
+    return ActionPairs(**pairs, cost=np.clip(cost, -most, most).astype(np.float32), steps=steps)
 
 
 def sample_observations(config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int) -> SampledObservations:
@@ -123,7 +127,7 @@ def play_greedily(config: EnvConfig, net: ActionScorer, first_seed: int, steps: 
     seeds = np.arange(first_seed, first_seed + len(steps))
     refuse_evaluation_seeds(seeds)
     max_moves = int(MAX_MOVES_PER_CELL * config.n)
-    rollouts, episodes = GreedyRollouts(config, len(seeds)), np.arange(len(seeds))
+    rollouts, episodes = GreedyRollouts(config, len(seeds), net.sees_prices), np.arange(len(seeds))
     rollouts.worlds.start(seeds)
     steps[:] = max_moves
     for count in range(1, max_moves + 1):
@@ -159,6 +163,11 @@ def extra_moves(
 ) -> NDArray[np.int64]:
     """Return how many moves more than `steps` the episodes take when `actions` are taken in the worlds of a snapshot.
 
-    actions, steps  int64[num_branches]; so is the result, at most MAX_EXTRA_MOVES
+    actions, steps  int64[num_branches]; so is the result, at 21x21 at most MAX_EXTRA_MOVES
     """
-    return play_branches(config, net, worlds, actions, steps + MAX_EXTRA_MOVES) - steps
+    return play_branches(config, net, worlds, actions, steps + round(MAX_EXTRA_MOVES * relative_side(config))) - steps
+
+
+def relative_side(config: EnvConfig) -> float:
+    """Return the side of a grid over that of 21x21, by which costs grow: chance adds up over longer episodes."""
+    return float((config.n / SIDE**2) ** 0.5)

@@ -5,8 +5,9 @@ on the pairs of actions found so far. The loss of a pair is the logistic one of 
 whatever chance says of single pairs, in the mean it is lowest where the better action has the higher logit (cost-sensitive
 classification; Lagoudakis and Parr 2003, "Reinforcement learning as classification").
 
-On larger grids the network is anchored to what it was: there its probabilities are fitted to those that it began with, and so
-are its values everywhere. The same network, rounds and seed give the same weights, whatever the number of processes.
+Episodes are branched on grids of the sizes asked for. On the other larger grids the network is anchored to what it was: there
+its probabilities are fitted to those that it began with, and so are its values everywhere. The same network, rounds and seed
+give the same weights, whatever the number of processes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
@@ -27,7 +28,14 @@ from torch.nn import functional
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.model import Net
-from marsexplorer.training.branching import ActionPairs, SampledObservations, branch_episodes, sample_observations
+from marsexplorer.training.branching import (
+    SIDE,
+    ActionPairs,
+    SampledObservations,
+    branch_episodes,
+    relative_side,
+    sample_observations,
+)
 from marsexplorer.training.ppo import MIN_LOG_PROB
 
 
@@ -35,10 +43,12 @@ from marsexplorer.training.ppo import MIN_LOG_PROB
 class RefineConfig:
     """Everything that fixes a run besides its network, rounds and seed; the card of the policy lists it.
 
-    tasks_per_level           tasks of a round on each family of terrains at 21x21: large obstacles have the most to learn from
-    episodes_per_task         terrains of such a task
+    sizes                     sides of the grids whose episodes are branched, cells
+    tasks_per_level           tasks of a round on each family of terrains and size: large obstacles have the most to learn from
+    episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as many moves are made
     pairs_per_episode         pairs of actions branched off each episode, about
-    anchor_sizes              sizes of the larger grids, and episodes of a task there
+    anchor_sizes              sides of the larger grids, and episodes of a task there; where episodes are branched, none
+    anchor_levels             levels of the larger grids
     first_round_tasks         tasks of the first round, as a multiple of a later one's
     first_round_steps         gradient steps of the first round, as a multiple of a later one's
     gradient_steps            of a round
@@ -47,20 +57,22 @@ class RefineConfig:
     max_observations          observations kept from the larger grids
     anchor_batch_size         observations of those in a gradient step
     learning_rate             of AdamW; first_round_learning_rate: at the beginning of the first round, annealed linearly
-    weight_decay              of AdamW
+    weight_decay              of AdamW, for all weights but the prior's
     ema_decay                 the network that plays and is kept is an exponential moving average of the one that learns
     logit_scale               factor of the logits that it began with: PPO ends almost certain of every action
     vf_coef                   coefficient of the value loss
-    cost_scale                typical cost, moves
+    cost_scale                typical cost at 21x21, moves; costs are in proportion to the side of the grid
     max_grad_norm             gradients are clipped to this norm
     """
 
+    sizes: tuple[int, ...] = (SIDE,)
     tasks_per_level: tuple[tuple[str, int], ...] = (
         ("random", 12), ("1-2-1", 4), ("2-2-1", 4), ("3-2-1", 4), ("1-1-1", 1), ("2-1-1", 1), ("3-1-1", 1),
     )  # fmt: skip
     episodes_per_task: int = 64
     pairs_per_episode: int = 16
     anchor_sizes: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16))
+    anchor_levels: tuple[str, ...] = ("random",)
     first_round_tasks: int = 18
     first_round_steps: int = 14
     gradient_steps: int = 200
@@ -156,9 +168,10 @@ class RefineRun:
             for weights in self._learner.policy_head[-1].parameters():
                 weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
-        self._optimizer = torch.optim.AdamW(
-            self._learner.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay
-        )
+        prior = [weights for name, weights in self._learner.named_parameters() if name == "prior"]
+        others = [weights for name, weights in self._learner.named_parameters() if name != "prior"]
+        groups: list[dict[str, Any]] = [{"params": others}, *({"params": [each], "weight_decay": 0.0} for each in prior)]
+        self._optimizer = torch.optim.AdamW(groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay)
         self._pairs = SampleBuffer(self.config.max_pairs)
         self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
@@ -166,10 +179,12 @@ class RefineRun:
     def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""
         config, tasks = self.config, []
-        kinds = [("random", size, episodes, 0) for size, episodes in config.anchor_sizes]
+        anchors = [(size, episodes) for size, episodes in config.anchor_sizes if size not in config.sizes]
+        kinds = [(level, size, episodes, 0) for size, episodes in anchors for level in config.anchor_levels]
         factor = config.first_round_tasks if self.rounds_done == 0 else 1
         kinds += [
-            (level, 21, config.episodes_per_task, config.pairs_per_episode)
+            (level, size, max(1, config.episodes_per_task * SIDE**2 // size**2), config.pairs_per_episode)
+            for size in sorted(config.sizes, reverse=True)
             for level, count in config.tasks_per_level
             for _ in range(count * factor)
         ]
@@ -208,7 +223,8 @@ class RefineRun:
         names = ("planes", "moves", "own", "other", "cost")
         columns = [np.concatenate([getattr(one, name) for one in pairs]) for name in names]
         self._pairs.append(columns, permanent=self.rounds_done == 0)
-        self._observations.append([np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]])
+        if observations:
+            self._observations.append([np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]])
 
     def _optimize(self, on_progress: Callable[[float], None]) -> float:
         """Make the gradient steps of a round and return their mean loss."""
@@ -217,7 +233,8 @@ class RefineRun:
         for step in range(count):
             done, first_rate = step / count, config.first_round_learning_rate
             rate = first_rate + (config.learning_rate - first_rate) * done if is_first else config.learning_rate
-            self._optimizer.param_groups[0]["lr"] = rate
+            for group in self._optimizer.param_groups:
+                group["lr"] = rate
             total += self._gradient_step(transposed=step % 2 == 1)
             on_progress(done)
         return total / count
@@ -259,11 +276,12 @@ def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> Action
     """Play a task with the network of the given weights; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
-    net = _Bfloat16Net().eval()
+    net = _Bfloat16Net(sees_prices="prior" in weights).eval()
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
     config = EnvConfig.of(task.level, task.size)
     if task.pairs_per_episode:
-        return branch_episodes(config, net, task.first_seed, task.num_episodes, task.pairs_per_episode)
+        pairs = branch_episodes(config, net, task.first_seed, task.num_episodes, task.pairs_per_episode)
+        return replace(pairs, cost=(pairs.cost / relative_side(config)).astype(np.float32))
     return sample_observations(config, net, task.first_seed, task.num_episodes)
 
 

@@ -41,15 +41,32 @@ ROUND_LOG_COLUMNS = {
     help="Rounds of playing and learning; the first takes longest.",
 )
 @click.option(
+    "--prices",
+    is_flag=True,
+    help="First give the network what follows from the prices of unknown cells; on large grids it then begins by their rules.",
+)
+@click.option(
+    "--size",
+    "sizes",
+    type=click.IntRange(21, 84),
+    multiple=True,
+    default=(21,),
+    show_default=True,
+    help="Side of the square grids whose episodes are branched; repeatable.",
+)
+@click.option(
     "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and rounds give the same weights."
 )
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that play episodes.  [default: one for each core]")
-def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int | None) -> None:
+def refine(
+    policy: str, rounds: int, prices: bool, sizes: tuple[int, ...], seed: int, out: Path | None, workers: int | None
+) -> None:
     """Improve a policy that `train --recipe best` made, POLICY being its name or file.
 
-    Its episodes on 21x21 are branched: at some steps another move is made and the episode is played to its end, so that the
-    network learns which moves would have been better. On larger grids the network is kept close to what it was. The folder
+    Its episodes are branched: at some steps another move is made and the episode is played to its end, so that the network
+    learns which moves would have been better. On larger grids that are not branched the network is kept close to what it was,
+    or to the rules that --prices brings. The folder
     --out gets the policy with its card and a log after every round; Ctrl-C loses only the round under way. Refining takes
     about 3 GiB of memory, and 1 GiB more for each process.
 
@@ -57,13 +74,14 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
     Examples:
       marsexplorer refine                                           the shipped policy, 30 rounds
       marsexplorer refine runs/mine/mine.safetensors --rounds 10
+      marsexplorer refine runs/mine/mine.safetensors --prices --out runs/priced
       marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
     """
     from marsexplorer.config import EnvConfig
     from marsexplorer.evaluation.episodes import cores
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
-    from marsexplorer.policies.network.model import load_net
+    from marsexplorer.policies.network.model import load_net, with_prices
     from marsexplorer.training.refine import RefineConfig, RefineRun
 
     path = shipped().get(policy, Path(policy))
@@ -71,14 +89,19 @@ def refine(policy: str, rounds: int, seed: int, out: Path | None, workers: int |
         net, card = load_net(path), read_card(path)
     except PolicyFileError as error:
         raise click.UsageError(str(error)) from error
+    if prices and net.sees_prices:
+        raise click.UsageError(f"{policy} sees prices already; leave --prices out")
+    net = with_prices(net) if prices else net
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.safetensors"
     if file.exists():
         raise click.UsageError(f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out")
-    command = f"marsexplorer refine {policy} --rounds {rounds} --seed {seed} --out {folder.name}"
+    options = "".join([" --prices" * prices, *(f" --size {size}" for size in sizes if sizes != (21,))])
+    command = f"marsexplorer refine {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
     processes = workers or cores()
     was_refined = "pairs" in card.get("training", {})  # then it is no longer almost certain of every move
     config = RefineConfig(
+        sizes=tuple(dict.fromkeys(sizes)),
         first_round_tasks=max(1, round(0.6 * rounds)),
         first_round_steps=max(1, round(0.45 * rounds)),
         logit_scale=1.0 if was_refined else RefineConfig.logit_scale,
@@ -143,6 +166,7 @@ class _RefineOutput:
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         from marsexplorer.policies.files.weights import save_network
+        from marsexplorer.policies.network.model import format_of
 
         run, card = self._run, self._card
         seconds = self._lines[-1]["seconds"]
@@ -150,7 +174,8 @@ class _RefineOutput:
         began_with = {key: card.get(key) for key in ("command", "commit", "hardware", "training")}
         training = {**numbers, "plan": asdict(run.config), "log": self._lines, "began_with": began_with}
         summary = f"{card.get('summary', 'A network.')} Refined on {run.num_pairs:,} pairs of moves."
-        save_network(run.net, self._file, {**card, **self._own_card, "summary": summary, **results, "training": training})
+        whole = {**card, **self._own_card, "summary": summary, **results, "training": training}
+        save_network(run.net, self._file, whole, format_of(run.net))
 
 
 @contextmanager

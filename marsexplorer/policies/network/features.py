@@ -8,13 +8,13 @@ of unknown cells that a scan from a cell is expected to discover (`kernels.visib
     planes   uint8[num, PLANES, PICTURE_CELLS], the pictures row by row, one after the other: share of the block that is
              unknown; share blocked or off the grid; its greatest number of new cells (x 5, at most 255); its nearness,
              255 exp(-0.12 distance), 0 where there is no known path
-    moves    float32[num, 4, ACTION_FEATURES], for north, east, south, west: whether the move is valid; the new cells of
-             the cell it leads to; whether that was visited; distance to the nearest new cells from there; the best
+    moves    float32[num, 4, num_action_features(sees_prices)], for north, east, south, west: whether the move is valid; the
+             new cells of the cell it leads to; whether that was visited; distance to the nearest new cells from there; the best
              discounted number of new cells from there at three rates; whether each of three frontier rules would go there
 
              (new / distance^2, new / distance, nearest); whether it is straight on or back; the share of cells unknown and
              the logarithm of their number; the logarithm of the cells still to discover to 99 %; the logarithm of the
-             number of candidates
+             number of candidates. For networks that see prices, the numbers of `priced_features` follow
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from marsexplorer.policies.kernels.grid import (
 )
 from marsexplorer.policies.kernels.prices import NO_CODE, update_board
 from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible
+from marsexplorer.policies.network.priced_features import PRICED_FEATURES, RuleTables, value_actions, write_priced_features
 
 SCALES = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
@@ -47,6 +48,11 @@ DISCOUNTS = (0.5, 0.75, 0.9)
 """What a new cell is worth a move later, three ways of looking ahead."""
 FARTHEST = 127
 """Distances beyond it look the same (nearness 0)."""
+
+
+def num_action_features(sees_prices: bool) -> int:
+    """Return the numbers of each move that a network is given."""
+    return ACTION_FEATURES + PRICED_FEATURES * sees_prices
 
 
 @kernel
@@ -152,27 +158,30 @@ def look_ahead(candidates, count, distance, first_actions, action, new_cells, di
 
 
 @kernel
-def extract_features(codes, cells, visited, headings, lidar, kept, scratch, planes, moves):
+def extract_features(codes, cells, visited, headings, lidar, kept, scratch, priced, planes, moves):
     """Fill planes and moves for a stack of boards.
 
     codes     uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover
     visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
     lidar     (sight, stride, radius) of a `visibility` view
-    kept      of each board, from call to call: known, unknown, blocked, new_cells (see `update_new_cells`)
-    scratch   visible, counts and half_sides of no square (see `prices`), changed_columns, is_open, distance, first_actions,
-              queue, candidates, goals, rule_actions; and the tables nearness and discounts
+    kept      of each board, from call to call: known, unknown, blocked, new_cells (see `update_new_cells`), and the counts of
+              the squares of `prices`
+    scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions; and the tables
+              nearness and discounts
+    priced    half_sides of the squares that are counted, none for networks that see no prices; rules and found of RuleTables
     """
     rows, cols = codes.shape[1], codes.shape[2]
     sight, stride, radius = lidar
-    all_known, all_unknown, all_blocked, all_new_cells = kept
-    visible, counts, half_sides, changed_columns, is_open, distance, first_actions, queue, candidates = scratch[:9]
-    goals, rule_actions, nearness, discounts = scratch[9:]
+    all_known, all_unknown, all_blocked, all_new_cells, all_counts = kept
+    half_sides, rules, found = priced
+    visible, changed_columns, is_open, distance, first_actions, queue, candidates = scratch[:7]
+    goals, rule_actions, nearness, discounts = scratch[7:]
     slack = rows * cols - completion_target(rows * cols)
     for i in range(codes.shape[0]):
         board, cell, new_cells = codes[i], cells[i], all_new_cells[i]
 
         # 1. What would a scan discover, from every cell? Only what changed since the last board is counted again.
-        kept_board = (all_known[i], counts, (all_unknown[i], all_blocked[i], sight, visible, stride, radius))
+        kept_board = (all_known[i], all_counts[i], (all_unknown[i], all_blocked[i], sight, visible, stride, radius))
         left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
@@ -216,17 +225,28 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, plan
             if rule_actions[rule] >= 0:
                 moves[i, rule_actions[rule], 7 + rule] = 1.0
 
+        # 5. What the prices of unknown cells say of them, for a network that sees prices.
+        if moves.shape[2] > ACTION_FEATURES:
+            size = (rows, cols)
+            value_actions(candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found)
+            write_priced_features(size, found, moves[i], ACTION_FEATURES)
+
 
 class FeatureExtractor:
     """Extracts the features of `num` boards of one size; the arrays `planes` and `moves` are the same from call to call.
 
+    sees_prices  whether the numbers of each move include those of `priced_features`
+
     What it keeps of each board only saves time: boards may be given in any order, and others than before.
     """
 
-    def __init__(self, num: int, rows: int, cols: int, radius: int) -> None:
+    def __init__(self, num: int, rows: int, cols: int, radius: int, sees_prices: bool = False) -> None:
         self.size = (rows, cols)
+        rules = RuleTables(rows, cols, radius)
+        half_sides = rules.half_sides if sees_prices else rules.half_sides[:0]
+        self._priced = (half_sides, rules.rules, rules.found)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
-        self.moves: NDArray[np.float32] = np.zeros((num, 4, ACTION_FEATURES), np.float32)
+        self.moves: NDArray[np.float32] = np.zeros((num, 4, num_action_features(sees_prices)), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
         self._lidar = sight, row_words(cols, radius), radius
         self._kept = (
@@ -234,11 +254,10 @@ class FeatureExtractor:
             np.zeros((num, words), np.uint64),
             np.zeros((num, words), np.uint64),
             np.zeros((num, cells), np.int64),
+            np.zeros((num, len(half_sides), cells), np.int16),
         )
         self._scratch = (
             np.zeros(int(sight[1]), np.uint64),
-            np.zeros((0, cells), np.int16),
-            np.zeros(0, np.int64),
             np.zeros((rows, 2), np.int64),
             np.zeros(cells, np.uint8),
             np.zeros(cells, np.int32),
@@ -257,22 +276,25 @@ class FeatureExtractor:
         """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
-        extract_features(codes, cells, visited, headings, self._lidar, self._kept, self._scratch, planes, moves)
+        extract_features(codes, cells, visited, headings, self._lidar, self._kept, self._scratch, self._priced, planes, moves)
         return planes, moves
 
 
 class RememberedFeatures:
-    """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells)."""
+    """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells).
 
-    def __init__(self, sensor_radius: int) -> None:
-        self._radius = sensor_radius
+    sees_prices  see `FeatureExtractor`
+    """
+
+    def __init__(self, sensor_radius: int, sees_prices: bool = False) -> None:
+        self._radius, self._sees_prices = sensor_radius, sees_prices
         self._extractor: FeatureExtractor | None = None
 
     def __call__(self, memory: Memory) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (planes, moves) of the newest observation, [1, ...]; the arrays change with the next call."""
         rows, cols = memory.codes.shape
         if self._extractor is None or self._extractor.size != (rows, cols):
-            self._extractor = FeatureExtractor(1, rows, cols, self._radius)
+            self._extractor = FeatureExtractor(1, rows, cols, self._radius, self._sees_prices)
         cell = np.array([memory.position[0] * cols + memory.position[1]])
         visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
         return self._extractor(memory.codes[None], cell, visited, heading)

@@ -19,26 +19,33 @@ from torch import Tensor, nn
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import INVALID_LOGIT, Memory, Policy
 from marsexplorer.policies.files.card import read_card, refuse
-from marsexplorer.policies.files.formats import NETWORK_FORMAT
+from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
 from marsexplorer.policies.files.weights import read_weights
 from marsexplorer.policies.guard import LoopGuard
-from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES, RememberedFeatures
+from marsexplorer.policies.network.features import PICTURE_CELLS, PLANES, RememberedFeatures, num_action_features
+from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE
+from marsexplorer.policies.network.prior import add_prices, prior_weights, size_nearness
 
 
 class Net(nn.Module):
     """Give each move a logit by one head shared among them, from a trunk over the pictures and from the move's own features.
 
-    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, ACTION_FEATURES])
+    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, num_action_features(sees_prices)])
         -> logits float32[b, 4] (INVALID_LOGIT for invalid moves), value float32[b]
+
+    sees_prices  whether it is given what follows from the prices of unknown cells too; then its logits have a `prior`
     """
 
-    def __init__(self, wide: int = 384, hidden: int = 128) -> None:
+    def __init__(self, sees_prices: bool = False, wide: int = 384, hidden: int = 128) -> None:
         super().__init__()
+        self.sees_prices, numbers = sees_prices, num_action_features(sees_prices)
         self.trunk = nn.Sequential(nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU())
-        self.policy_head = nn.Sequential(nn.Linear(hidden + ACTION_FEATURES + 4, 64), nn.ReLU(), nn.Linear(64, 1))
-        self.value_head = nn.Sequential(nn.Linear(hidden + 4 * ACTION_FEATURES, 64), nn.ReLU(), nn.Linear(64, 1))
+        self.policy_head = nn.Sequential(nn.Linear(hidden + numbers + 4, 64), nn.ReLU(), nn.Linear(64, 1))
+        self.value_head = nn.Sequential(nn.Linear(hidden + 4 * numbers, 64), nn.ReLU(), nn.Linear(64, 1))
         initialize_orthogonal(self)
         nn.init.orthogonal_(self.policy_head[-1].weight, 0.01)  # type: ignore[arg-type]
+        if sees_prices:
+            self.prior = nn.Parameter(prior_weights())
 
     def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.trunk(planes.flatten(1).to(moves.dtype) * (1 / 255))
@@ -46,6 +53,9 @@ class Net(nn.Module):
         which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
         each = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, which], dim=2)
         logits = self.policy_head(each).squeeze(2).float()
+        if self.sees_prices:  # products and sums, which stay float32 where matrix products are computed in bfloat16
+            nearness = size_nearness(moves[:, :, -1] / LOG_CELLS_SCALE)
+            logits = logits + ((moves[:, :, None] * self.prior).sum(3) * nearness).sum(2)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
 
@@ -66,6 +76,8 @@ AnyNet = TypeVar("AnyNet", bound=nn.Module)
 
 class InfersLogits(Protocol):
     """What a NetworkPolicy asks: `Net`, or its like in another runtime."""
+
+    sees_prices: bool
 
     def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[b, 4], values float32[b]) of what `FeatureExtractor` gives."""
@@ -90,7 +102,8 @@ class NetworkPolicy:
     def __init__(self, name: str, net: InfersLogits, sensor_radius: int) -> None:
         self.name = name
         self.net = net
-        self._memory, self._guard, self._features = Memory(), LoopGuard(sensor_radius), RememberedFeatures(sensor_radius)
+        self._memory, self._guard = Memory(), LoopGuard(sensor_radius)
+        self._features = RememberedFeatures(sensor_radius, net.sees_prices)
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
 
     def reset(self, seed: int) -> None:
@@ -131,11 +144,23 @@ class NetworkPolicy:
 def load_net(path: Path) -> Net:
     """Return the network in a policy file; PolicyFileError when the file is none of ours."""
     found = read_card(path).get("format")
-    if found != NETWORK_FORMAT:
-        raise refuse(path, f"the format {NETWORK_FORMAT}", repr(found)[:60])
-    net = Net()
+    if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
+        raise refuse(path, f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT}", repr(found)[:60])
+    net = Net(sees_prices=found == PRICED_NETWORK_FORMAT)
     read_weights(net, path)
     return net.eval()
+
+
+def format_of(net: Net) -> str:
+    """Return the format of a network's policy file."""
+    return PRICED_NETWORK_FORMAT if net.sees_prices else NETWORK_FORMAT
+
+
+def with_prices(net: Net) -> Net:
+    """Return a network that sees prices, begun with the weights of one that does not; see `prior`."""
+    wider = Net(sees_prices=True)
+    wider.load_state_dict(add_prices(net.state_dict()))
+    return wider.eval()
 
 
 def load_network(path: Path, sensor_radius: int) -> Policy:

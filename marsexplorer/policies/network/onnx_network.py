@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import ROVER
 from marsexplorer.files import replace_whole
 from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.policies.files.formats import NETWORK_FORMAT
+from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
 from marsexplorer.policies.files.onnx import OnnxModel, check_outputs
 from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.policies.network.model import NetworkPolicy, load_net
@@ -23,8 +23,8 @@ from marsexplorer.policies.network.model import NetworkPolicy, load_net
 class OnnxNet:
     """Our own network in an ONNX file; `infer` is that of `model.Net`, one board after the other."""
 
-    def __init__(self, model: OnnxModel) -> None:
-        self._model = model
+    def __init__(self, model: OnnxModel, sees_prices: bool) -> None:
+        self._model, self.sees_prices = model, sees_prices
 
     def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[num, 4], values float32[num]) of what `FeatureExtractor` gives."""
@@ -37,23 +37,24 @@ class OnnxNet:
 
 def load_onnx_network(model: OnnxModel, sensor_radius: int) -> NetworkPolicy:
     """Return the policy of a model that `write_onnx` wrote; PolicyFileError when it is not quite so."""
-    sample = sample_inputs()
+    found = model.card().get("format")
+    if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
+        raise model.refuse(f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT} in its card", repr(found)[:60])
+    sample = sample_inputs(sees_prices=found == PRICED_NETWORK_FORMAT)
     for name, array in sample.items():
         kind = f"tensor({'uint8' if array.dtype == np.uint8 else 'float'})"
         if model.inputs[name] not in ((kind, array.shape), (kind, (None, *array.shape[1:]))):
             came = f"{model.inputs[name][0]} {list(model.inputs[name][1])}"
             raise model.refuse(f"{name} {kind} {list(array.shape)}", came)
-    if model.card().get("format") != NETWORK_FORMAT:
-        raise model.refuse(f"the format {NETWORK_FORMAT} in its card", repr(model.card().get("format"))[:60])
     check_outputs(model, model.try_out({name: array.copy() for name, array in sample.items()}))
-    return NetworkPolicy(model.path.stem, OnnxNet(model), sensor_radius)
+    return NetworkPolicy(model.path.stem, OnnxNet(model, found == PRICED_NETWORK_FORMAT), sensor_radius)
 
 
 def write_onnx(policy_file: str | Path, path: Path) -> None:
     """Write a policy of our own (name or .safetensors file) as an ONNX file, its card in the metadata; whole or not at all."""
     source = shipped().get(str(policy_file), Path(policy_file))
     net = load_net(source)
-    samples = tuple(torch.from_numpy(each) for each in sample_inputs().values())
+    samples = tuple(torch.from_numpy(each) for each in sample_inputs(net.sees_prices).values())
     names = {"input_names": ["planes", "moves"], "output_names": ["logits", "value"]}
     with replace_whole(path) as unfinished:
         with warnings.catch_warnings():
@@ -64,11 +65,11 @@ def write_onnx(policy_file: str | Path, path: Path) -> None:
         onnx.save(model, str(unfinished))
 
 
-def sample_inputs() -> dict[str, NDArray[np.uint8] | NDArray[np.float32]]:
+def sample_inputs(sees_prices: bool) -> dict[str, NDArray[np.uint8] | NDArray[np.float32]]:
     """Return the inputs for one board of the smallest size: planes uint8[1, ...] and moves float32[1, 4, ...]."""
     codes = np.ones((1, 5, 5), np.uint8)
     codes[0, 0, 0] = ROVER
-    planes, moves = FeatureExtractor(1, 5, 5, 1)(
+    planes, moves = FeatureExtractor(1, 5, 5, 1, sees_prices)(
         codes, np.zeros(1, np.int64), np.zeros((1, 25), np.uint8), np.ones(1, np.int64)
     )
     return {"planes": planes, "moves": moves}

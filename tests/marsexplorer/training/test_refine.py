@@ -13,8 +13,8 @@ from app.cli.main import cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.policies.network.features import FeatureExtractor
-from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net
+from marsexplorer.policies.network.features import FeatureExtractor, num_action_features
+from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net, with_prices
 from marsexplorer.training.branching import (
     MAX_COST,
     MAX_EXTRA_MOVES,
@@ -25,7 +25,7 @@ from marsexplorer.training.branching import (
     sample_observations,
 )
 from marsexplorer.training.envs import EVALUATION_SEEDS
-from marsexplorer.training.refine import TRANSPOSED, RefineConfig, RefineRun
+from marsexplorer.training.refine import TRANSPOSED, EpisodeTask, RefineConfig, RefineRun, play_task
 
 SMALL = RefineConfig(
     tasks_per_level=(("random", 2), ("1-2-1", 1)),
@@ -129,8 +129,26 @@ def test_transposing_exchanges_rows_and_columns():
     assert np.allclose(moves[:, ::-1, alike], flipped[:, :, alike])
 
 
+def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
+    run = RefineRun(
+        with_prices(net), 4, replace(SMALL, sizes=(21, 42), anchor_sizes=((84, 2), (42, 8)), anchor_levels=("2-2-1",))
+    )
+    tasks = {(task.level, task.size, task.num_episodes, task.pairs_per_episode) for task in run.make_tasks()}
+    branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
+    assert tasks == branched | {("2-2-1", 84, 2, 0)}
+
+
+def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
+    weights = {name: tensor.numpy() for name, tensor in with_prices(net).state_dict().items()}
+    pairs = play_task((weights, EpisodeTask("1-1-1", 33, SEED, 2, 12)))
+    moves = pairs.cost * (33 / 21)
+    assert moves == pytest.approx(np.rint(moves), abs=1e-4)
+    assert pairs.moves.shape[2] == num_action_features(sees_prices=True)
+
+
 def test_the_weights_are_the_same_on_any_number_of_workers(net):
     few = {"episodes_per_task": 2, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
+    net = with_prices(net)
     tiny = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few)
     nets = []
     for workers in (1, 2):
@@ -163,7 +181,9 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.safetensors")])
     assert refused.exit_code == 2
     assert "is no policy" in refused.output
-    assert "the format marsexplorer-network-3" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
+    assert (
+        "the format marsexplorer-network-4 or marsexplorer-network-3" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
+    )
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.safetensors").write_bytes(b"mine")
     kept = CliRunner().invoke(cli, ["refine", "--out", str(tmp_path / "run")])

@@ -1,0 +1,141 @@
+"""What a network that sees prices is given and begins with."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.rollouts import GreedyRollouts
+from marsexplorer.policies.files.card import read_card, shipped
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
+from marsexplorer.policies.network.model import Net, format_of, load_net, with_prices
+from marsexplorer.policies.network.priced_features import LEAST_SHARE, PRICED_FEATURES, RULES
+from marsexplorer.policies.network.prior import size_nearness
+from tests.support import reference_frontier as literal
+
+RADIUS = 3
+
+
+def explored(rows, cols, steps):
+    """An episode some moves after its start, its moves drawn at random, and the cells visited."""
+    episode, rng = Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4), np.random.default_rng(2)
+    while episode.steps < steps:
+        row, col = episode.position
+        beyond = np.pad(episode.codes, 1, constant_values=3)
+        free = [a for a, (r, c) in enumerate(literal.DISPLACEMENTS) if beyond[row + 1 + r, col + 1 + c] != 3]
+        episode.step(int(rng.choice(free)))
+    return episode
+
+
+def numbers(codes, position, path, sees_prices=True):
+    """The numbers of each move, float32[4, ...]."""
+    rows, cols = codes.shape
+    visited = np.zeros((1, rows * cols), np.uint8)
+    for row, col in path:
+        visited[0, row * cols + col] = 1
+    extractor = FeatureExtractor(1, rows, cols, RADIUS, sees_prices)
+    return extractor(codes[None], np.array([position[0] * cols + position[1]]), visited, np.array([1]))[1][0]
+
+
+def literal_values(grid, visited, rover, rule):
+    """For each action the highest value that it leads to and the way there, from the definition."""
+    reach, found = literal.distances(grid, rover), [(0.0, 0)] * 4
+    plain = {**vars(rule), **vars(rule.prices)}
+    priced = cache(lambda u: literal.price(grid, u, RADIUS, plain))
+    for cell, way in reach.items():
+        shown = [] if cell in visited else literal.expected_cells(grid, *cell, RADIUS)
+        if not shown:
+            continue
+        total = sum(priced(u) * literal.fade(u, cell, RADIUS, plain) for u in shown)
+        value = min(total, round(rule.limit * 1024 * 64)) * (way + rule.offset) ** -rule.power
+        back = literal.distances(grid, cell)
+        for action, (d_row, d_col) in enumerate(literal.DISPLACEMENTS):
+            if back.get((rover[0] + d_row, rover[1] + d_col)) == way - 1:
+                found[action] = max(found[action], (value, way), key=lambda pair: pair[0])
+    return found
+
+
+def test_the_numbers_are_those_of_the_definition():
+    rows, cols = 13, 18
+    episode = explored(rows, cols, 9)
+    grid, visited = episode.codes.tolist(), set(episode.path)
+    moves = numbers(episode.codes, episode.position, episode.path)
+    assert np.array_equal(moves[:, :ACTION_FEATURES], numbers(episode.codes, episode.position, episode.path, False))
+    for k, rule in enumerate(RULES):
+        found = literal_values(grid, visited, episode.position, rule)
+        best = max(value for value, _ in found)
+        for action, (value, way) in enumerate(found):
+            share = value / best
+            counts = share > LEAST_SHARE and moves[action, 0] > 0
+            expected = (
+                [(share - LEAST_SHARE) / (1 - LEAST_SHARE), float(value == best), 0.3 * math.log(1 + way)]
+                if counts
+                else [0] * 3
+            )
+            first = ACTION_FEATURES + 3 * k
+            assert moves[action, first : first + 3] == pytest.approx(expected, abs=1e-6), (k, action)
+    assert moves[:, -1] == pytest.approx(0.2 * math.log(rows * cols) * moves[:, 0])
+    assert moves.shape == (4, ACTION_FEATURES + PRICED_FEATURES)
+
+
+def test_a_transposed_board_has_the_same_numbers_for_the_transposed_moves():
+    episode = explored(21, 30, 12)
+    there = numbers(episode.codes, episode.position, episode.path)
+    turned = numbers(np.ascontiguousarray(episode.codes.T), episode.position[::-1], [cell[::-1] for cell in episode.path])
+    assert np.array_equal(there[::-1, ACTION_FEATURES:], turned[:, ACTION_FEATURES:])
+
+
+@pytest.fixture(scope="module")
+def nets():
+    """A network of the kind that sees no prices, and the same with prices added."""
+    torch.manual_seed(1)
+    net = Net().eval()
+    torch.nn.init.normal_(net.policy_head[-1].weight)
+    return net, with_prices(net)
+
+
+def test_with_prices_added_a_network_plays_small_grids_as_it_did_and_large_ones_by_the_rule(nets):
+    few, more = nets
+    for side, moves_made in ((15, 40), (84, 25)):
+        rollouts = GreedyRollouts(EnvConfig("random", side, side), 3, sees_prices=True)
+        rollouts.worlds.start(np.arange(3))
+        for _ in range(moves_made):
+            decisions = rollouts.decide(more)
+            numbers_then, chosen = decisions.moves, decisions.actions
+            if side == 15:
+                logits, values = few.infer(decisions.planes, np.ascontiguousarray(numbers_then[:, :, :ACTION_FEATURES]))
+                both = more.infer(decisions.planes, numbers_then)
+                assert all(np.allclose(*each, atol=1e-4) for each in zip((logits, values), both, strict=True))
+            else:
+                best = numbers_then[np.arange(3), chosen, ACTION_FEATURES + 4]
+                assert (best[~decisions.guarded] == 1).all()
+            rollouts.step(decisions.actions)
+
+
+def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
+    cells = torch.tensor([5.0 * 5, 21 * 21, 29.698**2, 42 * 42, 84 * 84, 128 * 128])
+    expected = [[1, 0, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]
+    assert torch.allclose(size_nearness(cells.log()), torch.tensor(expected), atol=1e-4)
+
+
+def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
+    for net, name in zip(nets, ("few", "more"), strict=True):
+        path = tmp_path / f"{name}.safetensors"
+        save_network(net, path, {"summary": "Wanders."}, format_of(net))
+        assert load_net(path).sees_prices == net.sees_prices
+        assert read_card(path)["format"] == f"marsexplorer-network-{4 if net.sees_prices else 3}"
+        policy, episode = policies.load(path), Episode.begin(EnvConfig("random", 9, 14), seed=1)
+        policy.reset(0)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        assert episode.outcome == "explored"
+
+
+def test_the_first_network_sees_no_prices():
+    assert not load_net(shipped()["ppo"]).sees_prices
