@@ -23,13 +23,14 @@ export function ahead({ grid, position: [row, col], heading }) {
 }
 
 /**
- * The sentences in the order of their weight; the first one that fits and has not been said is said.
+ * The sentences in the order of their weight; the first one that fits and has not been said is said. What the lidar does comes with the
+ * first move, or with the one after it where a rock lies ahead.
  * @type {[string, (after: Frame, gained: number) => boolean, string][]}
  */
 const LINES = [
   ["rock", (after) => ahead(after) === "#", "A rock is right in front of you. Hitting it ends the episode."],
   ["edge", (after) => after.step > 1 && ahead(after) === "edge", "The edge of the map is right in front of you. Driving over it ends the episode."],
-  ["first", (after) => after.step === 1, "Your lidar uncovers what is in sight."],
+  ["first", () => true, "Your lidar uncovers what is in sight."],
   ["rocks", ({ grid }) => grid.some((line) => line.includes("#")), "Pale blocks are rocks. Drive round them."],
   ["nothing", (_after, gained) => gained === 0, "Nothing new there. Head for the dark."],
   ["quarter", ({ coverage }) => coverage >= 0.25 && coverage < 0.5, "A quarter of the ground is on the map. Rocks hide what is behind them."],

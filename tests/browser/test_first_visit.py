@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from app.play.sources import Sources
 from marsexplorer import policies
 from tests.support.browser import KEY_OF, NO_3D
 
@@ -33,7 +34,8 @@ class Visitor:
 
 
 def arrive(serve, player, **context):
-    me = player(serve(), NO_3D, is_new=True, **context)
+    """Open the page for the first time, on a terrain with no rock before the first move's end (the coach would warn of it)."""
+    me = player(serve(Sources(seed=lambda: 3)), NO_3D, is_new=True, **context)
     me.goto()
     return Visitor(me)
 
