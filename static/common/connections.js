@@ -62,5 +62,9 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
     restart() {
       for (const { follower } of open.values()) follower.restart();
     },
+    /** Find out whether the sockets still answer, and start those again that do not. */
+    check() {
+      for (const { follower } of open.values()) follower.check();
+    },
   };
 }

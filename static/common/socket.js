@@ -1,6 +1,9 @@
 // @ts-check
 // One session's socket, which heals itself: it reports every message and its own health, and reconnects with growing waits.
-import { parse } from "./messages.js";
+import { askHistory, parse } from "./messages.js";
+
+/** How long a socket has to answer before it is taken for lost, ms. */
+const ANSWER_MS = 1500;
 
 /**
  * Return the wait before attempt k, in ms: 250, 500, ... at most 5,000.
@@ -27,6 +30,7 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   let isClosed = false;
   let timer = 0;
   let lastMessageAt_ms = performance.now();
+  let doubt = 0; // the timer of a socket that has to show that it still works
 
   function connect() {
     if (isClosed) return;
@@ -35,6 +39,10 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     mine.onmessage = (event) => {
       lastMessageAt_ms = performance.now();
       attempt = 0;
+      if (doubt && mine === socket) {
+        endDoubt();
+        onLink("open");
+      }
       const message = parse(event.data);
       if (message && mine === socket) onMessage(message);
     };
@@ -54,6 +62,18 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
       else connect();
     }, backoff_ms(attempt++));
   }
+  function endDoubt() {
+    clearTimeout(doubt);
+    doubt = 0;
+  }
+  function restart() {
+    const old = socket;
+    socket = null;
+    endDoubt();
+    old?.close();
+    attempt = 0;
+    retry();
+  }
   connect();
   return {
     /**
@@ -67,13 +87,18 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     },
     /** ms since the last message. */
     silence_ms: () => performance.now() - lastMessageAt_ms,
-    /** Drop the present socket and start again at once: the network says that it is back, or went silent. */
-    restart() {
-      const old = socket;
-      socket = null;
-      old?.close();
-      attempt = 0;
-      retry();
+    /** Drop the present socket and start again at once: the network says that it is back. */
+    restart,
+    /**
+     * Find out whether the socket still answers, now that the server does after a silence. It was only slow, and nothing is lost, or
+     * the socket is started again.
+     */
+    check() {
+      const asked = socket;
+      if (asked?.readyState !== WebSocket.OPEN) return restart();
+      asked.send(JSON.stringify(askHistory()));
+      clearTimeout(doubt);
+      doubt = setTimeout(() => { if (asked === socket && !isClosed) restart(); }, ANSWER_MS);
     },
     close() {
       isClosed = true;

@@ -135,7 +135,7 @@ async function begin() {
 
 startHeartbeat({
   silence_ms: () => (state.mode === "spectator" ? 0 : connections.silence_ms()), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
-  onSuccess: () => { if (state.link === "lost") connections.restart(); },
+  onSuccess: () => { if (state.link === "lost") connections.check(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));

@@ -139,7 +139,7 @@ function onEnter() {
 
 startHeartbeat({
   silence_ms: () => connections.silence_ms(), idle_ms: () => performance.now() - actedAt_ms, ask: api.health,
-  onSuccess: () => { if (state.link === "lost") connections.restart(); },
+  onSuccess: () => { if (state.link === "lost") connections.check(); },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));

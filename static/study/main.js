@@ -167,7 +167,7 @@ startControls({
 });
 startHeartbeat({
   silence_ms: connections.silence_ms, idle_ms: () => (idle.isOver(60) ? Infinity : 0), ask: api.health,
-  onSuccess: () => { if (state.game.link === "lost") { connections.restart(); navigation.refresh(); } },
+  onSuccess: () => { if (state.game.link === "lost") { connections.check(); navigation.refresh(); } },
   onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
 });
 setInterval(() => {

@@ -68,6 +68,22 @@ test("a session that is gone for good is not asked for again, a server that does
   }
 });
 
+test("a server that was only slow keeps its socket, and one whose socket stays silent gets a new one", async () => {
+  const { follower, answers, links } = following();
+  const [socket] = FakeSocket.all;
+  socket.open();
+  follower.check();
+  assert.deepEqual(socket.sent, ['{"kind":"history"}']);
+  socket.onmessage({ data: '{"kind":"history","episode":"e","positions":[[0,0]],"discovered":[1]}' });
+  assert.deepEqual(links, ["open", "open"]);
+  follower.check();
+  await soon(1900);
+  answers[0].answer(true);
+  await soon(0);
+  assert.deepEqual([links.at(-1), FakeSocket.all.length], ["lost", 2]);
+  follower.close();
+});
+
 test("attempts to reconnect grow apart, to five seconds", () => {
   assert.deepEqual([0, 1, 2, 9].map(backoff_ms), [250, 500, 1000, 5000]);
 });
