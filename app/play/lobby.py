@@ -20,7 +20,7 @@ from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.replays import restore_episode
 from app.play.session import HUMAN, Participation, Session
-from app.play.sources import Sources
+from app.play.sources import Sources, WatchIds
 from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store, StoreError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -62,6 +62,7 @@ class Lobby:
         participation_of: ParticipationOf = no_participation,
     ) -> None:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
+        self.watch_ids = WatchIds(store)
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = asyncio.Lock()

@@ -88,12 +88,18 @@ class PageBoards:
             return session if session.row.player_id == player_id and not is_other else None
         return None
 
-    async def with_episode(self, player_id: str, episode_id: str) -> Session | None:
-        """Return a player's board on which an episode, theirs or their rival's, is the current one; None when there is none."""
-        found = watchable_session(self._lobby.store, episode_id, self._lobby.sources.clock_ms(), player_id)
+    async def with_link(self, player_id: str, link: str) -> Session | None:
+        """Return the player's own board that a link shows, or on which the episode of that id is the current one; else None.
+
+        The link may be that of a rival's board or episode, which is on its player's screen.
+        """
+        found = self._lobby.watch_ids.session(link)
+        if found is None:
+            watchable = watchable_session(self._lobby.store, link, self._lobby.sources.clock_ms(), player_id)
+            found = None if watchable is None else watchable[0]
         with suppress(UnknownSessionError):
-            session = None if found is None else await self._lobby.get(found[0])
-            if session is not None and session.current.id == episode_id:
+            session = None if found is None else await self._lobby.get(found)
+            if session is not None and link in (session.current.id, self._lobby.watch_ids.of(session.id)):
                 return await self.with_id(player_id, session.row.rival_of or session.id)
         return None
 

@@ -1,7 +1,9 @@
-"""Watching somebody else's episode on the playground, by the id of the episode.
+"""Watching somebody else's board on the playground, by a link that grants nothing else.
 
-The id grants nothing else: no answer here holds a session's id, a player's or a seed. A spectator is no subscriber, so a board
-that its player has left is not kept in memory by being watched, and a policy on it does not go on.
+A link names a board by its own id for watching (`app.play.sources`) and shows one episode after the other on it. Links of
+earlier versions name one episode by its id. No answer here holds a session's id, a player's, a seed, or the id for watching
+where the link is another. A spectator is no subscriber, so a board that its player has left is not kept in memory by being
+watched, and a policy on it does not go on.
 """
 
 from __future__ import annotations
@@ -10,13 +12,13 @@ import asyncio
 import json
 from collections.abc import AsyncGenerator
 from contextlib import ExitStack, suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.replays import frames, restore_episode
 from app.play.session import Session
-from app.storage.playground import watchable_session
+from app.storage.playground import newest_episode, watchable_session
 from app.storage.store import Resumable
 from marsexplorer.episode import Episode, replay
 
@@ -25,24 +27,48 @@ LOOK_S = 2.0
 
 
 class UnwatchableError(LookupError):
-    """No episode with this id can be watched."""
+    """No board or episode with this id can be watched."""
 
-    def __init__(self, episode_id: str) -> None:
-        super().__init__(f"no episode {episode_id!r} that can be watched: check the link")
+    def __init__(self, link: str) -> None:
+        super().__init__(f"no episode {link!r} that can be watched: check the link")
+
+
+class Shown(NamedTuple):
+    """What a link shows now; `is_board`: it goes on with the next episode of that board."""
+
+    session_id: str
+    episode_id: str
+    is_board: bool
 
 
 class Spectators:
-    """What spectators are shown of the episodes of a lobby."""
+    """What spectators are shown of the boards of a lobby."""
 
     def __init__(self, lobby: Lobby) -> None:
         self._lobby = lobby
 
-    async def describe(self, episode_id: str, viewer: str | None = None) -> dict[str, Any]:
-        """Return an episode as it stands, with every frame once it has ended; UnwatchableError for any other id.
+    def shown(self, link: str, viewer: str | None = None) -> Shown:
+        """Return what a link shows: the newest episode of the board whose id for watching it is, or the episode of that id.
 
         viewer  the player who asks: a daily episode is shown to its own player alone until its day is over
+
+        UnwatchableError for any other id.
         """
-        found, episode = await self._stored(episode_id, viewer)
+        store = self._lobby.store
+        board = self._lobby.watch_ids.session(link)
+        episode_id = link if board is None else newest_episode(store, board)
+        found = episode_id and watchable_session(store, episode_id, self._lobby.sources.clock_ms(), viewer)
+        if not episode_id or not found:
+            raise UnwatchableError(link)
+        return Shown(found[0], episode_id, board is not None)
+
+    async def describe(self, link: str, viewer: str | None = None) -> dict[str, Any]:
+        """Return the episode that a link shows as it stands, with every frame once it has ended.
+
+        UnwatchableError and `viewer` as for `shown`.
+        """
+        episode_id = self.shown(link, viewer).episode_id
+        found, episode = await self._stored(episode_id, link)
         config, driver = found.episode.config, found.episode.driver
         whole = await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
         return {
@@ -55,22 +81,26 @@ class Spectators:
             "frames": whole,
         }
 
-    async def messages(self, episode_id: str, viewer: str | None = None) -> AsyncGenerator[str, None]:
-        """Yield the newest frame whenever it changes, and the history wherever frames were missed, until the episode ends.
+    async def messages(self, link: str, viewer: str | None = None) -> AsyncGenerator[str, None]:
+        """Yield the newest frame whenever it changes, and the history wherever frames were missed.
 
-        UnwatchableError for an id that cannot be watched. `viewer` as for `describe`.
+        It ends with the episode where the link names one, and never where it names a board: the next episode follows there.
+        UnwatchableError and `viewer` as for `shown`.
         """
-        newest, steps, woken = "", -2, asyncio.Event()
+        newest, steps, woken, last_id = "", -2, asyncio.Event(), ""
         board: Session | None = None
         with ExitStack() as listening:
             while True:
                 woken.clear()
-                if (now := self._board(episode_id, viewer)) is not board:
+                session_id, episode_id, is_board = self.shown(link, viewer)
+                if episode_id != last_id:
+                    last_id, steps = episode_id, -2
+                if (now := self._board(session_id, episode_id)) is not board:
                     listening.close()
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                episode = (await self._stored(episode_id, viewer))[1] if board is None else board.episode
+                episode = (await self._stored(episode_id, link))[1] if board is None else board.episode
                 frame = encode_frame(episode_id, episode) if board is None else board.frame
                 has_ended, is_behind = episode.ended, episode.steps > steps + 1
                 if frame != newest:
@@ -79,32 +109,26 @@ class Spectators:
                     yield frame
                     if history is not None:
                         yield history
-                if has_ended:
+                if has_ended and not is_board:
                     return
                 with suppress(TimeoutError):
                     async with asyncio.timeout(LOOK_S):
                         await woken.wait()
 
-    def _session_of(self, episode_id: str, viewer: str | None) -> str | None:
-        """Return the id of the session of an episode that the viewer may watch."""
-        found = watchable_session(self._lobby.store, episode_id, self._lobby.sources.clock_ms(), viewer)
-        return None if found is None else found[0]
-
-    def _board(self, episode_id: str, viewer: str | None) -> Session | None:
-        """Return the board in memory on which an episode is the current one."""
-        found = self._session_of(episode_id, viewer)
-        board = None if found is None else self._lobby.in_memory(found)
+    def _board(self, session_id: str, episode_id: str) -> Session | None:
+        """Return a session's board if it is in memory and the episode is the current one on it."""
+        board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str, viewer: str | None) -> tuple[Resumable, Episode]:
-        """Return an episode as the store holds it; UnwatchableError for others, and where the rules have changed."""
+    async def _stored(self, episode_id: str, link: str) -> tuple[Resumable, Episode]:
+        """Return the episode that a link shows as the store holds it; UnwatchableError where the rules have changed."""
         store = self._lobby.store
-        found = store.find_episode(episode_id) if self._session_of(episode_id, viewer) else None
+        found = store.find_episode(episode_id)
         if found is None:
-            raise UnwatchableError(episode_id)
+            raise UnwatchableError(link)
         try:
             if found.ended:
                 return found, await asyncio.to_thread(replay, store.load_record(episode_id))
             return found, await asyncio.to_thread(restore_episode, found.episode, found.actions)
         except ValueError as error:
-            raise UnwatchableError(episode_id) from error
+            raise UnwatchableError(link) from error

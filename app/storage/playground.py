@@ -89,6 +89,18 @@ def watchable_session(store: Store, episode_id: str, at_ms: int, viewer: str | N
     return None if found is None else (str(found[0]), found[1] is not None)
 
 
+def newest_episode(store: Store, session_id: str) -> str | None:
+    """Return the id of the episode on a session's board, running or ended; None where there is none."""
+    sql = "SELECT id FROM episodes WHERE session_id = ? ORDER BY number DESC LIMIT 1"
+    found = store.connection.execute(sql, [session_id]).fetchone()
+    return None if found is None else str(found[0])
+
+
+def sessions_after(store: Store, row: int) -> list[tuple[int, str]]:
+    """Return (row number, id) of the sessions that were stored after the one with a row number, in that order."""
+    return store.connection.execute("SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid", [row]).fetchall()
+
+
 _SECRET = "daily_secret"
 """The row of the table `meta` with the secret that all keys of this database's days follow from."""
 

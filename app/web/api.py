@@ -64,6 +64,7 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "daily": None if session.current.daily is None else session.current.daily.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "not_attested": None if finished is None else finished["attestation_reason"],
+        "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
         "frame": json.loads(session.frame),
         "rival": rival
         and {
@@ -110,6 +111,8 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
     `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
     into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
 
+    Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and do nothing else.
+
     A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
     the episode counts for the volunteers' figure so far. Instead of a second ranked board the page gets the open one, with 200.
     """
@@ -129,18 +132,18 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
-async def get_my_session(request: Request, episode: Id = None, session: Id = None) -> dict[str, Any] | None:
+async def get_my_session(request: Request, watch: Id = None, episode: Id = None, session: Id = None) -> dict[str, Any] | None:
     """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
 
-    `episode` asks for the board on which that episode is the current one, `session` for the board of that id. Null when there
-    is no such board of yours.
+    `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one, and
+    `session` for the board of that id. Null when there is no such board of yours.
     """
     player_id = player_of(request)
     if player_id is None:
         return None
     page_boards = services_of(request).page_boards
-    if episode is not None:
-        found = await page_boards.with_episode(player_id, episode)
+    if link := watch or episode:
+        found = await page_boards.with_link(player_id, link)
     else:
         found = await (page_boards.newest(player_id) if session is None else page_boards.with_id(player_id, session))
     return None if found is None else session_summary(_lobby(request), found)

@@ -33,7 +33,7 @@ SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page need
 <- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
 <- {"kind":"error","detail":"..."}                             a bad message: the socket stays open
 
-ws(s)://.../ws/watch/{episode}          for spectators: frames and histories alone, until the episode has ended"""
+ws(s)://.../ws/watch/{watch}            for spectators of a board: frames and histories alone, one episode after the other"""
 
 SHOWN_MODELS = ("Frame", "History", "Pace")
 """The answers whose fields are listed."""

@@ -1,4 +1,4 @@
-"""Watching an episode by its id, over HTTP and over a socket: for anybody who has the link, and nothing but watching."""
+"""Watching a board or an episode, over HTTP and over a socket: for anybody who has the link, and nothing but watching."""
 
 from __future__ import annotations
 
@@ -13,45 +13,51 @@ from fastapi.responses import FileResponse, RedirectResponse, Response
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
 from app.settings import STATIC
-from app.storage.playground import watchable_session
 from app.web.access import asker_of, has_own_origin, player_of, services_of
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
 router = APIRouter()
 
 
-@router.get("/api/watch/{episode_id}", tags=["play"], summary="Watch an episode of the playground")
-async def get_watched(request: Request, episode_id: str) -> dict[str, Any]:
-    """Return an episode by the id in its frames: the newest frame, the path so far, and once it has ended every frame.
+@router.get("/api/watch/{watch_id}", tags=["play"], summary="Watch a board of the playground")
+async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
+    """Return the episode on a board: the newest frame, the path so far, and once it has ended every frame.
+
+    `watch_id` is the board's `watch` in the answer of POST /api/sessions. The id of an episode shows that episode alone.
 
     `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
     only by its own player before the day is over.
     """
     try:
-        return await services_of(request).spectators.describe(episode_id, player_of(request))
+        return await services_of(request).spectators.describe(watch_id, player_of(request))
     except UnwatchableError as error:
         raise HTTPException(404, str(error)) from error
 
 
-@router.get("/watch/{episode_id}", include_in_schema=False)
-async def watch_page(request: Request, episode_id: str) -> Response:
-    """Serve the live view of an episode, or lead to its replay once it has ended; 404 for an id that shows nothing."""
+@router.get("/watch/{watch_id}", include_in_schema=False)
+async def watch_page(request: Request, watch_id: str) -> Response:
+    """Serve the live view of a board or an episode; 404 for an id that shows nothing.
+
+    The id of an episode that has ended leads to its replay; a board's goes on with the next episode.
+    """
     services, asker = services_of(request), asker_of(request)
-    if await services.replays.has(episode_id, asker):
-        return RedirectResponse(f"../replay/{episode_id}", 303)
-    if watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), asker.player_id) is None:
-        raise HTTPException(404, str(UnwatchableError(episode_id)))
+    if await services.replays.has(watch_id, asker):
+        return RedirectResponse(f"../replay/{watch_id}", 303)
+    try:
+        services.spectators.shown(watch_id, asker.player_id)
+    except UnwatchableError as error:
+        raise HTTPException(404, str(error)) from error
     return FileResponse(STATIC / "watch" / "index.html")
 
 
-@router.websocket("/ws/watch/{episode_id}")
-async def watch_socket(websocket: WebSocket, episode_id: str) -> None:
-    """Send an episode's frames as they come, and close when it has ended; what the spectator sends is ignored."""
+@router.websocket("/ws/watch/{watch_id}")
+async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
+    """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
     if has_own_origin(websocket) is False:
         await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
         return
     await websocket.accept()
-    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(episode_id, player_of(websocket))))
+    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(watch_id, player_of(websocket))))
     try:
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass

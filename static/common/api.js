@@ -108,16 +108,16 @@ export function createApi(fetcher, root = "") {
     about: (id) => request(`${session(id)}/about`, undefined, 4000),
     /**
      * Return the board that this browser's player goes on with; null without one. A question names another of their boards:
-     * by its id, or by its current episode.
-     * @param {{session?: string, episode?: string}} [question]
+     * by its id, or by what a link to watch it holds.
+     * @param {{session?: string, watch?: string}} [question]
      * @returns {Promise<About | null>}
      */
     mySession: (question = {}) => request(`me/session?${new URLSearchParams(question)}`),
     /**
-     * @param {string} episode
+     * @param {string} id of a board for watching, or of an episode
      * @returns {Promise<Watched>}
      */
-    watched: (episode) => request(`watch/${encodeURIComponent(episode)}`),
+    watched: (id) => request(`watch/${encodeURIComponent(id)}`),
     /**
      * @param {string} id
      * @param {Record<string, unknown>} wish

@@ -63,7 +63,7 @@ const terrainDialog = createTerrainDialog(by("terrain-dialog", HTMLDialogElement
 const sessions = createSessions({
   api, dispatch, wish: terrainDialog.wish, hash: () => location.hash, storage: sessionStorage,
   setHash: (hash) => history.replaceState(null, "", hash),
-  watch: (episode) => showInstead(episode, api.watched, location),
+  watch: (id) => showInstead(id, api.watched, location),
   onBegun(about) {
     terrainDialog.show(about);
     terrainDialog.forgetSeed();
@@ -121,7 +121,6 @@ function dispatch(event) {
     if (frame.episode !== before.player?.frame.episode) showTab("player");
     const said = announcement(before.player?.frame ?? null, frame);
     if (said) by("announcer").textContent = said;
-    if (event.kind === "received" && frame.episode !== before.player?.frame.episode) sessions.share(frame.episode);
     if (state.mode === "ranked" && frame.outcome) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) volunteers.ended();
   }

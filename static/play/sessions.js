@@ -29,20 +29,20 @@ export function sessionInHash(hash) {
 }
 
 /**
- * Return the episode that an address shows to whoever has it, if any.
+ * Return the id that an address lets anybody watch, if any: a board's, or in links of an earlier version an episode's.
  * @param {string} hash
  */
-export function episodeInHash(hash) {
+export function watchedInHash(hash) {
   return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
 }
 
 /**
  *   hash      of the address
- *   storage   of this tab: its session, and the episode that it put into the address
+ *   storage   of this tab: its session, and the id for watching that it put into the address
  *   setHash   puts the shareable link into the address
- *   watch     shows somebody else's episode; ApiError 404 when there is none
+ *   watch     shows somebody else's board; ApiError 404 when there is none
  * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Wish, dispatch: (event: Event) => void,
- *   hash: () => string, storage: Storage, setHash: (hash: string) => void, watch: (episode: string) => Promise<void>,
+ *   hash: () => string, storage: Storage, setHash: (hash: string) => void, watch: (id: string) => Promise<void>,
  *   onBegun: (about: About) => void}} how
  */
 export function createSessions({ api, wish, dispatch, hash, storage, setHash, watch, onBegun }) {
@@ -76,17 +76,12 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
   /** @param {About} about */
   function begin(about) {
     storage.setItem("mars.session", about.session);
-    share(about.frame.episode);
+    if (about.watch) {
+      storage.setItem("mars.watch", about.watch);
+      setHash(`#watch=${about.watch}`);
+    }
     dispatch({ kind: "begun", about });
     onBegun(about);
-  }
-  /**
-   * Put the link to watch an episode of this tab's board into the address.
-   * @param {string} episode
-   */
-  function share(episode) {
-    storage.setItem("mars.episode", episode);
-    setHash(`#watch=${episode}`);
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
   /**
@@ -98,14 +93,14 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     if (error instanceof ApiError && error.status === 404) return null;
     throw error;
   });
-  /** Return the board that the address or this tab stands for; undefined when somebody else's episode is watched instead. */
+  /** Return the board that the address or this tab stands for; undefined when somebody else's board is watched instead. */
   async function findOwn() {
-    const episode = episodeInHash(hash());
+    const watched = watchedInHash(hash());
     const session = storage.getItem("mars.session");
-    if (episode && episode !== storage.getItem("mars.episode")) {
-      const own = await api.mySession({ episode });
+    if (watched && watched !== storage.getItem("mars.watch")) {
+      const own = await api.mySession({ watch: watched });
       if (own) return own;
-      if (await orNull(watch(episode).then(() => true))) return undefined;
+      if (await orNull(watch(watched).then(() => true))) return undefined;
       note("This link leads to no episode that can be watched; this is a board of your own.");
     }
     const named = sessionInHash(hash());
@@ -120,7 +115,6 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
-    share,
     /** Go on where a reload left off, with the player's board of another tab, or begin; or watch what the address names. */
     async restore() {
       try {

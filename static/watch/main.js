@@ -1,5 +1,5 @@
 // @ts-check
-// Wires the live view of somebody else's episode: its socket -> state -> one scheduled repaint. Nothing here sends anything.
+// Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { ApiError, createApi, createRequest } from "../common/api.js";
 import { paintBoard } from "../common/board.js";
 import { boardColours, chartColours } from "../common/colours.js";
@@ -10,19 +10,21 @@ import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf, paintLink, put } from "../common/page.js";
 import { follow } from "../common/socket.js";
 import { describeBoard, percent, sizeText } from "../common/words.js";
-import { episodeInPath, liveHeadline, watchedBoard } from "./watched.js";
+import { idInPath, liveHeadline, watchedBoard } from "./watched.js";
 
 /** @typedef {import("../common/game_state.js").Event} Event */
 const by = elementsOf(document);
 const ROOT = new URL("../", document.baseURI).href;
 const api = createApi((path, options) => fetch(path, options), "../");
 const request = createRequest((path, options) => fetch(path, options), "../");
-const episode = episodeInPath(location.pathname) ?? "";
+const id = idInPath(location.pathname) ?? "";
 const part = /** @type {Record<string, HTMLElement>} */ (Object.fromEntries(Array.from(document.querySelectorAll("[data-part]"),
   (each) => [/** @type {HTMLElement} */ (each).dataset.part, each])));
 const chart = by("chart", HTMLCanvasElement);
 
 let state = initialState();
+/** The newest question of `load`: an answer to an earlier one changes nothing. */
+let asked = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 const repaint = createRepaint(() => paint());
 /** @type {ReturnType<typeof follow> | null} */
@@ -59,13 +61,26 @@ function paint() {
   chart.setAttribute("aria-label", `${board.name}: ${percent(frame.coverage)} percent after ${frame.step} moves`);
 }
 
-/** Say how the episode ended, and offer its replay where there is one for whoever asks. */
-async function showEnd() {
+/** @param {string} player */
+function showLive(player) {
+  put(by("badge"), "live");
+  put(by("watching-text"), liveHeadline(player));
+  put(by("watching-line"), "You see each move as it is made. Your keys move nothing here.");
+  put(part.outcome, "");
+  delete part.outcome.dataset.outcome;
+  by("ended").hidden = true;
+}
+
+/**
+ * Say how an episode ended, and offer its replay where there is one for whoever asks.
+ * @param {string} episode
+ */
+async function showEnd(episode) {
   put(by("badge"), "ended");
   put(by("watching-text"), "This episode has ended");
-  put(by("watching-line"), "");
+  put(by("watching-line"), episode === id ? "" : "The next terrain on this board is shown here as soon as it begins.");
   const replay = /** @type {import("../replay/course.js").ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
-  if (!replay) return;
+  if (!replay || state.player?.frame.episode !== episode) return;
   put(by("watching-text"), `${replay.run.name} ${replay.run.sentence}`);
   put(part.outcome, replay.run.sentence);
   part.outcome.dataset.outcome = replay.run.outcome;
@@ -73,15 +88,17 @@ async function showEnd() {
   by("ended").hidden = false;
 }
 
-/** Ask for the episode as it stands; return whether it still runs. */
+/** Ask for the episode as it stands; return whether more will come: a board's next episode does, after one that was linked nothing. */
 async function load() {
-  const watched = await api.watched(episode);
-  put(by("watching-text"), liveHeadline(watched.player));
+  const mine = ++asked;
+  const watched = await api.watched(id);
+  if (mine !== asked) return true;
   dispatch({ kind: "watched", level: watched.level, size: watched.size, board: watchedBoard(watched) });
-  if (!watched.frames) return true;
+  if (!watched.frames) showLive(watched.player);
+  else await showEnd(watched.episode);
+  if (!watched.frames || watched.episode !== id) return true;
   follower?.close();
   dispatch({ kind: "link", link: "open" }); // the server closed the socket at the end
-  await showEnd();
   return false;
 }
 
@@ -94,10 +111,11 @@ async function begin() {
     else setTimeout(begin, 1000);
     return;
   }
-  follower = follow({ url: socketUrl(episode, ROOT, "ws/watch"), beforeRetry: load, onLink: (link) => dispatch({ kind: "link", link }),
+  follower = follow({ url: socketUrl(id, ROOT, "ws/watch"), beforeRetry: load, onLink: (link) => dispatch({ kind: "link", link }),
     onMessage(message) {
+      const before = state.player?.frame.episode;
       dispatch({ kind: "received", role: "player", message });
-      if (message.kind === "frame" && message.outcome) load().catch(() => follower?.restart());
+      if (message.kind === "frame" && (message.outcome || message.episode !== before)) load().catch(() => follower?.restart());
     } });
 }
 

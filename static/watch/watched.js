@@ -1,13 +1,13 @@
 // @ts-check
-// A watched episode in words, and as a board. No document here, so that node can test it.
+// A watched board in words, and as the page's state has it. No document here, so that node can test it.
 
 /** @typedef {import("../common/api.js").Watched} Watched */
 
 /**
- * Return the episode that the address of the page names, if any.
+ * Return what the address of the page names, if anything: a board by its id for watching, or an episode.
  * @param {string} pathname
  */
-export const episodeInPath = (pathname) => /\/watch\/([\w-]{4,64})$/.exec(pathname)?.[1] ?? null;
+export const idInPath = (pathname) => /\/watch\/([\w-]{4,64})$/.exec(pathname)?.[1] ?? null;
 
 /**
  * Return the name of a watched board.

@@ -3,6 +3,8 @@
 import csv
 import io
 import itertools
+import os
+import signal
 import sqlite3
 
 import pytest
@@ -75,7 +77,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     me.page.keyboard.press("Enter")
     me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
     assert me.state()["step"] == 0
-    assert me.page.url.split("#watch=")[1] == me.state()["episode"] != frame["episode"]
+    assert me.page.url.endswith(f"#watch={about['watch']}"), "the board keeps its link"
     assert about["session"] not in me.page.url
     assert me.errors == []
 
@@ -172,6 +174,15 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     assert me.state()["step"] == 1
     me.press("east")
     eventually(lambda: me.state()["step"] == 2)
+
+    sockets = []
+    me.page.on("websocket", lambda socket: sockets.append(socket.url))
+    os.kill(again.process.pid, signal.SIGSTOP)
+    me.wait("window.mars.state.link === 'lost'")
+    os.kill(again.process.pid, signal.SIGCONT)
+    me.page.keyboard.press(KEY_OF["west"])
+    me.wait("window.mars.state.link === 'open' && window.mars.state.player.frame.step === 3")
+    assert not [url for url in sockets if "/ws/sessions/" in url], "a server that was only slow keeps its connection"
     again.kill()
 
 

@@ -5,6 +5,7 @@ import json
 import pytest
 from websockets.exceptions import ConnectionClosed
 
+from app.play.sources import WatchIds
 from app.web.cookies import PLAYER_COOKIE
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
@@ -177,6 +178,34 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
     assert spectator.get(f"/api/me/session?episode={episode}").json() is None
 
 
+def test_a_board_is_watched_by_an_id_of_its_own_one_episode_after_the_other(server):
+    owner, spectator = server.page(), server.page()
+    begun = owner.post("/api/sessions", json={"size": [9, 12]}).json()
+    session, watch, first = begun["session"], begun["watch"], begun["frame"]
+    with server.socket(watch, spectator, path="/ws/watch/") as watching, server.socket(session, owner) as mine:
+        assert (watching.receive("frame"), watching.receive("history")["positions"]) == (first, [[0, 0]])
+        mine.act(first, "north", input="key")
+        last = mine.frame_after(0)
+        assert watching.receive("frame") == last
+        assert (last["outcome"], spectator.get(f"/watch/{watch}").status_code) == ("out_of_bounds", 200)
+        assert spectator.get(f"/watch/{first['episode']}").headers["location"] == f"../replay/{first['episode']}"
+        following = owner.post(f"/api/sessions/{session}/episodes").json()
+        assert following["watch"] == watch
+        assert watching.receive("frame") == following["frame"]
+        assert watching.receive("history")["episode"] == following["frame"]["episode"] != first["episode"]
+    watched = spectator.get(f"/api/watch/{watch}").json()
+    assert (watched["frame"], watched["frames"]) == (following["frame"], None)
+    lists = ("episodes", "export/episodes.jsonl", "export/steps.jsonl")
+    for url in (*lists, f"watch/{first['episode']}", f"watch/{following['frame']['episode']}", f"watch/{watch}"):
+        assert watch not in spectator.get(f"/api/{url}").text, url
+    for method, url, content in calls(watch, following["frame"]):
+        assert spectator.request(method, url, json=content).status_code == 404, "the id grants nothing but watching"
+    assert spectator.get(f"/api/me/session?watch={watch}").json() is None
+    assert owner.get(f"/api/me/session?watch={watch}").json()["session"] == session
+    assert WatchIds(server.services.store).session(watch) == session, "a restarted server finds the board"
+    assert spectator.post("/api/sessions").json()["watch"] != watch
+
+
 def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(serve, monkeypatch):
     monkeypatch.setattr("app.play.spectators.LOOK_S", 0.05)
     server = serve(idle_s=0.2)
@@ -205,7 +234,8 @@ def test_what_cannot_be_watched_is_unknown(serve, tmp_path):
     person.to_warm_up()
     person.call("next")
     board = person.where["about"]
-    for episode in ("none", board["frame"]["episode"], board["session"]):
+    assert board["watch"] is None
+    for episode in ("none", board["frame"]["episode"], board["session"], WatchIds(server.services.store).of(board["session"])):
         answer = server.page().get(f"/api/watch/{episode}")
         assert (answer.status_code, "that can be watched" in answer.json()["detail"]) == (404, True)
         with server.socket(episode, path="/ws/watch/") as socket:

@@ -93,7 +93,7 @@ class Recorder:
         self.client = server.client()
         begun = self.begin(body)
         self.ids = [begun["session"], *([begun["rival"]["session"]] if begun["rival"] else [])]
-        self.frame = begun["frame"]
+        self.frame, self.watch = begun["frame"], begun["watch"]
         self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
         self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
@@ -125,7 +125,13 @@ class Recorder:
             for more in ("", "/about", "/history"):
                 self.answer("GET", f"/api/sessions/{id_}{more}")
         lists = ("episodes?limit=9", "human-level", "health", *(f"export/{table}.jsonl" for table in ("episodes", "steps")))
-        for url in (*lists, f"episodes/{self.frame['episode']}", f"watch/{self.frame['episode']}", *self.more):
+        for url in (
+            *lists,
+            f"episodes/{self.frame['episode']}",
+            f"watch/{self.frame['episode']}",
+            f"watch/{self.watch}",
+            *self.more,
+        ):
             self.answer("GET", f"/api/{url}")
 
     def move(self, action):

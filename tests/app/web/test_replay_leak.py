@@ -83,6 +83,8 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
     assert no_file[0] == 2
     for name in ("warm-up", "ranked in a study", "left in a study", "daily"):
         assert answers(client, secret[name], (*REPLAYS, *WATCHING)) == nothing, name
+        board = server.services.lobby.watch_ids.of(server.services.store.find_episode(secret[name]).session.id)
+        assert answers(client, board, WATCHING) == {path: nothing[path] for path in WATCHING}, name
     for name in ("ranked", "practice", "rival"):
         files = {path: nothing[path] for path in REPLAYS[1:]}
         assert answers(client, secret[name], REPLAYS[1:]) == files, name
@@ -103,6 +105,10 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
         assert known == watched["frame"]["discovered"] < CONFIG.n
         assert stored.terrain.hex() not in str(watched)
         assert "seed" not in str(watched)
+        board = server.services.lobby.watch_ids.of(server.services.store.find_episode(secret[name]).session.id)
+        assert client.get(f"/watch/{board}").content == live.content
+        assert client.get(f"/api/watch/{board}").json() == watched, "the link of the board tells what the episode's tells"
+        assert answers(client, board, REPLAYS[1:]) == files, name
 
 
 def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_player(serve, tmp_path, secret, command):

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { ApiError } from "../../../static/common/api.js";
-import { createSessions, episodeInHash, sessionInHash, sessionWish } from "../../../static/play/sessions.js";
+import { createSessions, sessionInHash, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
@@ -10,10 +10,10 @@ test("each mode asks for its own kind of session", () => {
   assert.deepEqual(sessionWish("watch", { ...wish, seed: 0 }), { level: "random", size: 21, seed: 0, player: "random", rival: "ppo" });
 });
 
-test("the address names an episode that anybody may watch", () => {
-  assert.equal(episodeInHash("#watch=00ff00ff00ff00ff"), "00ff00ff00ff00ff");
-  assert.equal(episodeInHash("#watch=<script>"), null);
-  assert.equal(episodeInHash("#s=ab_c-1234"), null);
+test("the address names what anybody may watch", () => {
+  assert.equal(watchedInHash("#watch=00ff00ff00ff00ff"), "00ff00ff00ff00ff");
+  assert.equal(watchedInHash("#watch=<script>"), null);
+  assert.equal(watchedInHash("#s=ab_c-1234"), null);
 });
 
 test("an address of an earlier version names a session", () => {
@@ -31,22 +31,22 @@ function restored({ hash = "", kept = {}, api }) {
     dispatch: (event) => done.push(event.kind), watch: async (episode) => { done.push(`watch ${episode}`); }, onBegun: () => {} });
   return { sessions, done };
 }
-const about = (session) => ({ session, player: "human", counts: false, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
+const about = (session) => ({ session, player: "human", counts: false, watch: `${session}-watch`, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
 const unknown = async () => { throw new ApiError("unknown", 404); };
 
 test("a reload goes on with the tab's own board, a copied address is watched, a new browser begins", async () => {
-  const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.episode": "mine" }, api: { about: async () => about("s1") } });
+  const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.watch": "mine" }, api: { about: async () => about("s1") } });
   await own.sessions.restore();
-  assert.deepEqual(own.done, ["#watch=s1-episode", "begun"]);
+  assert.deepEqual(own.done, ["#watch=s1-watch", "begun"]);
   const copied = restored({ hash: "#watch=theirs", api: { mySession: async () => null } });
   await copied.sessions.restore();
   assert.deepEqual(copied.done, ["watch theirs"]);
   const fresh = restored({ api: { mySession: async () => null } });
   await fresh.sessions.restore();
-  assert.deepEqual(fresh.done, ["new board", "#watch=new-episode", "begun"]);
+  assert.deepEqual(fresh.done, ["new board", "#watch=new-watch", "begun"]);
   const gone = restored({ kept: { "mars.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
   await gone.sessions.restore();
-  assert.deepEqual(gone.done, ["#watch=s2-episode", "begun"]);
+  assert.deepEqual(gone.done, ["#watch=s2-watch", "begun"]);
 });
 
 test("an answer that does not come begins no board, which would abandon a ranked episode", async () => {
@@ -57,6 +57,6 @@ test("an answer that does not come begins no board, which would abandon a ranked
     await sessions.restore();
     assert.ok(done.includes("link") && !done.includes("new board"));
     await new Promise((resolve) => { setTimeout(resolve, 1050); });
-    assert.deepEqual(done.slice(-2), ["#watch=s1-episode", "begun"]);
+    assert.deepEqual(done.slice(-2), ["#watch=s1-watch", "begun"]);
   }
 });

@@ -1,7 +1,7 @@
 // A watched episode in words and as a board.
 import assert from "node:assert/strict";
 import test from "node:test";
-import { episodeInPath, liveHeadline, watchedBoard, watchedName } from "../../../static/watch/watched.js";
+import { idInPath, liveHeadline, watchedBoard, watchedName } from "../../../static/watch/watched.js";
 
 test("a watched episode is a board as it stands", () => {
   const history = { positions: [[0, 0], [1, 0], [0, 0]], discovered: [1, 2, 3] };
@@ -13,5 +13,5 @@ test("a watched episode is a board as it stands", () => {
 });
 
 test("the address names the episode, also under a prefix", () => {
-  assert.deepEqual(["/watch/00ff00ff", "/mars/watch/00ff00ff", "/watch/", "/watch/<b>"].map(episodeInPath), ["00ff00ff", "00ff00ff", null, null]);
+  assert.deepEqual(["/watch/00ff00ff", "/mars/watch/00ff00ff", "/watch/", "/watch/<b>"].map(idInPath), ["00ff00ff", "00ff00ff", null, null]);
 });
