@@ -27,9 +27,12 @@ class Addresses:
 
 @dataclass(frozen=True)
 class Inlined:
-    """What a page that stands in one file holds itself: its styles; its modules by name and its icon, as data URLs."""
+    """What a page that stands in one file holds itself: its styles and the script that chooses their theme; its modules by name
+    and its icon, as data URLs.
+    """
 
     style: Markup
+    theme: Markup
     modules: dict[str, str]
     entry: str
     icon: str

@@ -44,6 +44,7 @@ def _inlined() -> Inlined:
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
     return Inlined(
         style=Markup(style),
+        theme=Markup((STATIC / "common" / "theme.js").read_text()),
         modules={name: _data_url(text) for name, text in modules(ENTRY).items()},
         entry=ENTRY,
         icon=f"data:image/svg+xml;base64,{icon}",

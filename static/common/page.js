@@ -65,7 +65,9 @@ export function paintNotices(root, notices, dismiss) {
  */
 export function paintLink(root, link, whenOpen) {
   root.dataset.link = link;
-  put(/** @type {HTMLElement} */ (root.lastElementChild), { connecting: "connecting", open: whenOpen, lost: "connection lost, trying again" }[link]);
+  const words = /** @type {HTMLElement} */ (root.lastElementChild);
+  if (link !== "lost") put(words, { connecting: "connecting", open: whenOpen }[link]);
+  else if (!words.firstElementChild) words.replaceChildren("connection lost", create("span", ", trying again", { class: "long" })); // wide screens alone have room
 }
 
 /**

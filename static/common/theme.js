@@ -12,6 +12,10 @@
   const root = document.documentElement;
   const system = matchMedia("(prefers-color-scheme: light)");
 
+  function dress() {
+    root.dataset.theme = choice !== "auto" ? choice : system.matches ? "light" : "dark";
+  }
+
   /** Return what is kept in this browser; "auto" when nothing is, or when it keeps nothing. */
   function kept() {
     try {
@@ -26,8 +30,7 @@
   /** @param {string} wanted */
   function show(wanted) {
     choice = wanted;
-    if (wanted === "auto") delete root.dataset.theme;
-    else root.dataset.theme = wanted;
+    dress();
     for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("button.theme"))) paintButton(button);
     dispatchEvent(new Event("theme"));
   }
@@ -62,8 +65,8 @@
     show(wanted);
   }
 
-  if (choice !== "auto") root.dataset.theme = choice;
-  system.addEventListener("change", () => dispatchEvent(new Event("theme")));
+  dress();
+  system.addEventListener("change", () => show(choice));
   addEventListener("storage", ({ key }) => { if (key === KEY || key === null) show(kept()); });
   document.addEventListener("DOMContentLoaded", () => {
     for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("button.theme"))) {

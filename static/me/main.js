@@ -25,7 +25,7 @@ const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "nu
  */
 function bestPanel(figure) {
   const { best, people } = figure;
-  const number = best ? create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" }) : create("span", "\u2013");
+  const number = best ? [create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
   const plot = create("div");
   /** @type {Map<number, number>} */
   const counts = new Map();
@@ -33,7 +33,7 @@ function bestPanel(figure) {
   if (people.means.length > 1) paintDistribution(plot, { counts: [...counts], you: people.you });
   return create("section", [
     create("h2", terrainText(figure)),
-    create("p", [number, create("small", best ? " moves, your best" : " no best yet")], { class: "best" }),
+    create("p", [...number, create("small", best ? " moves, your best" : "No best yet")], { class: "best" }),
     create("p", bestText(figure), { class: "fine" }),
     plot,
     create("p", standingText(figure), { class: "fine" }),

@@ -144,7 +144,6 @@ copy?.addEventListener("click", async () => {
 const sizes = new ResizeObserver(() => repaint());
 for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.observe(each);
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
-matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => repaint());
 
 document.body.dataset.tab = "run";
 const wanted = moveInHash(location.hash);

@@ -110,10 +110,11 @@ def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_no
     path = tmp_path / "replay.html"
     courses = [course_of("A person", record), play_ghost("frontier-cost", record)]
     path.write_bytes(file_of("html", episode, courses))
-    page = open_browser(NO_3D).new_context(offline=True, reduced_motion="reduce").new_page()
+    page = open_browser(NO_3D).new_context(offline=True, reduced_motion="reduce", color_scheme="light").new_page()
     asked, errors = [], []
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))
     go_through(Replay(page, path.as_uri()), record)
+    assert page.evaluate("document.documentElement.dataset.theme") == "light", "as the system asks"
     assert [url for url in asked if not url.startswith("data:")] == [path.as_uri()]
     assert not errors
