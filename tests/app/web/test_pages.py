@@ -67,10 +67,11 @@ def test_every_page_has_the_same_bar_and_its_files_are_there(serve, path):
     assert files
     assert all(client.get(urljoin(path, file)).status_code == 200 for file in files)
     if path not in ("/", "/study/none"):
-        assert re.findall(r'<a href="([^"]+)"(?: aria-current="page")?>', answer.text)[:4] == [
+        assert re.findall(r'<a href="([^"]+)"(?: aria-current="page")?>', answer.text)[:5] == [
             "./",
             "daily",
             "leaderboard",
+            "me",
             "about",
         ]
 
