@@ -13,7 +13,7 @@ from app.replay.course import Course
 from app.settings import STATIC
 
 _ENVIRONMENT = Environment(
-    loader=FileSystemLoader(STATIC / "replay"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    loader=FileSystemLoader(STATIC), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
 )
 
 
@@ -49,7 +49,8 @@ def render(
 
     formats  in which the server gives the replay as a file
     """
-    text: str = _ENVIRONMENT.get_template("index.html").render(
+    text: str = _ENVIRONMENT.get_template("replay/index.html").render(
+        root="../",
         data=data,
         headline=course.headline,
         terrain=terrain_in_words(course),

@@ -1,14 +1,15 @@
-"""The pages and their files: HTML, scripts and styles are served as they stand in `static/`."""
+"""The pages and their files: scripts and styles are served as they stand in `static/`, pages with what they have in common."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, HTMLResponse, Response
+from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 
 from app.settings import STATIC
 from app.web import api_docs
 from app.web.middleware import PAGE_CSP
+from app.web.templates import environment, root_of
 
 ADMIN_CSP = PAGE_CSP.replace("frame-ancestors 'self'", "frame-ancestors 'none'")
 """The operator's page stands in no frame: nobody can be made to press a button that they do not see."""
@@ -20,46 +21,52 @@ admin_router = APIRouter(include_in_schema=False)
 static_files = StaticFiles(directory=STATIC)
 
 
+def page(request: Request, name: str, headers: dict[str, str] | None = None) -> Response:
+    """Return the page of a folder of `static/`, with the head and the bar that pages share."""
+    text = environment.get_template(f"{name}/index.html").render(root=root_of(request))
+    return HTMLResponse(text, headers=headers)
+
+
 @router.get("/")
-async def play_page() -> Response:
+async def play_page(request: Request) -> Response:
     """Serve the page to play on."""
-    return FileResponse(STATIC / "play" / "index.html")
+    return page(request, "play")
 
 
 @router.get("/study/{name}")
-async def study_page(name: str) -> Response:
+async def study_page(request: Request, name: str) -> Response:
     """Serve a study's page, which says so itself when there is no such study."""
-    return FileResponse(STATIC / "study" / "index.html")
+    return page(request, "study")
 
 
 @router.get("/leaderboard")
-async def leaderboard_page() -> Response:
+async def leaderboard_page(request: Request) -> Response:
     """Serve the leaderboard."""
-    return FileResponse(STATIC / "leaderboard" / "index.html")
+    return page(request, "leaderboard")
 
 
 @router.get("/about")
-async def about_page() -> Response:
+async def about_page(request: Request) -> Response:
     """Serve the page about the rules, the policies, the paper and what is stored."""
-    return FileResponse(STATIC / "about" / "index.html")
+    return page(request, "about")
 
 
 @router.get("/study")
-async def studies_page() -> Response:
+async def studies_page(request: Request) -> Response:
     """Serve the page about studies, which lists those that anybody may join."""
-    return FileResponse(STATIC / "studies" / "index.html")
+    return page(request, "studies")
 
 
 @router.get("/daily")
-async def daily_page() -> Response:
+async def daily_page(request: Request) -> Response:
     """Serve the page of today's terrain."""
-    return FileResponse(STATIC / "daily" / "index.html")
+    return page(request, "daily")
 
 
 @router.get("/me")
-async def me_page() -> Response:
+async def me_page(request: Request) -> Response:
     """Serve the page of one's own episodes."""
-    return FileResponse(STATIC / "me" / "index.html")
+    return page(request, "me")
 
 
 @router.get("/docs")
@@ -69,6 +76,6 @@ async def docs_page(request: Request) -> Response:
 
 
 @admin_router.get("/admin")
-async def admin_page() -> Response:
+async def admin_page(request: Request) -> Response:
     """Serve the operator's page."""
-    return FileResponse(STATIC / "admin" / "index.html", headers={"Content-Security-Policy": ADMIN_CSP})
+    return page(request, "admin", {"Content-Security-Policy": ADMIN_CSP})

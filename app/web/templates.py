@@ -1,4 +1,4 @@
-"""The pages that are made from a template: the documentation of the API, and the pages of errors."""
+"""The templates of the pages: those of `static/`, the documentation of the API, and the pages of errors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import HTTPConnection
 
-environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
+from app.settings import STATIC
+
+environment = Environment(
+    loader=FileSystemLoader([Path(__file__).parent, STATIC]),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
 def root_of(connection: HTTPConnection) -> str:

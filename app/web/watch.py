@@ -8,12 +8,12 @@ from collections.abc import AsyncGenerator
 from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse, RedirectResponse, Response
+from fastapi.responses import RedirectResponse, Response
 
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
-from app.settings import STATIC
 from app.web.access import asker_of, has_own_origin, player_of, services_of
+from app.web.pages import page
 from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
 
 router = APIRouter()
@@ -47,7 +47,7 @@ async def watch_page(request: Request, watch_id: str) -> Response:
         services.spectators.shown(watch_id, asker.player_id)
     except UnwatchableError as error:
         raise HTTPException(404, str(error)) from error
-    return FileResponse(STATIC / "watch" / "index.html")
+    return page(request, "watch")
 
 
 @router.websocket("/ws/watch/{watch_id}")

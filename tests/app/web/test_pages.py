@@ -4,6 +4,7 @@ import re
 from urllib.parse import urljoin
 
 import pytest
+from jinja2 import Environment, FileSystemLoader
 
 from app.web import pages
 from tests.support.study import freeze
@@ -49,7 +50,8 @@ def test_behind_a_prefix_the_links_of_an_error_stay_behind_it(serve):
 
 def test_a_fault_is_a_page_or_json_and_keeps_its_reason_to_itself(serve, monkeypatch, tmp_path):
     server = serve()
-    monkeypatch.setattr(pages, "STATIC", tmp_path)  # an installation whose pages are lost
+    lost = Environment(loader=FileSystemLoader(tmp_path))  # an installation whose pages are lost
+    monkeypatch.setattr(pages, "environment", lost)
     for headers, kind in ((BROWSER, "text/html; charset=utf-8"), ({}, "application/json")):
         answer = server.client().get("/about", headers=headers)  # after a fault the server closes the connection
         assert (answer.status_code, answer.headers["content-type"]) == (500, kind)
