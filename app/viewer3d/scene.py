@@ -23,7 +23,7 @@ from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
 from marsexplorer.episode import Episode
 
 PLAYER, RIVAL, ALARM = (255, 179, 71), (95, 208, 197), (255, 107, 87)
-SUN, HAZE = (255, 226, 196), (126, 78, 52)
+SUN = (255, 226, 196)
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
 ITEMS_PER_NODE = 32

@@ -360,6 +360,7 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
     assert not any(is_thought(message) or message.get("name") == "/shade" for message in plain)
     assert any(is_thought(message) for message in full)
     assert any(message.get("name") == "/shade" for message in full)
+    assert [[m["type"] for m in seen].count("FogMessage") for seen in (plain, full)] == [0, 1], "haze is an effect"
     looks = [[m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1] for seen in (plain, full)]
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
