@@ -6,7 +6,8 @@
 (() => {
   if (!new URLSearchParams(location.search).has("software-canvas")) return;
 
-  /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within these, ms. */
+  /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within these, ms; the
+   * least while a scene is being built, which is not shown yet. */
   const POLL_MS = 8;
   const LEAST_REST_MS = 30;
   const MOST_REST_MS = 250;
@@ -40,7 +41,8 @@
         reportError(error);
       }
     }
-    if (!overlay?.fetch((took_ms) => setTimeout(resume, Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms))))) resume();
+    const isBuilding = document.documentElement.dataset.scene === "loading";
+    if (!overlay?.fetch((took_ms) => setTimeout(resume, isBuilding ? LEAST_REST_MS : Math.min(MOST_REST_MS, Math.max(LEAST_REST_MS, took_ms))))) resume();
   }
   function resume() {
     isBusy = false;

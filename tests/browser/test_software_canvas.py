@@ -43,6 +43,15 @@ COUNT_PICTURES = """() => {
 }"""
 """Counts pictures that were asked for and not yet copied: a change of size while one is under way costs its context."""
 
+NOTE_SOIL_WHEN_DRAWN = """() => new MutationObserver(([{ target }]) => {
+  if (!target.dataset.drawn || window.soilWhenDrawn !== undefined) return;
+  const overlay = target.contentDocument.querySelectorAll('canvas')[2];
+  const { data } = overlay.getContext('2d').getImageData(0, 0, overlay.width, overlay.height);
+  window.soilWhenDrawn = 0;
+  for (let at = 0; at < data.length; at += 4) window.soilWhenDrawn += data[at] > 140 && data[at + 1] > 60 && data[at + 2] < 110;
+}).observe(document, { subtree: true, attributes: true, attributeFilter: ['data-drawn'] })"""
+"""Counts the soil-coloured pixels of the picture with which the view takes the stage."""
+
 
 def view_of(me):
     """The frame of the player's 3-D view, once its canvas is there."""
@@ -68,12 +77,14 @@ DRAWN = "[data-testid=viewer-player][data-drawn]"
 def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(serve, player):
     me = player(serve(), (), 1100, 700)
     me.page.add_init_script(f"({COUNT_PICTURES})()")
+    me.page.add_init_script(f"({NOTE_SOIL_WHEN_DRAWN})()")
     me.begin(size=[9, 12], seed=3)
     view = view_of(me)
     without_map(me)
     assert "&software-canvas" in view.url
     eventually(lambda: view.evaluate(HIDDEN) == 1)  # the client's canvas is unseen
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
+    assert me.page.evaluate("() => window.soilWhenDrawn") > 300, "it takes the stage with its ground, not before"
     before = me.still("stage-player")
     picture = np.asarray(Image.open(io.BytesIO(before)).convert("RGB"), int)
     amber = np.argwhere((picture[..., 0] > 220) & (picture[..., 2] < 140))
