@@ -1,3 +1,13 @@
 """The fixtures that every folder of tests may use."""
 
-pytest_plugins = ["tests.support.servers"]
+import gc
+
+pytest_plugins = ["tests.support.servers", "tests.support.forked_server"]
+
+gc.disable()  # the libraries that the tests import make half a million objects, and none of them is garbage
+
+
+def pytest_collection_finish():
+    """Collect garbage from here on, but do not look again at what has been imported."""
+    gc.freeze()
+    gc.enable()

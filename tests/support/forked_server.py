@@ -1,23 +1,75 @@
 """Servers in processes of their own that start at once: forked from one process that has imported the app already.
 
-Each runs `app.server.run` with its own settings, database and port; it can be stopped, killed and waited for.
+That process is one for a whole run of pytest, however many processes test. `python -m tests.support.forked_server FD` is it: it
+answers at the listening socket FD, imports the app with the first request, and ends with its standard input, hence with the
+run. Each fork runs `app.server.run` with its own settings, database and port; it can be stopped, killed and waited for.
 """
 
-import multiprocessing
 import os
+import select
+import shutil
 import signal
+import socket
+import subprocess
 import sys
+import tempfile
 import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 
-from app.settings import Settings
+ADDRESS = "MARS_TESTS_FORK_AT"
+"""The environment variable that says where the process listens; processes that test inherit it."""
 
-_forks = multiprocessing.get_context("forkserver")
-_forks.set_forkserver_preload([__name__, "tests.support.loaded_app"])
+
+def pytest_configure(config):
+    """Start the process that forks: in the process that began the run, not in those which xdist starts."""
+    if hasattr(config, "workerinput"):
+        return
+    folder = tempfile.mkdtemp()
+    os.environ[ADDRESS] = f"{folder}/forks"
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(os.environ[ADDRESS])
+        listener.listen()
+        number = listener.fileno()
+        command = [sys.executable, "-m", __name__, str(number)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=[number], cwd=config.rootpath)
+    config.add_cleanup(lambda: (process.stdin.close(), process.terminate(), process.wait(), shutil.rmtree(folder)))
+
+
+def main(listener):
+    """Fork a server for each request until the run has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and the run ends this
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the forks that wait for servers
+    while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
+        answers = Connection(listener.accept()[0].detach())
+        request = answers.recv()
+        import tests.support.loaded_app  # noqa: F401
+
+        if os.fork() == 0:
+            listener.close()
+            serve_and_wait(answers, request)
+        answers.close()
+
+
+def serve_and_wait(answers, request):
+    """Fork a server and answer with its process id; once it has ended, answer with its exit code and end."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    pid = os.fork()
+    if pid == 0:
+        answers.close()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        serve(*request)
+        os._exit(0)
+    with suppress(ConnectionError):  # a test that failed asks no more
+        answers.send(pid)
+        answers.send(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+    os._exit(0)
 
 
 def serve(settings, log, environment):
     """Run a server whose output goes to the file `log`."""
+    from app.settings import Settings
     from tests.support.loaded_app import run
 
     os.environ.clear()
@@ -35,9 +87,12 @@ class ServerProcess:
     def __init__(self, settings, log):
         log.touch()
         self.stdout = log.open()
-        self._process = _forks.Process(target=serve, args=(settings, str(log), dict(os.environ)))
-        self._process.start()
-        self.pid = self._process.pid
+        self.returncode = None
+        sock = socket.socket(socket.AF_UNIX)
+        sock.connect(os.environ[ADDRESS])
+        self._answers = Connection(sock.detach())
+        self._answers.send((settings, str(log), dict(os.environ)))
+        self.pid = self._answers.recv()
 
     def lines(self):
         """Yield the lines it prints, as they come, until it has ended."""
@@ -63,15 +118,18 @@ class ServerProcess:
     def terminate(self):
         self.send_signal(signal.SIGTERM)
 
-    @property
-    def returncode(self):
-        return self._process.exitcode
-
-    def poll(self):
+    def poll(self, seconds=0.0):
+        """Return the exit code, None while it runs; wait for it for `seconds`, for None without end."""
+        if self.returncode is None and self._answers.poll(seconds):
+            self.returncode = self._answers.recv()
+            self._answers.close()
         return self.returncode
 
     def wait(self, seconds=None):
         """Return the exit code once it has ended; fail after `seconds`."""
-        self._process.join(seconds)
-        assert self.returncode is not None, f"the server did not end within {seconds} s"
+        assert self.poll(seconds) is not None, f"the server did not end within {seconds} s"
         return self.returncode
+
+
+if __name__ == "__main__":
+    main(socket.socket(fileno=int(sys.argv[1])))
