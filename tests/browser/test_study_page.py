@@ -172,6 +172,39 @@ def frames_in(message):
             yield from frames_in(value)
 
 
+class Screens:
+    """Judges the screens of a participant's page with axe, keeps what is wrong with each in `found`, and pictures of them."""
+
+    def __init__(self, me):
+        self.page = me.page
+        self.found, self.seen = {}, []
+
+    def look(self, name):
+        """Judge a screen at both sizes, and its colours in the other palettes."""
+        self.seen.append(name)
+        for size in ("phone", "desktop"):
+            width, height = SIZES[size]
+            self.page.set_viewport_size({"width": width, "height": height})
+            self.found[f"{name}, {size}"] = violations(self.page)
+            keep_picture(self.page, f"study-{name}-{size}")
+            assert self.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+        for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
+            self.page.evaluate(f"() => {{ document.documentElement.dataset.palette = '{palette}' }}")
+            if palette != "mars":
+                self.found[f"{name}, {palette}"] = violations(self.page, runOnly=["color-contrast"])
+
+    def dialog(self, name):
+        """Open a dialog, judge it and close it."""
+        self.page.get_by_test_id(f"open-{name}").click()
+        self.look(name)
+        self.page.keyboard.press("Escape")
+
+    def have_nothing_that_axe_finds(self, count):
+        """Check what was found on so many screens."""
+        assert {place: problems for place, problems in self.found.items() if problems} == {}
+        assert len(self.seen) == count
+
+
 @pytest.fixture
 def participant(open_browser):
     """`participant(server, ...)` opens the study's page in a fresh browser profile."""
@@ -191,28 +224,32 @@ def rows(tmp_path, query, *values):
 
 
 def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_restart(spawn, studies, participant, tmp_path):
+    """The whole of a study, every screen of it judged by axe on the way."""
     folder = studies(pause_after_s=900)  # a slow machine may restart for longer than a minute
     server = spawn(studies=folder)
-    me = participant(server, query="?PROLIFIC_PID=p-77&unknown=1")
-    me.to_questions()
-    me.answer([0, 0, 1])
-    me.page.get_by_text("One answer is not right yet.").wait_for()
-    assert "the rover need not drive everywhere" in me.page.locator("[data-testid=question-1] .verdict").inner_text()
-    me.answer(RIGHT)
+    me = participant(server, query="?PROLIFIC_PID=p-77&unknown=1", reduced_motion="reduce")
+    screens = Screens(me)
+    learn_and_answer(me, screens)
     me.stands("ready")
+    screens.look("warm-up-ready")
     me.page.keyboard.press("Enter")
     me.driving()
+    screens.look("warm-up")
     warm_up = me.explore()
+    screens.look("warm-up-end")
     assert warm_up["score"] is not None
     assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text(), "warm-up shows the score"
     me.page.keyboard.press("Enter")
     me.stands("ready")
+    screens.look("ranked-ready")
     me.page.keyboard.press("Enter")
     me.driving()
 
     first = me.frame["episode"]
     me.policy.reset(0)
     me.press(me.next_action())
+    screens.look("ranked")
+    screens.dialog("give-up")
     kept = me.frame
     me.page.reload()
     me.driving()
@@ -226,9 +263,11 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     tab.page.close()
     assert me.explore()["episode"] == first
     assert "Score" not in me.page.get_by_test_id("end-figures").inner_text()
+    screens.look("ranked-end")
 
     me.page.keyboard.press("Enter")
     me.stands("break")
+    screens.look("break")
     me.page.keyboard.press("Enter")
     me.driving()
     second = me.frame["episode"]
@@ -248,6 +287,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.stands("debrief")
     assert me.page.get_by_test_id("own-score").inner_text().startswith("0.")
     me.page.get_by_test_id("replay").wait_for(state="visible")
+    screens.look("debrief")
     me.choose("replay-step")
     me.wait("window.marsStudy.state.replay.step === 1")
     me.choose("replay-play")
@@ -259,6 +299,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     code = me.page.get_by_test_id("code").inner_text()
     assert [code] == [row[0] for row in rows(tmp_path, "select completion_code from participants")]
     assert me.page.get_by_test_id("return").get_attribute("href") == f"https://example.org/done?cc={code}"
+    screens.look("complete")
     me.page.reload()
     me.stands("complete")
     assert me.page.get_by_test_id("code").inner_text() == code
@@ -272,8 +313,34 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     assert len(ranked) > 10
     assert {(f["reward"], f["return"], f["score"]) for f in ranked} == {(None, None, None)}
     check_database(tmp_path, first, second)
+    screens.have_nothing_that_axe_finds(19)
     assert me.errors == []
     assert tab.errors == []
+
+
+def learn_and_answer(me, screens):
+    """Walk from the consent to the right answers, through the dialogs and a wrong answer."""
+    me.stands("consent")
+    screens.look("consent")
+    me.choose("agree")
+    me.stands("instructions")
+    screens.look("instructions")
+    screens.dialog("settings")
+    screens.dialog("leave")
+    me.choose("to-tutorial")
+    me.driving()
+    screens.look("tutorial")
+    screens.dialog("map")
+    me.explore()
+    screens.look("tutorial-end")
+    me.page.keyboard.press("Enter")
+    me.stands("questions")
+    screens.look("questions")
+    me.answer([0, 0, 1])
+    me.page.get_by_text("One answer is not right yet.").wait_for()
+    assert "the rover need not drive everywhere" in me.page.locator("[data-testid=question-1] .verdict").inner_text()
+    screens.look("questions-wrong")
+    me.answer(RIGHT)
 
 
 def check_database(tmp_path, first, second):
@@ -363,12 +430,15 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
 
 def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(serve, studies, participant, tmp_path):
     server = serve(studies=studies(pause_after_s=3))
-    me = participant(server)
+    me = participant(server, reduced_motion="reduce")
     me.choose("agree")
     me.stands("instructions")
     me.choose("to-tutorial")
     me.driving()
     me.page.get_by_test_id("pause").wait_for(state="visible")
+    screens = Screens(me)
+    screens.look("paused")
+    screens.have_nothing_that_axe_finds(1)
     me.page.reload()
     me.stands("play")
     assert me.page.get_by_test_id("pause").is_visible(), "a reload finds it paused"
@@ -385,7 +455,7 @@ def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(serve, studies,
 
 def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, tmp_path):
     server = serve(studies=studies(ranked=3, break_every=10))
-    me = participant(server)
+    me = participant(server, reduced_motion="reduce")
     me.to_ranked()
     me.choose("open-give-up")
     assert "never cheaper" in me.page.get_by_test_id("give-up").inner_text()
@@ -405,6 +475,9 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     me.choose("leave-now")
     me.stands("withdrawn")
     assert rows(tmp_path, "select stage from participants") == [("withdrawn",)]
+    screens = Screens(me)
+    screens.look("withdrawn")
+    screens.have_nothing_that_axe_finds(1)
     assert me.errors == []
 
 
@@ -438,93 +511,6 @@ def test_a_closed_and_an_unknown_study_say_so(serve, studies, participant):
     me.page.goto(f"{server.url}/study/nowhere")
     me.page.get_by_test_id("problem").wait_for(state="visible")
     assert "no such study" in me.page.get_by_test_id("problem").inner_text()
-
-
-def test_axe_finds_nothing_on_any_screen_of_the_study(serve, studies, participant):
-    server = serve(studies=studies(size=(9, 12), pause_after_s=5, break_every=1))
-    me = participant(server, reduced_motion="reduce")
-    found, seen = {}, []
-
-    def look(name):
-        """Judge a screen at both sizes, and its colours in the other palettes."""
-        seen.append(name)
-        for size in ("phone", "desktop"):
-            width, height = SIZES[size]
-            me.page.set_viewport_size({"width": width, "height": height})
-            found[f"{name}, {size}"] = violations(me.page)
-            keep_picture(me.page, f"study-{name}-{size}")
-            assert me.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
-        for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
-            me.page.evaluate(f"() => {{ document.documentElement.dataset.palette = '{palette}' }}")
-            if palette != "mars":
-                found[f"{name}, {palette}"] = violations(me.page, runOnly=["color-contrast"])
-
-    def dialog(name):
-        me.wake()
-        me.page.get_by_test_id(f"open-{name}").click()
-        look(name)
-        me.page.keyboard.press("Escape")
-
-    look("consent")
-    me.choose("agree")
-    me.stands("instructions")
-    look("instructions")
-    dialog("settings")
-    dialog("leave")
-    me.choose("to-tutorial")
-    me.driving()
-    look("tutorial")
-    dialog("map")
-    me.page.get_by_test_id("pause").wait_for(state="visible")
-    look("paused")
-    me.explore()
-    look("tutorial-end")
-    me.page.keyboard.press("Enter")
-    me.stands("questions")
-    look("questions")
-    me.answer([1, 0, 0])
-    me.page.get_by_text("answers are not right yet").wait_for()
-    look("questions-wrong")
-    me.answer(RIGHT)
-    me.stands("ready")
-    look("warm-up-ready")
-    me.page.keyboard.press("Enter")
-    me.driving()
-    look("warm-up")
-    me.explore()
-    look("warm-up-end")
-    me.page.keyboard.press("Enter")
-    me.stands("ready")
-    look("ranked-ready")
-    me.page.keyboard.press("Enter")
-    me.driving()
-    me.wake()
-    me.press("east" if me.frame["grid"][0][1] == "." else "south")
-    look("ranked")
-    dialog("give-up")
-    me.explore()
-    look("ranked-end")
-    me.page.keyboard.press("Enter")
-    me.stands("break")
-    look("break")
-    me.page.keyboard.press("Enter")
-    me.driving()
-    me.explore()
-    me.page.keyboard.press("Enter")
-    me.stands("debrief")
-    me.page.get_by_test_id("replay").wait_for(state="visible")
-    look("debrief")
-    me.page.get_by_test_id("finish").click()
-    me.stands("complete")
-    look("complete")
-    other = Participant(me.page.context.browser.new_context().new_page(), server.url).goto()
-    other.choose("disagree")
-    other.choose("leave-now")
-    other.stands("withdrawn")
-    found["withdrawn"] = violations(other.page)
-    assert {place: problems for place, problems in found.items() if problems} == {}
-    assert len(seen) == 20
-    assert me.errors == []
 
 
 def test_axe_finds_nothing_on_the_playground(serve, player):
