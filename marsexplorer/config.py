@@ -34,6 +34,9 @@ MAX_SEED = 2**53 - 1
 MIN_SIDE, MAX_SIDE = 5, 1024
 MAX_RADIUS = 31
 
+RECTANGLES, BUILDING, CAVE, GIVEN = range(4)
+"""How the terrains of a level are made: the paper's rectangles, a building or a cave (generators.py), or not at all."""
+
 
 @dataclass(frozen=True)
 class Level:
@@ -42,6 +45,7 @@ class Level:
     topology    0 for `random`; else d_t of section 3.3, the largest shift of an obstacle from its lattice point (cells)
     morphology  0 for `random`; else d_m, sides are 1..2 cells for 1 and 1..4 for 2
     has_bonus   d_b of section 3.3: True (1) with a bonus for completion and a penalty for failure, False (2) with neither
+    generator   RECTANGLES for the levels of the paper; BUILDING, CAVE, or GIVEN for maps that have no seed
     """
 
     name: str
@@ -49,6 +53,7 @@ class Level:
     morphology: int
     has_bonus: bool
     summary: str
+    generator: int = RECTANGLES
 
 
 def _levels() -> dict[str, Level]:
@@ -66,6 +71,21 @@ def _levels() -> dict[str, Level]:
 
 
 LEVELS: MappingProxyType[str, Level] = MappingProxyType(_levels())
+"""The levels of the paper: `random` and the twelve of section 3.3."""
+
+MAP = "map"
+"""The level of given maps, which has no terrains of its own."""
+
+OTHER_LEVELS: MappingProxyType[str, Level] = MappingProxyType(
+    {
+        "building": Level("building", 0, 0, True, "rooms, corridors and doors, with solid blocks in rooms", BUILDING),
+        "cave": Level("cave", 0, 0, True, "a cave, entered at its mouth", CAVE),
+        MAP: Level(MAP, 0, 0, True, "a given map", GIVEN),
+    }
+)
+"""Levels unlike those of the paper. Of their terrains, what can be discovered counts (`EnvConfig.discoverable_only`)."""
+
+ALL_LEVELS: MappingProxyType[str, Level] = MappingProxyType({**LEVELS, **OTHER_LEVELS})
 
 
 def _check_whole(name: str, value: object, low: int, high: int) -> None:
@@ -83,15 +103,27 @@ def check_seed(seed: object) -> int:
     return seed
 
 
+def fewest_cells(cells: int, beta: float) -> int:
+    """Return the fewest discovered cells k with k / cells >= beta, for at least one cell (eq. 8)."""
+    k = max(0, int(beta * cells) - 2)
+    while k / cells < beta:
+        k += 1
+    return k
+
+
 @dataclass(frozen=True)
 class EnvConfig:
     """Everything besides the terrain that fixes an episode.
 
-    level          a name in LEVELS
-    rows, cols     cells, 5..1024 each
-    sensor_radius  d of eq. 4, cells, 1..31
-    beta           share of all cells to discover, in (0, 1] (eq. 8)
-    max_steps      moves until truncation, at least 1; None means n = rows * cols
+    level              a name in ALL_LEVELS
+    rows, cols         cells, 5..1024 each
+    sensor_radius      d of eq. 4, cells, 1..31
+    beta               share of the cells that count to discover, in (0, 1] (eq. 8)
+    max_steps          moves until truncation, at least 1; None means n = rows * cols
+    discoverable_only  whether only the cells count that the lidar shows from some cell within reach of the start, instead of
+                       all cells; None means what the level has: False for LEVELS, True for OTHER_LEVELS
+
+    The cells that count are what beta, coverage and the score refer to. Bonus and penalty are n, the number of all cells.
     """
 
     level: str = "random"
@@ -100,10 +132,11 @@ class EnvConfig:
     sensor_radius: int = 6
     beta: float = 0.99
     max_steps: int | None = None
+    discoverable_only: bool | None = None
 
     def __post_init__(self) -> None:
-        if self.level not in LEVELS:
-            raise ValueError(f"no level {self.level!r}; choose one of: {', '.join(LEVELS)}")
+        if self.level not in ALL_LEVELS:
+            raise ValueError(f"no level {self.level!r}; choose one of: {', '.join(ALL_LEVELS)}")
         _check_whole("rows", self.rows, MIN_SIDE, MAX_SIDE)
         _check_whole("cols", self.cols, MIN_SIDE, MAX_SIDE)
         _check_whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS)
@@ -112,6 +145,12 @@ class EnvConfig:
         if self.max_steps is None:
             object.__setattr__(self, "max_steps", self.rows * self.cols)
         _check_whole("max_steps", self.max_steps, 1, 2**31 - 1)
+        if self.discoverable_only is None:
+            object.__setattr__(self, "discoverable_only", self.level in OTHER_LEVELS)
+        if not isinstance(self.discoverable_only, bool):
+            raise TypeError(f"discoverable_only must be True, False or None, got {self.discoverable_only!r}")
+        if self.level in OTHER_LEVELS and not self.discoverable_only:
+            raise ValueError(f"discoverable_only cannot be False for level {self.level!r}: much of it can never be seen")
 
     @classmethod
     def of(cls, level: str = "random", size: int | tuple[int, int] = 21, **rest: Any) -> EnvConfig:
@@ -135,16 +174,13 @@ class EnvConfig:
 
     @cached_property
     def target(self) -> int:
-        """Fewest discovered cells k with k / n >= beta (eq. 8)."""
-        k = max(0, int(self.beta * self.n) - 2)
-        while k / self.n < self.beta:
-            k += 1
-        return k
+        """Fewest discovered cells k with k / n >= beta (eq. 8), where all cells count."""
+        return fewest_cells(self.n, self.beta)
 
     @cached_property
     def r_bonus(self) -> int:
         """Reward for discovering beta of the cells: n, or 0 on levels without a bonus (section 3.3, d_b = 2)."""
-        return self.n if LEVELS[self.level].has_bonus else 0
+        return self.n if ALL_LEVELS[self.level].has_bonus else 0
 
     @cached_property
     def r_invalid(self) -> int:
@@ -152,8 +188,14 @@ class EnvConfig:
         return self.r_bonus
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as JSON-ready values; `EnvConfig(**d)` gives an equal configuration."""
-        return asdict(self)
+        """Return the fields as JSON-ready values; `EnvConfig(**d)` gives an equal configuration.
+
+        `discoverable_only` is left out where it is what the level has, so that the hashes of older configurations stay.
+        """
+        fields = asdict(self)
+        if self.discoverable_only == (self.level in OTHER_LEVELS):
+            del fields["discoverable_only"]
+        return fields
 
     @cached_property
     def hash(self) -> str:

@@ -25,7 +25,7 @@ CELL_PIXELS = 12
 class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
     """Explore an unknown terrain with a lidar rover (Koutras et al. 2021, section 2).
 
-    level          `random` or `t-m-b`, see config.LEVELS
+    level          `random`, `t-m-b`, `building`, `cave` or `map`, see config.ALL_LEVELS
     size           cells a side, or (rows, cols)
     sensor_radius  reach of the lidar, cells
     beta           share of cells to discover
@@ -116,12 +116,12 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         return observation
 
     def _info(self) -> dict[str, Any]:
-        packed, _, discovered, _, seed, outcome = self._scalars
+        packed, _, discovered, _, seed, outcome, cells, _ = self._scalars
         return {
             "position": (packed >> 32, packed & 0xFFFFFFFF),
             "discovered": discovered,
-            "coverage": discovered / self.config.n,
-            "score": score(self.config, self._total),
+            "coverage": discovered / cells,
+            "score": score(self.config, self._total, cells),
             "outcome": OUTCOMES[outcome] if outcome else None,
             "terrain_seed": None if seed == NO_SEED else seed,
         }

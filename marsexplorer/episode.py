@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import ABANDONED, ACTIONS, CORE_VERSION, OUTCOMES, RUNNING, EnvConfig
 from marsexplorer.observation import STATE_VALUES
-from marsexplorer.rules import DISCOVERED, NO_SEED, POSITION, SEED, STEPS
+from marsexplorer.rules import CELLS, DISCOVERED, NO_SEED, POSITION, SEED, STEPS
 from marsexplorer.score import score
-from marsexplorer.world import Worlds, check_action
+from marsexplorer.world import Worlds, cells_that_count, check_action
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,11 @@ class Record:
     discovered: int
     trajectory_hash: str
     core_version: str = CORE_VERSION
+
+    @property
+    def cells(self) -> int:
+        """Cells that beta, coverage and the score refer to, counted from the terrain: all, or those that can be discovered."""
+        return cells_that_count(self.config, self.terrain_map(), self.start) if self.config.discoverable_only else self.config.n
 
     def terrain_map(self) -> NDArray[np.bool_]:
         """Return the true map: bool[rows, cols], True where blocked."""
@@ -146,8 +151,13 @@ class Episode:
 
     @property
     def coverage(self) -> float:
-        """Discovered cells over all cells, 0..1."""
-        return self.discovered / self.config.n
+        """Discovered cells over the cells that count, 0..1."""
+        return self.discovered / self.cells
+
+    @property
+    def cells(self) -> int:
+        """Cells that beta, coverage and the score refer to: all, or those that can be discovered (`EnvConfig`)."""
+        return self._scalars[CELLS]
 
     @property
     def steps(self) -> int:
@@ -157,7 +167,7 @@ class Episode:
     @property
     def score(self) -> float:
         """The normalized score so far (section 3.2)."""
-        return score(self.config, self.total)
+        return score(self.config, self.total, self.cells)
 
     @property
     def heading(self) -> str:

@@ -4,16 +4,17 @@ Koutras et al. 2021, section 2. A rover starts at (0, 0) and scans. Each move go
 south (row + 1) or west (col - 1). A move off the grid or into an obstacle leaves the rover where it was, has the reward
 -r_invalid and terminates. Any other move has the newly discovered cells - 0.5 as its reward, plus r_bonus, with termination,
 once discovered / n >= beta (eq. 8). After `max_steps` moves the episode is truncated. The scan at the start gives no reward.
+Where only what can be discovered counts (`EnvConfig.discoverable_only`), the number of those cells stands for n in that test.
 
 Worlds are records of uint64 words, one after the other:
 
-    [0 : HEAD]       scalars, see POSITION..OUTCOME
-    obstacles        (rows + 2 radius) x words, rows of bits with margins (terrain.py)
+    [0 : HEAD]       scalars, see POSITION..ENOUGH
+    obstacles        (rows + 2 radius) x words, rows of bits with margins (bitmap.py)
     known            the same shape; the margins count as known
     visited          the same shape; cells scanned from, which need no second scan
 
 What a rover knows is also kept as codes, uint8[num * rows * cols], and only the cells that change are written. `rules` is
-the int64 array of `rules_of`, `sight` a copy of `lidar.sight_table`, `masks` the array of `terrain.row_masks`, `base` and
+the int64 array of `rules_of`, `sight` a copy of `lidar.sight_table`, `masks` the array of `bitmap.row_masks`, `base` and
 `cbase` the places of a world's first word and first code.
 """
 
@@ -22,19 +23,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from marsexplorer.bitmap import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, flood, shape_of
 from marsexplorer.compiled import inlined, kernel, prefetch
 from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
 from marsexplorer.lidar import ONE
 from marsexplorer.scan import scan
-from marsexplorer.terrain import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, draw_solvable, next_state, shape_of
+from marsexplorer.terrain import draw_solvable, next_state
 
-POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, HEAD = range(7)
+POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, CELLS, ENOUGH, HEAD = range(9)
 """Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave, seed (NO_SEED for a given
-terrain), outcome code of `config.OUTCOMES`."""
+terrain), outcome code of `config.OUTCOMES`, cells that count (all, or those that can be discovered), how many are enough."""
 
 NO_SEED = 2**64 - 1
 LIMIT, BONUS = SHAPE, SHAPE + 1
-"""Places in the rules array, after those of terrain.shape_of: max_steps and r_bonus (= r_invalid)."""
+"""Places in the rules array, after those of bitmap.shape_of: max_steps and r_bonus (= r_invalid)."""
 
 R_MOVE = 0.5
 """r_move, section 2.4."""
@@ -44,8 +46,8 @@ AHEAD, LINE = 4, 8
 
 
 def rules_of(config: EnvConfig) -> NDArray[np.int64]:
-    """Return the numbers that a configuration gives the kernels: terrain.shape_of, then max_steps and r_bonus."""
-    return np.concatenate([shape_of(config)[:SHAPE], [config.limit, config.r_bonus]]).astype(np.int64)
+    """Return the numbers that a configuration gives the kernels: bitmap.shape_of, then max_steps and r_bonus."""
+    return np.concatenate([shape_of(config), [config.limit, config.r_bonus]]).astype(np.int64)
 
 
 @inlined
@@ -55,14 +57,12 @@ def bit_at(row, col, rules):
     return (row + rules[RADIUS]) * rules[WORDS] + (bit >> 6), ONE << np.uint64(bit & 63)
 
 
-@kernel
-def begin(state, base, codes, cbase, sight, rules, masks, row, col):
-    """Start the world whose obstacles stand in its record: forget, place the rover, scan (section 2.3)."""
-    size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
+@inlined
+def forget(state, base, codes, cbase, rules, masks):
+    """Make every cell unknown and unvisited. First everything is known, which the margins stay, and then the grid is not."""
     words, radius = rules[WORDS], rules[RADIUS]
+    size = (rules[ROWS] + 2 * radius) * words
     known, visited = base + HEAD + size, base + HEAD + 2 * size
-
-    # 1. Forget: everything is known, which the margins stay, and then the grid's own cells are not.
     for at in range(size):
         state[known + at] = ~np.uint64(0)
         state[visited + at] = np.uint64(0)
@@ -72,18 +72,30 @@ def begin(state, base, codes, cbase, sight, rules, masks, row, col):
     for at in range(rules[ROWS] * rules[COLS]):
         codes[cbase + at] = np.uint8(0)
 
-    # 2. Place the rover.
+
+@kernel
+def begin(state, base, codes, cbase, sight, rules, masks, row, col, cells, enough):
+    """Start the world whose obstacles stand in its record: forget, place the rover, scan (section 2.3).
+
+    cells, enough  the cells that count, and how many of them end the episode
+    """
+    visited = base + HEAD + 2 * (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
+
+    # 1. Place the rover on a map of which nothing is known.
+    forget(state, base, codes, cbase, rules, masks)
     at, mask = bit_at(row, col, rules)
     state[visited + at] |= mask
     state[base + POSITION] = np.uint64(row) << np.uint64(32) | np.uint64(col)
 
-    # 3. Scan. The cells found now are no reward of any move, so their number is kept by itself.
+    # 2. Scan. The cells found now are no reward of any move, so their number is kept by itself.
     new = scan(state, base + HEAD, codes, cbase, sight, rules, row, col)
     codes[cbase + row * rules[COLS] + col] = np.uint8(ROVER)
     state[base + STEPS] = np.uint64(0)
     state[base + DISCOVERED] = np.uint64(new)
     state[base + AT_START] = np.uint64(new)
     state[base + OUTCOME] = np.uint64(RUNNING)
+    state[base + CELLS] = np.uint64(cells)
+    state[base + ENOUGH] = np.uint64(enough)
 
 
 @inlined
@@ -95,7 +107,7 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
-        begin(state, base, codes, cbase, sight, rules, masks, 0, 0)
+        begin(state, base, codes, cbase, sight, rules, masks, 0, 0, rules[ROWS] * rules[COLS], rules[TARGET])
         state[base + SEED] = seed
     return draws
 
@@ -177,7 +189,7 @@ def settle(state, record, rules, rewards, outcomes):
         base = np.uint64(i) * np.uint64(record)
         outcome = state[base + np.uint64(OUTCOME)]
         if outcome == np.uint64(RUNNING):
-            if np.int64(state[base + np.uint64(DISCOVERED)]) >= rules[TARGET]:
+            if np.int64(state[base + np.uint64(DISCOVERED)]) >= np.int64(state[base + np.uint64(ENOUGH)]):
                 outcome = np.uint64(EXPLORED)
                 rewards[i] += float(rules[BONUS])
             elif np.int64(state[base + np.uint64(STEPS)]) >= rules[LIMIT]:
@@ -197,10 +209,28 @@ def start_all(state, record, codes, sight, rules, masks, seeds):
 
 
 @kernel
-def start_given(state, base, codes, cbase, sight, rules, masks, row, col):
-    """Start one world on the obstacles that stand in its record."""
-    begin(state, base, codes, cbase, sight, rules, masks, row, col)
-    state[base + SEED] = np.uint64(NO_SEED)
+def start_given(state, base, codes, cbase, sight, rules, masks, row, col, cells, enough, seed):
+    """Start one world on the obstacles that stand in its record; see `begin`."""
+    begin(state, base, codes, cbase, sight, rules, masks, row, col, cells, enough)
+    state[base + SEED] = np.uint64(seed)
+
+
+@kernel
+def count_discoverable(state, base, codes, cbase, sight, rules, masks, row, col):
+    """Return how many cells the lidar shows from the cells within reach of (row, col), and write those cells to `codes`.
+
+    The rows of `visited` then hold what is within reach. The world must be begun afterwards.
+    """
+    size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
+    forget(state, base, codes, cbase, rules, masks)
+    flood(state, base + HEAD, state, 2 * size, rules, masks, row, col)
+    count = np.int64(0)
+    for r in range(rules[ROWS]):
+        for c in range(rules[COLS]):
+            at, mask = bit_at(r, c, rules)
+            if state[base + HEAD + 2 * size + at] & mask:
+                count += scan(state, base + HEAD, codes, cbase, sight, rules, r, c)
+    return count
 
 
 @kernel

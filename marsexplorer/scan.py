@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from marsexplorer.bitmap import COLS, RADIUS, ROWS, WORDS
 from marsexplorer.compiled import inlined, kernel, lowest, popcount
 from marsexplorer.config import FREE
 from marsexplorer.lidar import HEADER, NARROW, ONE, find_visible
-from marsexplorer.terrain import COLS, RADIUS, ROWS, WORDS
 
 
 @kernel

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import ACTIONS, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
 from marsexplorer.env import following, observation_space
 from marsexplorer.observation import STATE_VALUES, action_masks
-from marsexplorer.rules import DISCOVERED, OUTCOME, SEED
+from marsexplorer.rules import CELLS, DISCOVERED, OUTCOME, SEED
 from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, positions, totals
@@ -121,13 +121,13 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return codes if self._raw else STATE_VALUES[codes]
 
     def _info(self, scalars: NDArray[np.uint64]) -> dict[str, Any]:
-        discovered = scalars[:, DISCOVERED].astype(np.int64)
+        discovered, cells = scalars[:, DISCOVERED].astype(np.int64), scalars[:, CELLS].astype(np.int64)
         everywhere = np.ones(self.num_envs, np.bool_)
         columns = {
             "position": positions(scalars),
             "discovered": discovered,
-            "coverage": discovered / self.config.n,
-            "score": np.asarray(score(self.config, totals(self.config, scalars))),  # type: ignore[arg-type]
+            "coverage": discovered / cells,
+            "score": np.asarray(score(self.config, totals(self.config, scalars), cells)),  # type: ignore[arg-type]
             "outcome": NAMED[scalars[:, OUTCOME]],
             "terrain_seed": scalars[:, SEED].astype(np.int64),
         }

@@ -8,17 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from marsexplorer import terrain as terrains
-from marsexplorer.config import ACTIONS, COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, EnvConfig, check_seed
+from marsexplorer.bitmap import pack, row_masks, unpack
+from marsexplorer.config import ACTIONS, COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, EnvConfig, check_seed, fewest_cells
 from marsexplorer.lidar import row_words, sight_table
 from marsexplorer.rules import (
     AT_START,
+    CELLS,
     DISCOVERED,
     HEAD,
+    NO_SEED,
     OUTCOME,
     POSITION,
     R_MOVE,
     SEED,
     STEPS,
+    count_discoverable,
     rules_of,
     start_all,
     start_given,
@@ -46,17 +50,22 @@ class Worlds:
         self._state = np.zeros(num * self._record, np.uint64)
         self.codes: NDArray[np.uint8] = np.zeros((num, config.rows, config.cols), np.uint8)
         self._codes = self.codes.reshape(-1)
-        self._tables = (sight_table(config.sensor_radius).copy(), rules_of(config), terrains.row_masks(config))
+        self._tables = (sight_table(config.sensor_radius).copy(), rules_of(config), row_masks(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
         self._listed = np.zeros(num, np.int64)
         self._scalars = self._state.reshape(num, self._record)[:, :HEAD]
         self._last = np.zeros(num * HEAD, np.uint64)
+        self.last_scalars[:, CELLS] = config.n
         self._last_codes: NDArray[np.uint8] | None = None
 
     def start(self, seeds: ArrayLike) -> None:
         """Start every world on its seed (int[num], 0..2^53-1); ValueError when a seed has no solvable terrain."""
         given = np.ascontiguousarray(seeds, np.uint64)
+        if self.config.discoverable_only:
+            for index, seed in enumerate(given):
+                self.start_one(index, int(seed))
+            return
         failed = start_all(self._state, self._record, self._codes, *self._tables, given)
         if failed:
             raise terrains.unsolvable(self.config, int(given[failed - 1]))
@@ -64,6 +73,9 @@ class Worlds:
 
     def start_one(self, index: int, seed: int) -> None:
         """Start one world of the stack on a seed."""
+        if self.config.discoverable_only:
+            self._start_on_bits(index, terrains.draw_bits(self.config, seed), (0, 0), seed)
+            return
         base, cells = index * self._record, self.config.n
         state, codes = self._state[base : base + self._record], self._codes[index * cells : (index + 1) * cells]
         seeds = np.array([check_seed(seed)], np.uint64)
@@ -77,10 +89,17 @@ class Worlds:
         terrain  bool[rows, cols], True where blocked
         start    (row, col) of a free cell
         """
-        cells = check_terrain(self.config, terrain, start)
-        base = index * self._record
-        self._state[base + HEAD : base + HEAD + self._size] = terrains.pack(cells, self.config)
-        start_given(self._state, base, self._codes, index * self.config.n, *self._tables, start[0], start[1])
+        self._start_on_bits(index, pack(check_terrain(self.config, terrain, start), self.config), start, NO_SEED)
+
+    def _start_on_bits(self, index: int, bits: NDArray[np.uint64], start: tuple[int, int], seed: int) -> None:
+        """Start one world on a terrain given as rows of bits, after counting what can be discovered where only that counts."""
+        base, cells, enough = index * self._record, self.config.n, self.config.target
+        self._state[base + HEAD : base + HEAD + self._size] = bits
+        where = (self._state, base, self._codes, index * cells, *self._tables, start[0], start[1])
+        if self.config.discoverable_only:
+            cells = int(count_discoverable(*where))
+            enough = fewest_cells(cells, self.config.beta)
+        start_given(*where, cells, enough, np.uint64(seed))
         self.outcomes[index] = RUNNING
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -96,6 +115,8 @@ class Worlds:
         `outcomes` says which ended; `last_scalars` and `last_codes` hold how those stood. ValueError when a world's next
         seed has no solvable terrain.
         """
+        if self.config.discoverable_only:
+            return self._step_and_start(actions)
         last = self.last_codes.reshape(-1)
         failed = step_autoreset(
             self._state,
@@ -112,6 +133,16 @@ class Worlds:
         if failed:
             raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
         return self.rewards
+
+    def _step_and_start(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
+        rewards = self.step(actions)
+        for index in np.flatnonzero(self.outcomes != RUNNING):
+            self.last_scalars[index], self.last_codes[index] = self._scalars[index], self.codes[index]
+            outcome = self.outcomes[index]
+            self.start_one(int(index), terrains.next_seed(int(self._scalars[index, SEED])))
+            self.outcomes[index] = outcome
+        return rewards
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """Return copies of the worlds of these indices: all that changes with a step.
@@ -135,11 +166,11 @@ class Worlds:
 
     @property
     def scalars(self) -> NDArray[np.uint64]:
-        """uint64[num, HEAD]: POSITION, STEPS, DISCOVERED, AT_START, SEED and OUTCOME of each world; read-only by custom."""
+        """uint64[num, HEAD]: the scalars of each world, POSITION..ENOUGH of `rules`; read-only by custom."""
         return self._scalars
 
     def head(self, index: int) -> memoryview:
-        """Return the scalars of one world as a live view of plain ints, in the order of POSITION..OUTCOME."""
+        """Return the scalars of one world as a live view of plain ints, in the order of POSITION..ENOUGH."""
         return memoryview(self._scalars[index])
 
     @property
@@ -150,7 +181,7 @@ class Worlds:
     def terrain(self, index: int) -> NDArray[np.bool_]:
         """Return the true map of a world: bool[rows, cols], True where blocked."""
         base = index * self._record + HEAD
-        return terrains.unpack(self._state[base : base + self._size], self.config)
+        return unpack(self._state[base : base + self._size], self.config)
 
 
 def positions(scalars: NDArray[np.uint64]) -> NDArray[np.int64]:
@@ -167,6 +198,20 @@ def totals(config: EnvConfig, scalars: NDArray[np.uint64]) -> NDArray[np.float64
     moves = counts[:, STEPS] - invalid
     bonuses = np.where(invalid, -config.r_invalid, np.where(outcome == EXPLORED, config.r_bonus, 0))
     return np.asarray(counts[:, DISCOVERED] - counts[:, AT_START] - R_MOVE * moves + bonuses)
+
+
+def cells_that_count(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int] = (0, 0)) -> int:
+    """Return how many cells of a terrain beta, coverage and the score refer to: all, or those that can be discovered.
+
+    terrain  bool[rows, cols], True where blocked; start: (row, col) of a free cell
+
+    A cell can be discovered when the lidar shows it (eq. 4) from some cell that moves north, east, south and west lead to.
+    """
+    if not config.discoverable_only:
+        return config.n
+    worlds = Worlds(config)
+    worlds.start_on(0, terrain, start)
+    return int(worlds.scalars[0, CELLS])
 
 
 def check_terrain(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]) -> NDArray[np.bool_]:

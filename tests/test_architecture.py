@@ -235,6 +235,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer": set(),
     "marsexplorer.bench": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.observation", "marsexplorer.world"},
+    "marsexplorer.bitmap": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar"},
     "marsexplorer.compiled": set(),
     "marsexplorer.config": set(),
     "marsexplorer.env": {
@@ -273,6 +274,12 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.world",
     },
     "marsexplorer.files": set(),
+    "marsexplorer.generators": {
+        "marsexplorer.bitmap",
+        "marsexplorer.compiled",
+        "marsexplorer.lidar",
+        "marsexplorer.random_numbers",
+    },
     "marsexplorer.lidar": {"marsexplorer.compiled"},
     "marsexplorer.observation": {"marsexplorer.compiled", "marsexplorer.config"},
     "marsexplorer.paper": set(),
@@ -387,18 +394,20 @@ ALLOWED: dict[str, set[str]] = {
     "marsexplorer.policies.random_policy": {"marsexplorer.observation", "marsexplorer.random_numbers"},
     "marsexplorer.random_numbers": {"marsexplorer.compiled"},
     "marsexplorer.rules": {
+        "marsexplorer.bitmap",
         "marsexplorer.compiled",
         "marsexplorer.config",
         "marsexplorer.lidar",
         "marsexplorer.scan",
         "marsexplorer.terrain",
     },
-    "marsexplorer.scan": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar", "marsexplorer.terrain"},
+    "marsexplorer.scan": {"marsexplorer.bitmap", "marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar"},
     "marsexplorer.score": {"marsexplorer.config"},
     "marsexplorer.terrain": {
+        "marsexplorer.bitmap",
         "marsexplorer.compiled",
         "marsexplorer.config",
-        "marsexplorer.lidar",
+        "marsexplorer.generators",
         "marsexplorer.random_numbers",
     },
     "marsexplorer.training": {
@@ -421,7 +430,13 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.terrain",
         "marsexplorer.world",
     },
-    "marsexplorer.world": {"marsexplorer.config", "marsexplorer.lidar", "marsexplorer.rules", "marsexplorer.terrain"},
+    "marsexplorer.world": {
+        "marsexplorer.bitmap",
+        "marsexplorer.config",
+        "marsexplorer.lidar",
+        "marsexplorer.rules",
+        "marsexplorer.terrain",
+    },
 }
 """Unit -> the units that it may import."""
 
@@ -451,10 +466,12 @@ LIBRARIES: dict[str, set[str]] = {
     "app.web": {"fastapi", "jinja2", "markupsafe", "pydantic", "starlette", "uvicorn"},
     "marsexplorer": {"gymnasium"},
     "marsexplorer.bench": {"crafter", "envpool", "gymnasium", "minigrid", "numpy"},
+    "marsexplorer.bitmap": {"numpy"},
     "marsexplorer.compiled": {"llvmlite", "numba"},
     "marsexplorer.env": {"gymnasium", "numpy"},
     "marsexplorer.episode": {"numpy"},
     "marsexplorer.evaluation": {"matplotlib", "numpy", "ray", "scipy"},
+    "marsexplorer.generators": {"numpy"},
     "marsexplorer.lidar": {"numpy"},
     "marsexplorer.observation": {"numpy"},
     "marsexplorer.paper.claims": {"PIL", "numpy", "scipy"},

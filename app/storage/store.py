@@ -310,7 +310,13 @@ class Store(Reader):
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason = closing
-        totals = (record.outcome, record.steps, record.discovered, record.total, score(record.config, record.total))
+        totals = (
+            record.outcome,
+            record.steps,
+            record.discovered,
+            record.total,
+            score(record.config, record.total, record.cells),
+        )
         values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version, attestation, reason)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from marsexplorer import bitmap
 from marsexplorer import terrain as terrains
 from marsexplorer.config import LEVELS, MAX_SEED, EnvConfig
 from marsexplorer.episode import Episode
@@ -40,7 +41,7 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
         rows, cols = rng.integers(5, 12), rng.integers(5, 12)
         config = EnvConfig(rows=int(rows), cols=int(cols), sensor_radius=radius, beta=float(rng.choice([0.8, 0.9, 0.97])))
         terrain = rng.random((rows, cols)) < rng.choice([0.05, 0.2, 0.35])
-        bits = terrains.pack(terrain, config)
+        bits = bitmap.pack(terrain, config)
         found = bool(solvable_now(bits, np.zeros_like(bits), config))
         assert found == reference.is_solvable(terrain, radius, config.beta)
         agreed[found] += 1
@@ -48,7 +49,7 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
 
 
 def solvable_now(bits, reach, config):
-    return _solvable(bits, reach, terrains.shape_of(config), terrains.row_masks(config))
+    return _solvable(bits, reach, bitmap.shape_of(config), bitmap.row_masks(config))
 
 
 def _compile():
@@ -110,4 +111,4 @@ def test_packing_is_undone_by_unpacking():
     for size, radius in (((5, 9), 1), ((21, 21), 6), ((7, 70), 8), ((12, 200), 31)):
         config = EnvConfig.of("random", size, sensor_radius=radius)
         cells = np.random.default_rng(1).random(size) < 0.5
-        assert (terrains.unpack(terrains.pack(cells, config), config) == cells).all()
+        assert (bitmap.unpack(bitmap.pack(cells, config), config) == cells).all()

@@ -25,6 +25,8 @@ def compile_kernels():
         policy.reset(1)
         while not episode.ended:
             episode.step(policy.act(episode.codes))
+    for level in ("building", "cave"):
+        Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
     envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
     envs.reset(seed=1)
     envs.step(envs.action_space.sample())

@@ -132,6 +132,8 @@ def numbers(seed, draw):
 
 
 def draw_terrain(level, rows, cols, seed, draw):
+    if level in ("building", "cave"):
+        return (draw_building if level == "building" else draw_cave)(rows, cols, seed, draw)
     below = numbers(seed, draw)
     terrain = np.zeros((rows, cols), bool)
     if level == "random":
@@ -150,17 +152,81 @@ def draw_terrain(level, rows, cols, seed, draw):
     return terrain
 
 
-def is_solvable(terrain, radius, beta):
-    """Start free, all free cells reached by flood, and enough cells seen from one free cell or another."""
-    if terrain[0, 0]:
-        return False
-    reached, edge = {(0, 0)}, [(0, 0)]
+def draw_building(rows, cols, seed, draw):
+    """Recursive division into rooms with doorways and corridors, on lists of cells."""
+    below = numbers(seed, draw)
+    terrain = np.zeros((rows, cols), bool)
+
+    def wall(cells):
+        for row, col in cells:
+            terrain[row, col] = True
+        for _ in range(1 + (below(2) if len(cells) >= 9 else 0)):
+            terrain[cells[2 * below((len(cells) + 1) // 2)]] = False
+
+    def divide(top, left, bottom, right):
+        height, width = bottom - top, right - left
+        if max(height, width) <= 6 + below(5):
+            if min(height, width) >= 5 and below(3) > 0:
+                tall, wide = 1 + below(height - 2), 1 + below(width - 2)
+                at = top + 1 + below(height - 1 - tall), left + 1 + below(width - 1 - wide)
+                terrain[at[0] : at[0] + tall, at[1] : at[1] + wide] = True
+            return
+        side, other = max(height, width), min(height, width)
+        corridor = 1 + 2 * below(2) if other >= 13 else 0
+        thickness = corridor + 2 if corridor else 1
+        cut = 3 + 2 * below((side - thickness - 6) // 2 + 1)
+        for place in (cut, cut + thickness - 1) if corridor else (cut,):
+            wall(
+                [(top + place, c) for c in range(left, right)]
+                if height >= width
+                else [(r, left + place) for r in range(top, bottom)]
+            )
+        first = (top, left, top + cut, right) if height >= width else (top, left, bottom, left + cut)
+        second = (
+            (top + cut + thickness, left, bottom, right) if height >= width else (top, left + cut + thickness, bottom, right)
+        )
+        parts = (first, second) if cut <= side - cut - thickness else (second, first)
+        for part in parts:
+            divide(*part)
+
+    divide(0, 0, rows, cols)
+    return terrain
+
+
+def draw_cave(rows, cols, seed, draw):
+    """A cellular automaton with rock all round, and what is connected to a mouth dug from the corner."""
+    below = numbers(seed, draw)
+    rock = np.array([[below(100) < 43 for _ in range(cols)] for _ in range(rows)])
+    for _ in range(4):
+        padded = np.pad(rock, 1, constant_values=True)
+        around = sum(padded[r : r + rows, c : c + cols].astype(int) for r in range(3) for c in range(3))
+        rock = around >= 5
+    for step in range(rows + cols):
+        row, col = step // 2, (step + 1) // 2
+        if row >= rows or col >= cols or not rock[row, col]:
+            break
+        rock[row, col] = False
+    inside = reached_from(rock, (0, 0))
+    return np.array([[(row, col) not in inside for col in range(cols)] for row in range(rows)])
+
+
+def reached_from(terrain, start):
+    """The cells that moves lead to from a free cell."""
+    reached, edge = {start}, [start]
     while edge:
         row, col = edge.pop()
         for r, c in ((row - 1, col), (row, col + 1), (row + 1, col), (row, col - 1)):
             if 0 <= r < terrain.shape[0] and 0 <= c < terrain.shape[1] and not terrain[r, c] and (r, c) not in reached:
                 reached.add((r, c))
                 edge.append((r, c))
+    return reached
+
+
+def is_solvable(terrain, radius, beta):
+    """Start free, all free cells reached by flood, and enough cells seen from one free cell or another."""
+    if terrain[0, 0]:
+        return False
+    reached = reached_from(terrain, (0, 0))
     if len(reached) != int((~terrain).sum()):
         return False
     seen = visible_from_everywhere(terrain, radius)[~terrain].any(axis=0)

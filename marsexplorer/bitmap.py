@@ -1,0 +1,170 @@
+"""Terrains as rows of bits: their layout, the rectangles drawn into them, and what is connected in them.
+
+A terrain is stored as `words` uint64 a row, with a margin of `radius` bits and rows all round, lowest bit west: a set bit is an
+obstacle. `shape` is the int64 array of `shape_of`; `base` is the place of a terrain's first word.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.compiled import inlined, kernel
+from marsexplorer.config import ALL_LEVELS, BUILDING, CAVE, EnvConfig
+from marsexplorer.lidar import row_words
+
+ROWS, COLS, RADIUS, WORDS, TOPOLOGY, MORPHOLOGY, TARGET, GENERATOR, SHAPE = range(9)
+"""Places in the int64 array of `shape_of`."""
+
+
+def shape_of(config: EnvConfig) -> NDArray[np.int64]:
+    """Return what compiled code needs to draw terrains: int64[8], see ROWS..GENERATOR.
+
+    TARGET is how many cells of a drawn terrain can be discovered at least: beta of them on the levels of the paper, half of
+    them in a cave, which would be a small hole otherwise, and any number in a building.
+    """
+    level = ALL_LEVELS[config.level]
+    least = {BUILDING: 0, CAVE: (config.n + 1) // 2}.get(level.generator, config.target)
+    return np.array(
+        [
+            config.rows,
+            config.cols,
+            config.sensor_radius,
+            row_words(config.cols, config.sensor_radius),
+            level.topology,
+            level.morphology,
+            least,
+            level.generator,
+        ],
+        np.int64,
+    )
+
+
+@inlined
+def fill_rectangle(bits, base, shape, top, left, height, width):
+    """Set the part of a rectangle that lies inside the grid."""
+    radius, words = shape[RADIUS], shape[WORDS]
+    bottom, right = min(top + height, shape[ROWS]), min(left + width, shape[COLS])
+    top, left = max(top, 0), max(left, 0)
+    for row in range(top, bottom):
+        for col in range(left, right):
+            bit = col + radius
+            bits[base + (row + radius) * words + (bit >> 6)] |= np.uint64(1) << np.uint64(bit & 63)
+
+
+@inlined
+def row_mask(shape, word):
+    """Return the bits of word number `word` of a row that are cells of the grid."""
+    low = max(shape[RADIUS] - 64 * word, 0)
+    high = min(shape[RADIUS] + shape[COLS] - 64 * word, 64)
+    if high <= low:
+        return np.uint64(0)
+    full = ~np.uint64(0)
+    return (full >> np.uint64(64 - (high - low))) << np.uint64(low)
+
+
+@inlined
+def fill_runs(reached, free):
+    """Return the free bits of one word that are connected, along the word, with a reached one.
+
+    A Kogge-Stone fill: after the round with step s, every bit has spread over 2 s - 1 free bits to both sides, so six rounds
+    cover a word. `east` and `west` hold where a whole stretch of s free bits ends, so nothing jumps over an obstacle.
+    """
+    for step in (1, 2, 4, 8, 16, 32):
+        by = np.uint64(step)
+        if step == 1:
+            east, west = free, free
+            up, down = reached, reached
+        up |= east & (up << by)
+        down |= west & (down >> by)
+        east &= east << by
+        west &= west >> by
+    return up | down
+
+
+@inlined
+def sweep_row(bits, base, reach, at, above, free_mask, words):
+    """Grow the reached part of a row (reach[at:]) from the row reach[above:]; return whether it grew."""
+    grew = False
+    carry = np.uint64(0)
+
+    # 1. From west to east: what lies under reached cells, and what runs on from the word before.
+    for word in range(words):
+        free = free_mask[word] & ~bits[base + word]
+        old = reach[at + word]
+        new = fill_runs((old | reach[above + word] | carry) & free, free)
+        carry = new >> np.uint64(63)
+        reach[at + word] = new
+        grew |= new != old
+
+    # 2. Back from east to west: what runs on into the word before.
+    for word in range(words - 2, -1, -1):
+        free = free_mask[word] & ~bits[base + word]
+        old = reach[at + word]
+        new = fill_runs((old | (reach[at + word + 1] << np.uint64(63))) & free, free)
+        reach[at + word] = new
+        grew |= new != old
+    return grew
+
+
+@kernel
+def flood(bits, base, reach, offset, shape, masks, row, col):
+    """Write what is connected to a free cell into reach, rows of bits, and clear the row above and below the grid.
+
+    reach  as large as the rows of bits, `offset` words after the place that the bits have in theirs
+    masks  uint64[words], see `row_masks`
+    """
+    rows, radius, words = shape[ROWS], shape[RADIUS], shape[WORDS]
+    first, bit = base + radius * words, col + radius
+
+    # 1. Everything is reached from the cell.
+    for at in range(first - words + offset, first + (rows + 1) * words + offset):
+        reach[at] = np.uint64(0)
+    reach[first + row * words + offset + (bit >> 6)] = np.uint64(1) << np.uint64(bit & 63)
+
+    # 2. A row at a time: down the grid, then up, until neither reaches anything more. Above row 0 there is nothing, so from
+    #    there the first way up is made only when something was reached below.
+    is_first, grew = row > 0, True
+    while grew:
+        grew = False
+        for r in range(rows):
+            at = first + r * words
+            grew |= sweep_row(bits, at, reach, at + offset, at + offset - words, masks, words)
+        if grew or is_first:
+            is_first, grew = False, False
+            for r in range(rows - 1, -1, -1):
+                at = first + r * words
+                grew |= sweep_row(bits, at, reach, at + offset, at + offset + words, masks, words)
+
+
+def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
+    """Return uint64[words]: the bits of a row that are cells of the grid."""
+    shape = shape_of(config)
+    return np.array([row_mask_of(shape, word) for word in range(row_words(config.cols, config.sensor_radius))], np.uint64)
+
+
+@kernel
+def row_mask_of(shape, word):
+    """Do `row_mask`, called from Python."""
+    return row_mask(shape, word)
+
+
+def bitmap_words(config: EnvConfig) -> int:
+    """Return how many uint64 words a terrain takes."""
+    return (config.rows + 2 * config.sensor_radius) * row_words(config.cols, config.sensor_radius)
+
+
+def pack(cells: NDArray[np.bool_], config: EnvConfig) -> NDArray[np.uint64]:
+    """Return rows of bits with margins from bool[rows, cols]."""
+    radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
+    wide = np.zeros((config.rows + 2 * radius, words * 64), np.uint8)
+    wide[radius : radius + config.rows, radius : radius + config.cols] = cells
+    return np.packbits(wide, axis=1, bitorder="little").view("<u8").astype(np.uint64).reshape(-1)
+
+
+def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
+    """Return bool[rows, cols] from rows of bits with margins."""
+    radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
+    stacked = bits.reshape(config.rows + 2 * radius, words)[radius : radius + config.rows]
+    flat = np.unpackbits(np.ascontiguousarray(stacked).astype("<u8").view(np.uint8), axis=1, bitorder="little")
+    return flat[:, radius : radius + config.cols].astype(np.bool_)
