@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig
-from marsexplorer.evaluation.tours import NO_PATH, anneal, fill_distances, fill_views, walk_tour
+from marsexplorer.evaluation.annealing import anneal
+from marsexplorer.evaluation.tours import NO_PATH, fill_distances, fill_views, walk_tour
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
 
@@ -76,26 +77,35 @@ def informed_actions(
 
     ValueError when no walk was found: on a solvable terrain that takes a budget of very few changes.
     """
-    known, annealing = KnownTerrain(config, np.ascontiguousarray(terrain)), annealing or AnnealingConfig()
+    displacements = np.diff(min(informed_paths(config, terrain, seed, annealing or AnnealingConfig()), key=len))
+    actions = {-config.cols: 0, 1: 1, config.cols: 2, -1: 3}
+    return bytes(actions[int(displacement)] for displacement in displacements)
+
+
+def informed_paths(
+    config: EnvConfig, terrain: NDArray[np.bool_], seed: int, annealing: AnnealingConfig
+) -> list[NDArray[np.int32]]:
+    """Return the cells of the best walk of each annealing that found one; the arguments and errors are as above."""
+    known = KnownTerrain(config, np.ascontiguousarray(terrain))
     paths = [_anneal_path(config, known, mix(seed ^ mix(run)), annealing) for run in range(annealing.runs)]
     found = [path for path in paths if path is not None]
     if not found:
         raise ValueError(f"no walk found in {annealing.runs} x {annealing.changes} changes; give the search more")
-    displacements = np.diff(min(found, key=len))
-    actions = {-config.cols: 0, 1: 1, config.cols: 2, -1: 3}
-    return bytes(actions[int(displacement)] for displacement in displacements)
+    return found
 
 
 def _anneal_path(config: EnvConfig, known: KnownTerrain, seed: int, annealing: AnnealingConfig) -> NDArray[np.int32] | None:
     """Return the cells of one annealing's best walk up to where the target is reached, or None when it never is."""
     start, capacity = 0, 32 + config.n // 8
     points, tie_breaks = np.zeros((3, capacity), np.int32), np.zeros((3, capacity), np.int8)
+    shown, around = np.zeros((2, capacity, known.words), np.uint64), np.zeros((2, capacity + 1, known.words), np.uint64)
+    moves, last = np.zeros((2, 2, capacity), np.int64)
     covered, path = np.zeros((2, known.words), np.uint64), np.zeros(8 * config.n, np.int32)
     schedule = (annealing.changes, annealing.initial_temperature, annealing.final_temperature)
     state = np.array([seed], np.uint64)
-    count = anneal(
-        start, config.target, schedule, known.arrays, known.free, config.n, (points, tie_breaks), covered, path, state
-    )
+    legs, proposed = (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
+    tours = points, tie_breaks
+    count = anneal(start, config.target, schedule, known.arrays, known.free, config.n, tours, legs, proposed, covered, state)
     if count < 0:
         return None
     length = walk_tour(start, points[2], tie_breaks[2], count, known.arrays, covered[0], path)

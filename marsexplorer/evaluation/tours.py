@@ -1,4 +1,4 @@
-"""The compiled search of the informed planner: a tour of viewpoints on a known terrain, improved by simulated annealing.
+"""Tours of viewpoints on a known terrain, compiled: what a tour shows, and the random changes that `annealing` tries.
 
 A tour is `count` viewpoints: their cells in points int32[capacity], and for each one of TIE_BREAKS ways of choosing among the
 shortest paths to it in tie_breaks int8[capacity]. Cells are flat, row * cols + col. What is seen is held as bits, cell c as
@@ -21,18 +21,18 @@ from marsexplorer.compiled import inlined, kernel, popcount
 from marsexplorer.lidar import ONE
 from marsexplorer.policies.kernels.grid import neighbour
 from marsexplorer.policies.kernels.visibility import count_visible
-from marsexplorer.random_numbers import below, uniform
+from marsexplorer.random_numbers import below
 
 TIE_BREAKS = 6
 """0..3: try the four directions from that one on; 4: turn whenever possible; 5: go straight on whenever possible."""
-
-MISSING_CELL_COST = 1.5
-"""Cost of a cell short of the target, in moves."""
 
 DRAWS = 400
 """Random cells that are tried to find one that sees a given cell."""
 
 NO_PATH = 65535
+FIRST_ACTION = 1
+"""The last action before the first one, for the ties that are broken by going straight on or by turning."""
+
 INFINITE = 1 << 40
 U = np.uint64
 
@@ -127,7 +127,7 @@ def walk_tour(start, points, tie_breaks, count, known, covered, path):
     neighbours, distance, views, first_word, end_word = known
     for w in range(covered.shape[0]):
         covered[w] = views[start, w]
-    cell, last, length = start, 1, 0
+    cell, last, length = start, FIRST_ACTION, 0
     path[0] = start
     for k in range(count):
         goal = points[k]
@@ -159,11 +159,16 @@ def draw_uncovered_cell(covered, cells, state):
     if missing <= 0:
         return -1
     pick = below(state, missing)
-    for cell in range(cells):
-        if not (covered[cell >> 6] >> U(cell & 63)) & ONE:
-            if pick == 0:
-                return cell
-            pick -= 1
+    for w in range(covered.shape[0]):
+        here = min(64, cells - 64 * w) - np.int64(popcount(covered[w]))
+        if pick >= here:
+            pick -= here
+            continue
+        for cell in range(64 * w, cells):
+            if not (covered[w] >> U(cell & 63)) & ONE:
+                if pick == 0:
+                    return cell
+                pick -= 1
     return -1
 
 
@@ -284,44 +289,3 @@ def change_tour(start, points, tie_breaks, count, covered, known, free, cells, s
     other = below(state, count)
     points[k], points[other] = points[other], points[k]
     return count
-
-
-@kernel
-def anneal(start, target, schedule, known, free, cells, tours, covered, path, state):
-    """Return the number of viewpoints of the shortest tour found that shows `target` cells, or -1 when none was found.
-
-    schedule  (changes tried, temperature of the first, temperature of the last in moves)
-    tours     (points int32[3, capacity], tie_breaks int8[3, capacity]) of the present tour, the proposed one, and the best,
-              which is left there
-    covered   uint64[2, words], scratch: what the first two tours show; path int32[...], scratch: a tour's cells
-    state     uint64[1], of the random numbers
-    """
-    changes, initial_temperature, final_temperature = schedule
-    points, tie_breaks = tours
-    # 1. Begin with the empty tour: the rover stays at the start.
-    count, best_count, best_length = 0, -1, np.int64(INFINITE)
-    length = walk_tour(start, points[0], tie_breaks[0], count, known, covered[0], path)
-    cost = length + MISSING_CELL_COST * max(0, target - count_covered(covered[0]))
-    cooling = (final_temperature / initial_temperature) ** (1.0 / changes)
-    temperature = initial_temperature
-    for _ in range(changes):
-        temperature *= cooling
-        # 2. Propose a changed copy of the present tour and work out its cost.
-        copy_tour(points, tie_breaks, 0, 1, count)
-        new_count = change_tour(start, points[1], tie_breaks[1], count, covered[0], known, free, cells, state)
-        if new_count < 0:
-            continue
-        length = walk_tour(start, points[1], tie_breaks[1], new_count, known, covered[1], path)
-        missing = max(0, target - count_covered(covered[1]))
-        new_cost = length + MISSING_CELL_COST * missing
-        # 3. Accept it by the rule of Metropolis: always when it is no worse, else with probability exp(-increase / t).
-        if new_cost <= cost or uniform(state) < np.exp((cost - new_cost) / temperature):
-            cost, count = new_cost, new_count
-            copy_tour(points, tie_breaks, 1, 0, count)
-            for w in range(covered.shape[1]):
-                covered[0, w] = covered[1, w]
-            # 4. Keep the shortest tour that reaches the target.
-            if missing == 0 and length < best_length:
-                best_length, best_count = length, count
-                copy_tour(points, tie_breaks, 0, 2, count)
-    return best_count
