@@ -204,6 +204,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.files",
         "marsexplorer.score",
         "marsexplorer.terrain",
+        "marsexplorer.world",
     },
     "app.study": {
         "app.play",

@@ -86,8 +86,8 @@ def forget_regrets(database: Path) -> None:
 
 
 def has_regret(config: EnvConfig) -> bool:
-    """Return whether boards of this size have regrets."""
-    return config.n <= MAX_CELLS
+    """Return whether boards of this configuration have regrets."""
+    return config.n <= MAX_CELLS and not config.discoverable_only
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> RegretEstimator:

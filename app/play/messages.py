@@ -25,7 +25,7 @@ from pydantic import (
 
 from app.play.sizes import Size
 from app.play.validation import describe_errors
-from marsexplorer.config import ACTIONS, LEVELS, MAX_SEED
+from marsexplorer.config import ACTIONS, ALL_LEVELS, MAP, MAX_SEED
 from marsexplorer.episode import Episode
 
 MAX_MESSAGE_BYTES = 64 * 1024
@@ -34,6 +34,9 @@ MAX_EVENTS_PER_MESSAGE = 200
 """Most input events in one message."""
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
+
+DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
+"""The levels whose terrains are drawn from seeds."""
 
 ActionName = Literal["north", "east", "south", "west"]
 PaceMode = Literal["follow", "timed", "paused"]
@@ -45,8 +48,8 @@ class BadMessageError(ValueError):
 
 
 def _check_level(value: str) -> str:
-    if value not in LEVELS:
-        raise ValueError(f"no level {value!r}; choose one of: {', '.join(LEVELS)}")
+    if value not in DRAWN_LEVELS:
+        raise ValueError(f"no level {value!r}; choose one of: {', '.join(DRAWN_LEVELS)}")
     return value
 
 
@@ -175,7 +178,8 @@ class Frame(BaseModel):
     )
     position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
     discovered: int = Field(description="cells")
-    coverage: float
+    cells: int = Field(description="that count: all, or on maps and levels with walls those that can be discovered")
+    coverage: float = Field(description="discovered / cells")
     heading: ActionName
     reward: float | None = Field(description="of the last move (eq. 8); this and the next two null where a study hides them")
     return_: float | None = Field(alias="return", description="sum of the rewards")
@@ -261,6 +265,7 @@ def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) 
         "grid": encode_grid(episode.codes),
         "position": [int(row), int(col)],
         "discovered": int(episode.discovered),
+        "cells": int(episode.cells),
         "coverage": float(episode.coverage),
         "heading": episode.heading,
         "reward": None if hides_scores else float(episode.reward),

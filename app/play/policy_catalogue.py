@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from marsexplorer import policies
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
 from marsexplorer.policies.files.imported import wrong_size
@@ -33,7 +33,8 @@ class PolicyCatalogue:
     """The policies on offer: those that load by name, and further ones from paths.
 
     Loading each once at the start finds a file that is no policy before anybody chooses it. One decision and one move of
-    each compile the kernels and the rules, and so does one answer of `ExpectedDiscoveries`.
+    each compile the kernels and the rules, and so does one answer of `ExpectedDiscoveries`. A building and a cave compile what
+    draws them.
     """
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:
@@ -45,6 +46,8 @@ class PolicyCatalogue:
             episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
             episode.step(policy.act(episode.codes.copy()))
             self._offers[policy.name] = PolicyOffer(policy.name, policies.describe(source), source, size)
+        for level in (name for name in OTHER_LEVELS if name != MAP):
+            Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
         none = np.zeros((5, 5), np.uint8)
         VisibilityMap(none.shape, 1).expected_everywhere(none, none)
 

@@ -28,6 +28,7 @@ class Course:
     actions     codes of config.ACTIONS, one a move
     path        (row, col) of the rover, one more than actions
     discovered  cells known, one more than actions
+    cells       that coverage refers to: all, or those that can be discovered
     codes       uint8[rows, cols], what was known at the end, the rover's cell as FREE
     known_since int32[rows, cols], after how many moves each cell was known; NEVER for one that was not
     outcome     in words
@@ -39,6 +40,7 @@ class Course:
     actions: bytes
     path: tuple[tuple[int, int], ...]
     discovered: tuple[int, ...]
+    cells: int
     codes: NDArray[np.uint8]
     known_since: NDArray[np.int32]
     outcome: str
@@ -51,7 +53,7 @@ class Course:
 
     def coverage(self, step: int) -> float:
         """Return the share of the cells known after some moves, 0..1; a course that has ended stays at its end."""
-        return self.discovered[min(step, self.moves)] / self.config.n
+        return self.discovered[min(step, self.moves)] / self.cells
 
     @property
     def headline(self) -> str:
@@ -65,6 +67,7 @@ class Course:
             "actions": [ACTIONS[action] for action in self.actions],
             "positions": [list(cell) for cell in self.path],
             "discovered": list(self.discovered),
+            "cells": self.cells,
             "grid": ["".join(CHARACTERS[code] for code in row) for row in self.codes],
             "known_since": self.known_since.tolist(),
             "outcome": self.outcome,
@@ -104,6 +107,7 @@ def _course(name: str, episode: Episode, next_action: Callable[[NDArray[np.uint8
         actions=bytes(episode.actions),
         path=tuple((int(row), int(col)) for row, col in episode.path),
         discovered=tuple(int(count) for count in episode.discoveries),
+        cells=int(episode.cells),
         codes=codes,
         known_since=known_since,
         outcome=ended.outcome,

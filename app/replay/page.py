@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from app.replay.course import Course
 from app.settings import STATIC
+from marsexplorer.config import MAP
 
 _ENVIRONMENT = Environment(
     loader=FileSystemLoader(STATIC), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -62,5 +63,6 @@ def render(
 
 
 def terrain_in_words(course: Course) -> str:
-    """Return level and size: `level random, 21 x 21 cells`."""
-    return f"level {course.config.level}, {course.config.rows} \u00d7 {course.config.cols} cells"
+    """Return level and size: `level random, 21 x 21 cells`, or `a map, 9 x 14 cells`."""
+    name = "a map" if course.config.level == MAP else f"level {course.config.level}"
+    return f"{name}, {course.config.rows} \u00d7 {course.config.cols} cells"

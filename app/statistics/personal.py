@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from app.storage.reader import Reader, config_of
+from app.storage.reader import Reader, cells_of, config_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.score import steps_to_target
 
@@ -26,7 +26,7 @@ def describe_own(row: Row) -> dict[str, Any]:
         "cols": config.cols,
         "outcome": row["outcome"],
         "moves": row["steps"],
-        "coverage": row["discovered"] / config.n,
+        "coverage": row["discovered"] / cells_of(row),
         "score": row["score"],
         "ended_ms": row["ended_ms"],
         "not_attested": row["attestation_reason"],

@@ -29,8 +29,9 @@ class EpisodeSummary:
 
     score        normalized
     steps        to 99 %, `max_steps` where it was not reached
-    discoveries  discovered cells after 0, 1, ... moves
+    discoveries  discovered cells after 0, 1, ... moves, of `cells` that coverage refers to
     path         (row, col) after 0, 1, ... moves
+    cells        that coverage refers to; None: all
     """
 
     outcome: str
@@ -38,6 +39,7 @@ class EpisodeSummary:
     steps: int
     discoveries: Sequence[int]
     path: Sequence[tuple[int, int]]
+    cells: int | None = None
 
 
 def summary_of(episode: Episode) -> EpisodeSummary:
@@ -48,6 +50,7 @@ def summary_of(episode: Episode) -> EpisodeSummary:
         steps=steps_to_target(episode.config, episode.outcome, episode.steps),
         discoveries=episode.discoveries,
         path=episode.path,
+        cells=int(episode.cells),
     )
 
 
@@ -71,7 +74,8 @@ def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[st
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
-    means = np.array([np.mean([_held(each.discoveries, steps) for each in group], axis=0) for group in groups]) / config.n
+    held = [[_held(each.discoveries, steps) * (config.n / (each.cells or config.n)) for each in group] for group in groups]
+    means = np.array([np.mean(group, axis=0) for group in held]) / config.n
     low, high = _band(means)
     return {
         "steps": [int(step) for step in steps],

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from app.storage.reader import Reader, Who, config_of, now_ms
+from app.storage.reader import Reader, Who, cells_of, config_of, now_ms
 from app.storage.resimulation import simulate
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
@@ -147,7 +147,7 @@ def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[A
     shape = (config.level, config.rows, config.cols, config.sensor_radius, config.beta, config.max_steps)
     cause = (row["config_hash"], row["seed"], row["start_row"], row["start_col"], row["terrain"].hex())
     times = (row["policy_seed"], row["core_version"], row["started_ms"], row["ended_ms"])
-    totals = (row["outcome"], row["steps"], row["discovered"], row["discovered"] / config.n, row["total"], row["score"])
+    totals = (row["outcome"], row["steps"], row["discovered"], row["discovered"] / cells_of(row), row["total"], row["score"])
     to_target = steps_to_target(config, row["outcome"], row["steps"])
     actions = " ".join(ACTIONS[step["action"]] for step in steps)
     return (row["driver"], *flags, *shape, *cause, *times, *totals, to_target, actions, row["trajectory_hash"])
@@ -156,7 +156,7 @@ def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[A
 def _step_values(row: dict[str, Any], step: dict[str, Any], episode: Episode | None) -> tuple[Any, ...]:
     here = step["step"] + 1
     position: Sequence[int | None] = episode.path[here] if episode else (None, None)
-    coverage = episode.discoveries[here] / episode.config.n if episode else None
+    coverage = episode.discoveries[here] / episode.cells if episode else None
     seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
     times = (step["client_ms"], step["key_down_ms"], step["key_up_ms"], step["input"], step["driver"])
     return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)

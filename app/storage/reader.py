@@ -11,13 +11,15 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.storage.database import StoreError, hold, open_read_only
 from marsexplorer.config import ACTIONS, EnvConfig
-from marsexplorer.episode import Record
+from marsexplorer.episode import Record, unpack_terrain
 from marsexplorer.score import steps_to_target
+from marsexplorer.world import cells_that_count
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -120,9 +122,11 @@ class Reader:
         return self._db.query(f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player])
 
     def played_by(self, player: str) -> list[dict[str, Any]]:
-        """Return the finished episodes that a player drove, newest first, for their own page; no seed is among the columns."""
-        columns = "id, config, driver, counts, daily, outcome, steps, discovered, score, ended_ms, attestation_reason, "
-        columns += "seed_chosen, assisted, terrain_met_before"
+        """Return the finished episodes that a player drove, newest first, for their own page; no seed among the columns."""
+        columns = (
+            "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, ended_ms, "
+        )
+        columns += "attestation_reason, seed_chosen, assisted, terrain_met_before"
         sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
         return list(self._db.query(sql, [player]))
 
@@ -174,6 +178,17 @@ def config_of(row: dict[str, Any]) -> EnvConfig:
     return EnvConfig(**json.loads(row["config"]))
 
 
+def cells_of(row: dict[str, Any]) -> int:
+    """Return how many cells coverage refers to on the terrain of an episode row: all, or those that can be discovered."""
+    config = config_of(row)
+    return _cells(config, row["terrain"], (row["start_row"], row["start_col"])) if config.discoverable_only else config.n
+
+
+@lru_cache(maxsize=1024)
+def _cells(config: EnvConfig, terrain: bytes, start: tuple[int, int]) -> int:
+    return cells_that_count(config, unpack_terrain(terrain, config), start)
+
+
 def record_of(row: dict[str, Any], steps: list[dict[str, Any]]) -> Record:
     """Return the Record an episode row and its step rows make."""
     return Record(
@@ -214,7 +229,7 @@ def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, An
         "driver": row["driver"],
         **{name: bool(row[name]) for name in flags},
         **{name: row[name] for name in plain},
-        "coverage": row["discovered"] / config.n,
+        "coverage": row["discovered"] / cells_of(row),
         "return": row["total"],
         "steps_to_target": steps_to_target(config, row["outcome"], row["steps"]),
         "trajectory_hash": row["trajectory_hash"],

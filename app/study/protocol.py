@@ -163,6 +163,11 @@ class Protocol(_Part):
             config = EnvConfig(**given)
         except TypeError as error:
             raise ValueError(f"config: {error}") from error
+        if config.discoverable_only:
+            raise ValueError(
+                f"a study's terrains are of the levels of the paper, of which all cells count; got {config.level!r}, "
+                "where those count that can be discovered"
+            )
         if max(config.rows, config.cols) > MAX_API_SIDE:
             raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}")
         return config.to_dict()

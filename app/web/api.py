@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from app.play.lobby import Lobby, next_config
-from app.play.messages import Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
+from app.play.messages import DRAWN_LEVELS, Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
 from app.play.session import SCRIPT, RefusedError, Session
 from app.web.access import (
     controlled_session,
@@ -22,7 +22,7 @@ from app.web.access import (
     visible_session,
 )
 from app.web.sockets import as_move
-from marsexplorer.config import CORE_VERSION, LEVELS, EnvConfig
+from marsexplorer.config import ALL_LEVELS, CORE_VERSION, EnvConfig
 
 router = APIRouter(prefix="/api")
 Id = Annotated[str | None, Query(max_length=128)]
@@ -85,7 +85,7 @@ async def health(request: Request) -> dict[str, Any]:
 
 @router.get("/levels", tags=["server"], summary="What can be played")
 async def levels() -> list[dict[str, Any]]:
-    """List the levels: `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3."""
+    """List the levels: `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
     return [
         {
             "name": level.name,
@@ -94,7 +94,7 @@ async def levels() -> list[dict[str, Any]]:
             "morphology": level.morphology,
             "pays_bonus": level.has_bonus,
         }
-        for level in LEVELS.values()
+        for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
     ]
 
 

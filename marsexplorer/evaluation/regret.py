@@ -158,7 +158,11 @@ class RegretEstimator:
 
 
 def check_size(config: EnvConfig) -> None:
-    """Raise ValueError when the board is too large for regrets."""
+    """Raise ValueError when the board is too large for regrets, or not all of its cells count."""
+    if config.discoverable_only:
+        raise ValueError(
+            f"moves are judged on the levels of the paper, where all cells count; this board is of level {config.level}"
+        )
     if config.n > MAX_CELLS:
         raise ValueError(
             f"moves are judged on boards of up to {MAX_CELLS} cells, such as 42x42; "

@@ -21,7 +21,7 @@ const MAX_POINTS = 600;
  * @returns {Curve}
  */
 export function curveOf({ name, discovered, frame }, { colour, isDashed }) {
-  return { name, colour, isDashed, discovered, cells: frame.rows * frame.cols };
+  return { name, colour, isDashed, discovered, cells: frame.cells };
 }
 
 /**

@@ -5,9 +5,9 @@
 /** @typedef {[number, number]} Cell  a position, (row, col), row 0 at the north edge */
 /** @typedef {"explored" | "collided" | "out_of_bounds" | "timed_out" | "abandoned"} Outcome */
 /**
- * What a board needs, whole. `grid` holds `rows` strings of `cols` characters: ? unknown, . free, # obstacle, @ rover.
+ * What a board needs, whole. `coverage` is the share of `cells` that is discovered: of all, or on maps of those that can be. `grid` holds `rows` strings of `cols` characters: ? unknown, . free, # obstacle, @ rover.
  * @typedef {{kind: "frame", episode: string, step: number, rows: number, cols: number, grid: string[], position: Cell,
- *   discovered: number, coverage: number, heading: Action, reward: number | null, return: number | null,
+ *   discovered: number, cells: number, coverage: number, heading: Action, reward: number | null, return: number | null,
  *   score: number | null, outcome: Outcome | null}} Frame  reward, return and score are null while a study keeps them to itself
  */
 /** @typedef {{kind: "history", episode: string, positions: Cell[], discovered: number[]}} History */
@@ -38,7 +38,7 @@ export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"])
 export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]);
 /** What the characters of a grid mean. */
 export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" });
-export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "coverage", "heading",
+export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading",
   "reward", "return", "score", "outcome"];
 export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];
 export const EXPECTED_FIELDS = ["kind", "episode", "step", "cells"];

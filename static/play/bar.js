@@ -2,7 +2,7 @@
 // What stands round the boards: the top bar, the sentence below the goal, the choice of what a small screen shows, and the help.
 import { elementsOf, paintLink, put } from "../common/page.js";
 import { sizeText } from "../common/words.js";
-import { standing } from "./words.js";
+import { goal, standing } from "./words.js";
 
 /** @typedef {import("../common/game_state.js").State} State */
 
@@ -23,6 +23,7 @@ export function paintBar(state, page, rival) {
   badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
   put(by("terrain"), state.player ? `${state.level} \u00b7 ${sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
   paintLink(by("link"), state.link, "live");
+  put(by("goal"), goal(state.player?.frame ?? null));
   put(by("standing"), standing(state, rival));
   page.body.dataset.mode = state.mode;
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));

@@ -16,6 +16,12 @@ import { markChosen, paintFailure, paintLossList, paintWorking } from "./loss_li
 const ASK = "Where did I lose moves?";
 
 /**
+ * Return whether all cells count, as the analysis of moves takes it.
+ * @param {import("../common/messages.js").Frame | undefined} frame
+ */
+const isWhole = (frame) => frame !== undefined && frame.cells === frame.rows * frame.cols;
+
+/**
  * Return a board as it was known before a costly move.
  * @param {Board} board
  * @param {CostlyMove} loss
@@ -23,7 +29,7 @@ const ASK = "Where did I lose moves?";
  */
 export function boardBefore(board, { step, grid, position, discovered, previous }) {
   const { frame, trail } = board;
-  const coverage = discovered / (frame.rows * frame.cols);
+  const coverage = discovered / frame.cells;
   return { ...board, trail: trail.slice(0, step + 1), frame: { ...frame, step, grid, position, discovered, coverage, heading: previous ?? "east", outcome: null } };
 }
 
@@ -132,7 +138,7 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
       episode = null;
       if (analysis) show(null);
       part.losses.hidden = true;
-      part.ask.hidden = ended === null || player?.frame.step === 0;
+      part.ask.hidden = ended === null || player?.frame.step === 0 || !isWhole(player?.frame);
     },
     /**
      * Return what is to be marked on the player's board, the same object as long as it stays the same.
@@ -155,7 +161,7 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
     paintChart({ at, context }, { you, ground, ink }) {
       const frame = state().player?.frame;
       if (!analysis || !frame) return;
-      onChart = placeOnCurve(analysis.losses, frame.rows * frame.cols, at);
+      onChart = placeOnCurve(analysis.losses, frame.cells, at);
       paintOnCurve(context, onChart, chosen(), { ring: you, fill: ground, ink, base_px: at.y(0) });
     },
   };

@@ -21,10 +21,10 @@ export const wholePercent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 
 /** @type {Record<string, {short: string, title: string, line: string}>} */
 const ENDINGS = {
-  explored: { short: "mapped", title: "Mapped in {moves}", line: "99 % of the ground is on the map." },
+  explored: { short: "mapped", title: "Mapped in {moves}", line: "99 % of {ground} is on the map." },
   collided: { short: "crashed", title: "Crashed at {coverage} after {moves}", line: "The rover hit a rock, which ends the episode." },
   out_of_bounds: { short: "off the map", title: "Off the map at {coverage} after {moves}", line: "The rover drove over the edge of the map, which ends the episode." },
-  timed_out: { short: "out of moves", title: "Out of moves at {coverage} after {moves}", line: "The last move was made before 99 % of the ground was on the map." },
+  timed_out: { short: "out of moves", title: "Out of moves at {coverage} after {moves}", line: "The last move was made before 99 % of {ground} was on the map." },
   abandoned: { short: "abandoned", title: "Abandoned at {coverage} after {moves}", line: "The episode was left before its end." },
 };
 
@@ -35,12 +35,24 @@ const ENDINGS = {
 export const outcomeWord = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? outcome : "");
 
 /**
+ * Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
+ * @param {Pick<Frame, "rows" | "cols" | "cells">} frame
+ */
+export const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
+
+/**
+ * Return the task in one sentence.
+ * @param {Frame | null} frame
+ */
+export const goal = (frame) => `Map 99 % of ${frame ? ground(frame) : "the ground"} in as few moves as you can`;
+
+/**
  * Return how an episode ended, as a heading and as a sentence.
  * @param {Frame} frame
  */
 export function ending(frame) {
   const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
-  return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line };
+  return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
 }
 
 /**

@@ -8,8 +8,8 @@
  */
 /**
  * What GET api/episodes/ID/ghost answers. Index k of positions and discovered is the board after k moves; known_since says after how
- * many moves each cell was known (-1: never).
- * @typedef {{name: string, actions: Action[], positions: Cell[], discovered: number[], grid: string[], known_since: number[][],
+ * many moves each cell was known (-1: never); `cells` is how many coverage refers to.
+ * @typedef {{name: string, actions: Action[], positions: Cell[], discovered: number[], cells: number, grid: string[], known_since: number[][],
  *   outcome: import("../common/messages.js").Outcome, score: number, sentence: string}} Course
  */
 /**
@@ -36,7 +36,7 @@ export const clamped = (course, step) => Math.max(0, Math.min(step, movesOf(cour
  * @param {Course} course
  * @param {number} step
  */
-export const coverageAt = (course, step) => course.discovered[clamped(course, step)] / (course.grid.length * course.grid[0].length);
+export const coverageAt = (course, step) => course.discovered[clamped(course, step)] / course.cells;
 
 /**
  * Return whether a course has ended when a replay stands at `step`.
@@ -61,7 +61,7 @@ export function boardAt(course, step) {
   });
   const frame = {
     kind: /** @type {const} */ ("frame"), episode: course.name, step: at, rows: grid.length, cols: grid[0].length, grid, position: course.positions[at],
-    discovered: course.discovered[at], coverage: coverageAt(course, at), heading: at ? course.actions[at - 1] : /** @type {Action} */ ("east"),
+    discovered: course.discovered[at], cells: course.cells, coverage: coverageAt(course, at), heading: at ? course.actions[at - 1] : /** @type {Action} */ ("east"),
     reward: null, return: null, score: null, outcome: hasEnded(course, step) ? course.outcome : null,
   };
   return { frame, trail: course.positions.slice(0, at + 1) };

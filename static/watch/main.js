@@ -51,7 +51,7 @@ function paint() {
   if (width_px > 0 && height_px > 0) paintBoard(/** @type {HTMLCanvasElement} */ (part.canvas), board, { accent: you, width_px, height_px, dpr, soil });
   part.canvas.setAttribute("aria-label", describeBoard(frame, board.name));
   put(by("name"), board.name);
-  put(by("terrain"), `level ${state.level}, ${sizeText(state.size)} cells`);
+  put(by("terrain"), `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
   put(part.moves, String(frame.step));
   put(part.noun, frame.step === 1 ? "move" : "moves");
   put(part.coverage, percent(frame.coverage));

@@ -65,6 +65,8 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         ({"name": "../x"}, "name"),
         ({"config": {"level": "8-8-8"}}, "no level '8-8-8'"),
         ({"config": {"hills": 3}}, "unexpected keyword argument 'hills'"),
+        ({"config": {"level": "map"}}, "of which all cells count; got 'map'"),
+        ({"config": {"level": "cave"}}, "of which all cells count; got 'cave'"),
         ({"config": {"rows": 200}}, "at most 128 cells a side, got 200x21"),
         ({"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]}, "index of a choice, 0 to 1, got 2"),
         ({"return_url": "javascript:alert(1)"}, "return_url"),

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from app.play.messages import encode_frame
-from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
+from app.play.messages import DRAWN_LEVELS, encode_frame
+from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.servers import eventually
@@ -98,7 +98,7 @@ def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(se
 
 
 BAD = [
-    ({"level": "8-8-8"}, "no level '8-8-8'; choose one of: " + ", ".join(LEVELS)),
+    ({"level": "8-8-8"}, "no level '8-8-8'; choose one of: " + ", ".join(DRAWN_LEVELS)),
     ({"size": 3}, "rows must be at least 5, got 3"),
     ({"size": [7, 3]}, "cols must be at least 5, got 3"),
     ({"size": 500}, "rows must be at most 128 over the API, got 500"),
@@ -163,13 +163,32 @@ def test_unknown_things_get_404_in_words(server):
 
 def test_what_can_be_chosen_is_listed(server):
     client = server.client()
-    assert [level["name"] for level in client.get("/api/levels").json()] == list(LEVELS)
+    assert [level["name"] for level in client.get("/api/levels").json()] == list(DRAWN_LEVELS)
     policies = client.get("/api/policies").json()
     assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= {policy["name"] for policy in policies}
     assert all(policy["summary"] for policy in policies)
     health = client.get("/api/health").json()
     assert (health["status"], health["core_version"], health["database"]) == ("ok", "1", "playground.db")
     assert client.get("/api/human-level").json()["figures"] == []
+
+
+@pytest.mark.parametrize("level", ["building", "cave"])
+def test_buildings_and_caves_are_levels_of_which_what_can_be_seen_counts(server, level):
+    client = server.client()
+    begun = client.post("/api/sessions", json={"level": level, "size": [9, 14], "seed": 4}).json()
+    assert (begun["level"], begun["size"]) == (level, [9, 14])
+    episode = Episode.begin(EnvConfig.of(level, (9, 14)), seed=4)
+    last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
+    assert last["outcome"] == "explored"
+    assert last["coverage"] == last["discovered"] / last["cells"]
+    assert last["cells"] == episode.cells <= 9 * 14 - (level == "cave"), "what nobody can see counts for nothing"
+    kept = client.get(f"/api/episodes/{last['episode']}").json()
+    assert (kept["coverage"], kept["score"]) == (last["coverage"], last["score"])
+    assert client.get("/api/me/history").json()["episodes"][0]["coverage"] == last["coverage"]
+    run = client.get(f"/api/episodes/{last['episode']}/replay").json()["run"]
+    assert (run["cells"], run["discovered"][-1]) == (last["cells"], last["discovered"])
+    rows = client.get("/api/export/episodes.jsonl").text.splitlines()
+    assert [(json.loads(row)["coverage"], json.loads(row)["verified"]) for row in rows] == [(last["coverage"], True)]
 
 
 def test_the_documentation_needs_nothing_from_elsewhere(server):

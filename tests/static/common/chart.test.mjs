@@ -30,7 +30,7 @@ test("a scale puts the low end left and at the bottom", () => {
   assert.deepEqual([roundUp(141, 141), roundUp(441, 441), roundUp(1001, 1001)], [160, 500, 1500]);
 });
 
-test("a curve counts cells of its terrain", () => {
-  const board = { name: "ppo", frame: { rows: 3, cols: 4 }, discovered: [2, 5] };
-  assert.deepEqual(curveOf(board, { colour: "teal", isDashed: true }), { name: "ppo", colour: "teal", isDashed: true, discovered: [2, 5], cells: 12 });
+test("a curve is a share of the cells that count on its terrain", () => {
+  const board = { name: "ppo", frame: { rows: 3, cols: 4, cells: 10 }, discovered: [2, 5] };
+  assert.deepEqual(curveOf(board, { colour: "teal", isDashed: true }), { name: "ppo", colour: "teal", isDashed: true, discovered: [2, 5], cells: 10 });
 });

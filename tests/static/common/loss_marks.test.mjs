@@ -32,7 +32,7 @@ test("on the chart a number stands on the curve, or above the one before", () =>
 });
 
 test("a chosen move shows the board as it was known before it", () => {
-  const frame = { kind: "frame", episode: "e", step: 3, rows: 2, cols: 2, grid: ["..", "@#"], position: [1, 0], discovered: 4, coverage: 1,
+  const frame = { kind: "frame", episode: "e", step: 3, rows: 2, cols: 2, grid: ["..", "@#"], position: [1, 0], discovered: 4, cells: 4, coverage: 1,
     heading: "south", reward: 1, return: 1, score: 1, outcome: "explored" };
   const board = { session: "s", name: "You", frame, trail: [[0, 0], [0, 1], [0, 0], [1, 0]], discovered: [1, 2, 2, 4] };
   const before = boardBefore(board, { step: 1, grid: [".@", "??"], position: [0, 1], discovered: 2, previous: "east" });

@@ -44,3 +44,11 @@ test("the policy's board is there for whoever has played before, and in a ranked
   assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, false), true, "before anything is loaded the page has its final shape");
   assert.equal(hasTwoBoards({ ...state, player: null, rival: null }, true), false);
 });
+
+test("where walls hide some of the ground, the goal and the end speak of what can be seen", () => {
+  assert.match(words.goal(null), /99 % of the ground/);
+  assert.match(words.goal(frame({ cells: 12 })), /99 % of the ground/);
+  assert.match(words.goal(frame({ cells: 10 })), /99 % of what can be seen/);
+  assert.equal(words.ending(frame({ outcome: "explored", cells: 10 })).line, "99 % of what can be seen is on the map.");
+  assert.match(words.ending(frame({ outcome: "timed_out", cells: 12 })).line, /99 % of the ground was/);
+});

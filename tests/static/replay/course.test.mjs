@@ -5,7 +5,7 @@ import { boardAt, coverageAt, crashAt, hasEnded, newCells } from "../../../stati
 
 /** Two moves east on 2 x 3 cells, then into the rock in the corner. */
 const course = {
-  name: "ppo", actions: ["east", "south", "east"], positions: [[0, 0], [0, 1], [1, 1], [1, 1]], discovered: [2, 4, 5, 5],
+  name: "ppo", actions: ["east", "south", "east"], positions: [[0, 0], [0, 1], [1, 1], [1, 1]], discovered: [2, 4, 5, 5], cells: 6,
   grid: ["...", ".?#"].map((line, row) => (row ? "..#" : line)), known_since: [[0, 0, 1], [1, -1, 2]], outcome: "collided", score: 0.2, sentence: "crashed",
 };
 
@@ -24,6 +24,11 @@ test("a run that has ended stays at its end", () => {
   assert.equal(boardAt(course, 2).frame.outcome, null);
   assert.deepEqual([2, 3, 4].map((step) => hasEnded(course, step)), [false, true, true]);
   assert.equal(coverageAt(course, 99), 5 / 6);
+});
+
+test("where not every cell can be seen, coverage is a share of those that can", () => {
+  assert.equal(coverageAt({ ...course, cells: 5 }, 99), 1);
+  assert.equal(boardAt({ ...course, cells: 5 }, 99).frame.cells, 5);
 });
 
 test("the cells of the last move, and the rock that was hit", () => {
