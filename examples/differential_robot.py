@@ -1,7 +1,7 @@
 """A simulated robot with two driven wheels and a laser explores a map in metres, by the goals of a policy. No ROS is needed.
 
     pip install . matplotlib
-    python examples/differential_robot.py --policy frontier-utility --out robot.png
+    python examples/differential_robot.py --policy frontier-priced --out robot.png
 
 The policy sees a grid of cells, and the robot moves in metres. Between them stand two functions: `cells_known` makes the grid
 of cells from the map that the laser has drawn, and `next_goal` asks the policy for a goal in metres. The rest is the robot:
@@ -297,7 +297,7 @@ def main(arguments=None):
     parser.add_argument("--seed", type=int, default=1, help="of the terrain and of the noise")
     parser.add_argument("--cell", type=float, default=0.5, help="side of a cell in metres; the robot takes 0.8 of it")
     parser.add_argument("--noise", type=float, default=0.05, help="standard deviation of a wheel's speed, as a share")
-    parser.add_argument("--policy", default="frontier-utility", help="a policy's name or file")
+    parser.add_argument("--policy", default="frontier-priced", help="a policy's name or file")
     parser.add_argument("--out", default="robot.png", help="picture to write")
     given = parser.parse_args(arguments)
 
