@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -11,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.maps import GridMap, read_map
 from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import NO_SEED, OUTCOME
 from marsexplorer.score import score
@@ -34,7 +36,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of seed s; without a seed the
     terrain of the seed that follows the last. `reset(options={"terrain": bool[rows, cols], "start": (row, col)})` plays a
-    given terrain. `info`: position, discovered (cells), coverage, score, outcome (None while running), terrain_seed.
+    given terrain, and options={"map": ...} a robot's map: the path of a map_server file or a `maps.GridMap`, with level="map".
+    `info`: position, discovered (cells), coverage, score, outcome (None while running), terrain_seed.
     """
 
     metadata = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own convention
@@ -67,10 +70,14 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         """Start an episode and return its first observation and info."""
         super().reset(seed=seed)
         options = options or {}
-        unknown = set(options) - {"terrain", "start"}
+        unknown = set(options) - {"terrain", "start", "map"}
         if unknown:
-            raise ValueError(f"options may hold terrain and start, got {', '.join(sorted(map(str, unknown)))}")
-        if "terrain" in options:
+            raise ValueError(f"options may hold terrain and start, or map, got {', '.join(sorted(map(str, unknown)))}")
+        if "map" in options:
+            if len(options) > 1:
+                raise ValueError("a map has its own terrain and start: options={'map': ...} alone")
+            self._start_on_map(options["map"])
+        elif "terrain" in options:
             self._worlds.start_on(0, options["terrain"], tuple(options.get("start", (0, 0))))
         elif "start" in options:
             raise ValueError("a start needs a terrain: options={'terrain': ..., 'start': (row, col)}")
@@ -79,6 +86,16 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
             self._worlds.start_one(0, self._seed)
         self._running, self._total = True, 0.0
         return self._observe(), self._info()
+
+    def _start_on_map(self, given: Path | str | GridMap) -> None:
+        """Start on a robot's map; ValueError when the environment is not made for it."""
+        found = given if isinstance(given, GridMap) else read_map(given)
+        shape = found.terrain.shape
+        if not self.config.discoverable_only:
+            raise ValueError('a map has walls that are never seen whole: make the environment with level="map"')
+        if shape != (self.config.rows, self.config.cols):
+            raise ValueError(f"the map has {shape[0]} x {shape[1]} cells: make the environment with size={shape}")
+        self._worlds.start_on(0, found.terrain, found.start)
 
     def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Make one move; see the class for what comes back."""

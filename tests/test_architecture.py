@@ -241,6 +241,7 @@ ALLOWED: dict[str, set[str]] = {
     "marsexplorer.config": set(),
     "marsexplorer.env": {
         "marsexplorer.config",
+        "marsexplorer.maps",
         "marsexplorer.observation",
         "marsexplorer.rules",
         "marsexplorer.score",
@@ -282,6 +283,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.random_numbers",
     },
     "marsexplorer.lidar": {"marsexplorer.compiled"},
+    "marsexplorer.maps": {"marsexplorer.config"},
     "marsexplorer.observation": {"marsexplorer.compiled", "marsexplorer.config"},
     "marsexplorer.paper": set(),
     "marsexplorer.paper.algorithms": {"marsexplorer.config", "marsexplorer.paper.trainer", "marsexplorer.paper.trainers"},
@@ -474,6 +476,7 @@ LIBRARIES: dict[str, set[str]] = {
     "marsexplorer.evaluation": {"matplotlib", "numpy", "ray", "scipy"},
     "marsexplorer.generators": {"numpy"},
     "marsexplorer.lidar": {"numpy"},
+    "marsexplorer.maps": {"PIL", "numpy", "yaml"},
     "marsexplorer.observation": {"numpy"},
     "marsexplorer.paper.claims": {"PIL", "numpy", "scipy"},
     "marsexplorer.paper.episodes": {"numpy"},
