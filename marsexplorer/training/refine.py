@@ -47,7 +47,8 @@ class RefineConfig:
     tasks_per_level           tasks of a round on each family of terrains and size: large obstacles have the most to learn from
     episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as many moves are made
     pairs_per_episode         pairs of actions branched off each episode, about
-    anchor_sizes              sides of the larger grids, and episodes of a task there; where episodes are branched, none
+    anchor_sizes              sides of the larger grids, and episodes of a task there; none where episodes are branched,
+                              but on the first where they are branched on all
     anchor_levels             levels of the larger grids
     first_round_tasks         tasks of the first round, as a multiple of a later one's
     first_round_steps         gradient steps of the first round, as a multiple of a later one's
@@ -179,7 +180,7 @@ class RefineRun:
     def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""
         config, tasks = self.config, []
-        anchors = [(size, episodes) for size, episodes in config.anchor_sizes if size not in config.sizes]
+        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes] or list(config.anchor_sizes[:1])
         kinds = [(level, size, episodes, 0) for size, episodes in anchors for level in config.anchor_levels]
         factor = config.first_round_tasks if self.rounds_done == 0 else 1
         kinds += [

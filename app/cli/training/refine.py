@@ -35,10 +35,10 @@ ROUND_LOG_COLUMNS = {
 @click.argument("policy", default="ppo")
 @click.option(
     "--rounds",
-    type=click.IntRange(min=1),
+    type=click.IntRange(min=0),
     default=30,
     show_default=True,
-    help="Rounds of playing and learning; the first takes longest.",
+    help="Rounds of playing and learning; the first takes longest. With --prices, 0 adds them and learns nothing.",
 )
 @click.option(
     "--prices",
@@ -66,15 +66,14 @@ def refine(
 
     Its episodes are branched: at some steps another move is made and the episode is played to its end, so that the network
     learns which moves would have been better. On larger grids that are not branched the network is kept close to what it was,
-    or to the rules that --prices brings. The folder
-    --out gets the policy with its card and a log after every round; Ctrl-C loses only the round under way. Refining takes
-    about 3 GiB of memory, and 1 GiB more for each process.
+    or to the rules that --prices brings. The folder --out gets the policy with its card and a log after every round; Ctrl-C
+    loses only the round under way. Refining takes about 3 GiB of memory, and 1 GiB more for each process.
 
     \b
     Examples:
       marsexplorer refine                                           the shipped policy, 30 rounds
       marsexplorer refine runs/mine/mine.safetensors --rounds 10
-      marsexplorer refine runs/mine/mine.safetensors --prices --out runs/priced
+      marsexplorer refine ppo --prices --rounds 0 --out runs/priced    some seconds: better on large grids, else the same
       marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
     """
     from marsexplorer.config import EnvConfig
@@ -91,6 +90,8 @@ def refine(
         raise click.UsageError(str(error)) from error
     if prices and net.sees_prices:
         raise click.UsageError(f"{policy} sees prices already; leave --prices out")
+    if not prices and not rounds:
+        raise click.UsageError("--rounds 0 changes nothing without --prices; give more rounds, or --prices")
     net = with_prices(net) if prices else net
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.safetensors"
@@ -108,7 +109,7 @@ def refine(
     )
     run = RefineRun(net, seed, config)
     own_card = {"command": command, "commit": commit(), "hardware": f"{platform.machine()}, {processes} cores"}
-    output = _RefineOutput(file, run, card, own_card)
+    output = _RefineOutput(file, run, card, own_card, prices)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with _progress_bar(rounds) as advance:
@@ -132,6 +133,8 @@ def _refine(
     """Make the rounds, with the episodes played in processes of their own."""
     from marsexplorer.evaluation.episodes import one_thread
 
+    if not rounds:
+        output.save_policy({"results": {}})
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn, one_thread) as pool:
         while run.rounds_done < rounds:
@@ -144,10 +147,12 @@ def _refine(
 class _RefineOutput:
     """Writes the policy with its card, and the log, whole after every round.
 
-    card      of the policy that the run began with; own_card: what replaces parts of it
+    card         of the policy that the run began with; own_card: what replaces parts of it
+    adds_prices  whether the network that the run began with was given prices by it
     """
 
-    def __init__(self, file: Path, run: RefineRun, card: dict[str, Any], own_card: dict[str, Any]) -> None:
+    def __init__(self, file: Path, run: RefineRun, card: dict[str, Any], own_card: dict[str, Any], adds_prices: bool) -> None:
+        self._adds_prices = adds_prices
         self._file, self._run, self._own_card, self._card = file, run, own_card, card
         self._lines: list[dict[str, Any]] = []
         self._started = time.monotonic()
@@ -169,11 +174,16 @@ class _RefineOutput:
         from marsexplorer.policies.network.model import format_of
 
         run, card = self._run, self._card
-        seconds = self._lines[-1]["seconds"]
+        seconds = self._lines[-1]["seconds"] if self._lines else 0.0
         numbers = {"rounds": run.rounds_done, "pairs": run.num_pairs, "seconds": seconds, "seed": run.seed}
         began_with = {key: card.get(key) for key in ("command", "commit", "hardware", "training")}
         training = {**numbers, "plan": asdict(run.config), "log": self._lines, "began_with": began_with}
-        summary = f"{card.get('summary', 'A network.')} Refined on {run.num_pairs:,} pairs of moves."
+        parts = [
+            str(card.get("summary", "A network.")),
+            "On larger grids it begins by the prices of unknown cells." * self._adds_prices,
+            f"Refined on {run.num_pairs:,} pairs of moves." * (run.rounds_done > 0),
+        ]
+        summary = " ".join(part for part in parts if part)
         whole = {**card, **self._own_card, "summary": summary, **results, "training": training}
         save_network(run.net, self._file, whole, format_of(run.net))
 

@@ -42,11 +42,12 @@ def save_network(net: nn.Module, path: Path, card: dict[str, Any], file_format: 
 
 
 def save_tensors(tensors: Mapping[str, Tensor], path: Path, card: dict[str, Any], file_format: str) -> None:
-    """Write a policy file, whole or not at all: weights by name, and their card with the format added."""
+    """Write a policy file, whole or not at all: weights by name, and their card with the format in the place of its own."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    own = {name: value for name, value in card.items() if name != "format"}
     stored = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     with replace_whole(path) as unfinished:
-        save_file(stored, unfinished, metadata={"card": json.dumps({"format": file_format, **card}, indent=1)})
+        save_file(stored, unfinished, metadata={"card": json.dumps({"format": file_format, **own}, indent=1)})
 
 
 def read_weights(net: nn.Module, path: Path) -> None:

@@ -127,7 +127,7 @@ def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
 def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
     for net, name in zip(nets, ("few", "more"), strict=True):
         path = tmp_path / f"{name}.safetensors"
-        save_network(net, path, {"summary": "Wanders."}, format_of(net))
+        save_network(net, path, {"format": "of the file that it was made from", "summary": "Wanders."}, format_of(net))
         assert load_net(path).sees_prices == net.sees_prices
         assert read_card(path)["format"] == f"marsexplorer-network-{4 if net.sees_prices else 3}"
         policy, episode = policies.load(path), Episode.begin(EnvConfig("random", 9, 14), seed=1)

@@ -136,6 +136,8 @@ def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     tasks = {(task.level, task.size, task.num_episodes, task.pairs_per_episode) for task in run.make_tasks()}
     branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
     assert tasks == branched | {("2-2-1", 84, 2, 0)}
+    run.config = replace(run.config, sizes=(21, 42, 84))
+    assert {(task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"} == {(84, 0)}
 
 
 def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
@@ -184,6 +186,9 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     assert (
         "the format marsexplorer-network-4 or marsexplorer-network-3" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
     )
+    nothing = CliRunner().invoke(cli, ["refine", "--rounds", "0"])
+    assert nothing.exit_code == 2
+    assert "changes nothing without --prices" in nothing.output
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.safetensors").write_bytes(b"mine")
     kept = CliRunner().invoke(cli, ["refine", "--out", str(tmp_path / "run")])
