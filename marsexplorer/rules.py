@@ -179,23 +179,48 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
         rewards[i] += float(new)
 
 
+@kernel
+def move_all(actions, state, record, codes, sight, rules, rewards, listed):
+    """Make one move in every running world, with its scan; `settle` is to follow for each.
+
+    actions, rewards  int64[num], 0..3, and float64[num], written
+    listed            int64[num], scratch
+    """
+    count = advance(state, record, codes, rules, actions, rewards, listed)
+    scan_listed(state, record, codes, sight, rules, rewards, listed, count)
+
+
 @inlined
-def settle(state, record, rules, rewards, outcomes):
-    """End the worlds that discovered enough, with the bonus, or ran out of moves; write the outcomes of all (eq. 8).
+def settle(state, base, rules, rewards, i):
+    """Return the outcome of a world that has moved: it discovered enough, with the bonus, or ran out of moves (eq. 8).
 
     Success on the last move allowed is success, so it is tested before the limit.
     """
-    for i in range(rewards.shape[0]):
-        base = np.uint64(i) * np.uint64(record)
-        outcome = state[base + np.uint64(OUTCOME)]
-        if outcome == np.uint64(RUNNING):
-            if np.int64(state[base + np.uint64(DISCOVERED)]) >= np.int64(state[base + np.uint64(ENOUGH)]):
-                outcome = np.uint64(EXPLORED)
-                rewards[i] += float(rules[BONUS])
-            elif np.int64(state[base + np.uint64(STEPS)]) >= rules[LIMIT]:
-                outcome = np.uint64(TIMED_OUT)
-            state[base + np.uint64(OUTCOME)] = outcome
-        outcomes[i] = np.uint8(outcome)
+    outcome = state[base + np.uint64(OUTCOME)]
+    if outcome == np.uint64(RUNNING):
+        if np.int64(state[base + np.uint64(DISCOVERED)]) >= np.int64(state[base + np.uint64(ENOUGH)]):
+            outcome = np.uint64(EXPLORED)
+            rewards[i] += float(rules[BONUS])
+        elif np.int64(state[base + np.uint64(STEPS)]) >= rules[LIMIT]:
+            outcome = np.uint64(TIMED_OUT)
+        state[base + np.uint64(OUTCOME)] = outcome
+    return outcome
+
+
+@kernel
+def begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
+    """Keep the scalars and codes of a world that ended and start it on the seed that follows its own.
+
+    Return whether that seed has a solvable draw.
+    """
+    cells = rules[ROWS] * rules[COLS]
+    base, cbase = i * record, i * cells
+    for at in range(HEAD):
+        last[i * HEAD + at] = state[base + at]
+    for at in range(cbase, cbase + cells):
+        last_codes[at] = codes[at]
+    seed = next_state(state[base + SEED])
+    return start_seed(state, base, codes, cbase, sight, rules, masks, seed) > 0
 
 
 @kernel
@@ -234,19 +259,19 @@ def count_discoverable(state, base, codes, cbase, sight, rules, masks, row, col)
 
 
 @kernel
-def step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed):
+def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed):
     """Make one move in every world that is running; an ended one stays as it is and has reward 0.
 
     rewards, outcomes  float64[num] and uint8[num], written
     listed             int64[num], scratch
     """
-    count = advance(state, record, codes, rules, actions, rewards, listed)
-    scan_listed(state, record, codes, sight, rules, rewards, listed, count)
-    settle(state, record, rules, rewards, outcomes)
+    move_all(actions, state, record, codes, sight, rules, rewards, listed)
+    for i in range(actions.shape[0]):
+        outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
 
 
 @kernel
-def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed, last, last_codes):
+def step_autoreset(actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed, last, last_codes):
     """Do `step_all`, and start each world that ended on the seed that follows its own.
 
     last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
@@ -254,16 +279,9 @@ def step_autoreset(state, record, codes, sight, rules, masks, actions, rewards, 
     Return 0, or 1 + the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
     begins anew at once.
     """
-    step_all(state, record, codes, sight, rules, masks, actions, rewards, outcomes, listed)
-    cells = rules[ROWS] * rules[COLS]
+    move_all(actions, state, record, codes, sight, rules, rewards, listed)
     for i in range(actions.shape[0]):
-        if outcomes[i] != RUNNING:
-            base, cbase = i * record, i * cells
-            for at in range(HEAD):
-                last[i * HEAD + at] = state[base + at]
-            for at in range(cells):
-                last_codes[cbase + at] = codes[cbase + at]
-            seed = next_state(state[base + SEED])
-            if not start_seed(state, base, codes, cbase, sight, rules, masks, seed):
-                return i + 1
+        outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
+        if outcomes[i] != RUNNING and not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
+            return i + 1
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from marsexplorer.config import ACTIONS, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.buffers import shared_array, write_values
+from marsexplorer.columns import Columns, are_actions, list_endings
+from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 from marsexplorer.env import following, observation_space
 from marsexplorer.observation import STATE_VALUES, action_masks
-from marsexplorer.rules import CELLS, DISCOVERED, OUTCOME, SEED
-from marsexplorer.score import score
+from marsexplorer.rules import DISCOVERED, SEED
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import Worlds, positions, totals
+from marsexplorer.world import Worlds, positions
 
 try:
     from gymnasium.vector import AutoresetMode
@@ -34,10 +36,19 @@ VectorStep = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[
 class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """`num_envs` MarsExplorer environments stepped at once, equal to single ones bit for bit.
 
-    Takes what MarsExplorer takes. An environment that ends begins at once on the seed that follows its own (same-step
-    autoreset): its last observation and info are `info["final_obs"][i]` and the columns of `info["final_info"]`, where
-    `info["_final_obs"]` is True. `reset(seed=s)` starts environment i on seed s + i. With observation="uint8" the codes
-    are the worlds' own array, valid until the next step: copy what must last.
+    Takes what MarsExplorer takes besides render_mode, and
+
+    num_threads  threads that share each step; more than one pays for stacks of thousands, where cores are idle
+    out          memory for the observations: a NumPy array, a torch tensor, or anything with DLPack, of the dtype and shape
+                 [num_envs, rows, cols] of the observations, in the processor's memory
+
+    An environment that ends begins at once on the seed that follows its own (same-step autoreset): its last observation and
+    info are `info["final_obs"][i]` and the columns of `info["final_info"]`, where `info["_final_obs"]` is True. `reset(seed=s)`
+    starts environment i on seed s + i.
+
+    With observation="uint8", the observations, the last ones, and the columns of `info` and `info["final_info"]` are the
+    worlds' own arrays, valid until the next step: copy what must last. With "float32" each step returns new arrays, but for
+    the observations where `out` is given. Rewards, terminated and truncated are always new.
     """
 
     metadata = {"autoreset_mode": SAME_STEP, "render_modes": []}  # noqa: RUF012  # gymnasium's own convention
@@ -51,6 +62,8 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         beta: float = 0.99,
         max_steps: int | None = None,
         observation: str = "float32",
+        num_threads: int = 1,
+        out: Any = None,
     ) -> None:
         self.num_envs = num_envs
         self.config = EnvConfig.of(level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps)
@@ -59,8 +72,15 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._raw = observation == "uint8"
-        self._worlds = Worlds(self.config, num_envs)
+        shape = (num_envs, self.config.rows, self.config.cols)
+        self._out = None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
+        self._worlds = Worlds(self.config, num_envs, num_threads, self._out if self._raw else None)
         self._seeds: list[int] | None = None
+        self._info = self._columns(self._worlds.columns, self._worlds.scalars, np.ones(num_envs, np.bool_))
+        self._ended: NDArray[np.bool_] = np.zeros(num_envs, np.bool_)
+        self._final_info = self._columns(self._worlds.last_columns, self._worlds.last_scalars, self._ended)
+        self._which, self._count = np.zeros(num_envs, np.intp), 0
+        self._final_obs: NDArray[np.object_] = np.full(num_envs, None, object)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -71,7 +91,8 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = self._starting_seeds(seed)
         self._worlds.start(seeds)
-        return self._observe(self._worlds.codes), self._info(self._worlds.scalars)
+        self._worlds.describe()
+        return self._observe(), self._lasting(self._info)
 
     def _starting_seeds(self, seed: int | list[int | None] | None) -> list[int]:
         if isinstance(seed, (list, tuple)):
@@ -89,16 +110,16 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
         given = np.ascontiguousarray(actions, np.int64)
-        if given.shape != (self.num_envs,) or given.min() < 0 or given.max() > 3:
+        if given.shape != (self.num_envs,) or not are_actions(given):
             raise ValueError(f"actions must be {self.num_envs} numbers in 0..3, got {actions!r}")
-        rewards = self._worlds.step_autoreset(given).copy()
-        outcomes = self._worlds.outcomes
-        terminated, truncated = (outcomes > RUNNING) & (outcomes < TIMED_OUT), outcomes == TIMED_OUT
-        info = self._info(self._worlds.scalars)
-        ended = outcomes > RUNNING
-        if ended.any():
-            info |= self._finals(ended)
-        return self._observe(self._worlds.codes), rewards, terminated, truncated, info
+        rewards = self._worlds.step_described(given).copy()
+        terminated, truncated = np.empty(self.num_envs, np.bool_), np.empty(self.num_envs, np.bool_)
+        self._final_obs[self._which[: self._count]] = None
+        self._count = list_endings(self._worlds.outcomes, terminated, truncated, self._ended, self._which)
+        info = self._lasting(self._info)
+        if self._count:
+            info.update(self._finals(self._which[: self._count]))
+        return self._observe(), rewards, terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[num_envs, 4]: which moves stay on the grid and off known obstacles."""
@@ -111,37 +132,59 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
         """Return the observations of the environments as they were at a snapshot of one made alike."""
         self._worlds.put(np.arange(self.num_envs), snapshot)
-        return self._observe(self._worlds.codes)
+        return self._observe()
 
     def terrain(self, index: int) -> NDArray[np.bool_]:
         """Return the true map of one environment: bool[rows, cols], True where blocked."""
         return self._worlds.terrain(index)
 
-    def _observe(self, codes: NDArray[np.uint8]) -> NDArray[Any]:
-        return codes if self._raw else STATE_VALUES[codes]
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        self._worlds.close()
 
-    def _info(self, scalars: NDArray[np.uint64]) -> dict[str, Any]:
-        discovered, cells = scalars[:, DISCOVERED].astype(np.int64), scalars[:, CELLS].astype(np.int64)
-        everywhere = np.ones(self.num_envs, np.bool_)
-        columns = {
-            "position": positions(scalars),
-            "discovered": discovered,
-            "coverage": discovered / cells,
-            "score": np.asarray(score(self.config, totals(self.config, scalars), cells)),  # type: ignore[arg-type]
-            "outcome": NAMED[scalars[:, OUTCOME]],
-            "terrain_seed": scalars[:, SEED].astype(np.int64),
-        }
-        return columns | {f"_{name}": everywhere for name in columns}
+    def _observe(self) -> NDArray[Any]:
+        codes = self._worlds.codes
+        if self._raw:
+            return codes
+        if self._out is None:
+            return STATE_VALUES[codes]
+        write_values(codes.reshape(-1), STATE_VALUES, self._out.reshape(-1))
+        return self._out
 
-    def _finals(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
-        observations = np.full(self.num_envs, None, object)
-        for i in np.flatnonzero(ended):
-            observations[i] = self._observe(self._worlds.last_codes[i].copy())
-        info = self._info(self._worlds.last_scalars)
-        masked = {name: (ended.copy() if name.startswith("_") else column) for name, column in info.items()}
-        return {
-            "final_obs": observations,
-            "_final_obs": ended,
-            "final_info": masked,
-            "_final_info": ended.copy(),
+    def _columns(self, columns: Columns, scalars: NDArray[np.uint64], mask: NDArray[np.bool_]) -> dict[str, Any]:
+        """Return the columns of an info as views of the worlds' arrays."""
+        whole = scalars.view(np.int64)
+        info = {
+            "position": columns.positions,
+            "discovered": whole[:, DISCOVERED],
+            "coverage": columns.coverage,
+            "score": columns.scores,
+            "outcome": np.full(self.num_envs, None, object),
+            "terrain_seed": whole[:, SEED],
         }
+        return info | {f"_{name}": mask for name in info}
+
+    def _lasting(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Return an info to give away: of views, or of copies where observations are copies too."""
+        return info.copy() if self._raw else {name: column.copy() for name, column in info.items()}
+
+    @cached_property
+    def _final_views(self) -> NDArray[np.object_]:
+        """object[num_envs]: the last codes of each environment."""
+        views = np.full(self.num_envs, None, object)
+        for i, codes in enumerate(self._worlds.last_codes):
+            views[i] = codes
+        return views
+
+    def _finals(self, which: NDArray[np.intp]) -> dict[str, Any]:
+        """Return what `info` says of the episodes that ended in this step, those of the environments `which`."""
+        self._final_info["outcome"][which] = NAMED[self._worlds.outcomes[which]]
+        if self._raw:
+            self._final_obs[which] = self._final_views[which]
+            observations, ended = self._final_obs, self._ended
+        else:
+            observations, ended = np.full(self.num_envs, None, object), self._ended.copy()
+            for i in which:
+                observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
+        final_info = self._lasting(self._final_info)
+        return {"final_obs": observations, "_final_obs": ended, "final_info": final_info, "_final_info": ended}

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from marsexplorer import terrain as terrains
 from marsexplorer.bitmap import pack, row_masks, unpack
+from marsexplorer.columns import Columns, describe, step_described
 from marsexplorer.config import ACTIONS, COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, EnvConfig, check_seed, fewest_cells
 from marsexplorer.lidar import row_words, sight_table
 from marsexplorer.rules import (
@@ -38,17 +43,21 @@ class Worlds:
     rewards   float64[num], of the last step
     outcomes  uint8[num], codes of `config.OUTCOMES` after the last step
 
-    The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for two threads at once.
+    The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for two threads at once;
+    `num_threads` of its own share each step that starts the next episodes. They bring most to stacks of thousands.
+    `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
     """
 
-    def __init__(self, config: EnvConfig, num: int = 1) -> None:
+    def __init__(self, config: EnvConfig, num: int = 1, num_threads: int = 1, codes: NDArray[np.uint8] | None = None) -> None:
+        if num_threads < 1:
+            raise ValueError(f"num_threads must be at least 1, got {num_threads}")
         self.config = config
         self.num = num
         words = row_words(config.cols, config.sensor_radius)
         self._size = (config.rows + 2 * config.sensor_radius) * words
         self._record = HEAD + 3 * self._size
         self._state = np.zeros(num * self._record, np.uint64)
-        self.codes: NDArray[np.uint8] = np.zeros((num, config.rows, config.cols), np.uint8)
+        self.codes: NDArray[np.uint8] = np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
         self._codes = self.codes.reshape(-1)
         self._tables = (sight_table(config.sensor_radius).copy(), rules_of(config), row_masks(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
@@ -58,6 +67,9 @@ class Worlds:
         self._last = np.zeros(num * HEAD, np.uint64)
         self.last_scalars[:, CELLS] = config.n
         self._last_codes: NDArray[np.uint8] | None = None
+        self.columns, self.last_columns = Columns(num), Columns(num)
+        self._bounds = [num * k // num_threads for k in range(num_threads + 1)]
+        self._threads = ThreadPoolExecutor(num_threads - 1, "marsexplorer") if num_threads > 1 else None
 
     def start(self, seeds: ArrayLike) -> None:
         """Start every world on its seed (int[num], 0..2^53-1); ValueError when a seed has no solvable terrain."""
@@ -105,7 +117,7 @@ class Worlds:
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
         """Make one move in every running world and return the rewards. actions: int64[num], 0..3."""
         step_all(
-            self._state, self._record, self._codes, *self._tables, actions, self.rewards, self.outcomes, self._listed
+            actions, self._state, self._record, self._codes, *self._tables, self.rewards, self.outcomes, self._listed
         )  # fmt: skip
         return self.rewards
 
@@ -116,33 +128,73 @@ class Worlds:
         seed has no solvable terrain.
         """
         if self.config.discoverable_only:
-            return self._step_and_start(actions)
-        last = self.last_codes.reshape(-1)
-        failed = step_autoreset(
-            self._state,
-            self._record,
-            self._codes,
-            *self._tables,
-            actions,
-            self.rewards,
-            self.outcomes,
-            self._listed,
-            self._last,
-            last,
-        )
-        if failed:
-            raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
+            self._step_and_start(actions)
+        else:
+            self._in_parts(step_autoreset, actions, self._parts)
         return self.rewards
 
-    def _step_and_start(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
+    def step_described(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Do `step_autoreset` and write `columns`, and `last_columns` where a world ended."""
+        if self.config.discoverable_only:
+            self._step_and_start(actions)
+            self.describe()
+            describe(self._last, HEAD, self._tables[1], *self.last_columns.arrays)
+        else:
+            self._in_parts(step_described, actions, self._described_parts)
+        return self.rewards
+
+    def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
-        rewards = self.step(actions)
+        self.step(actions)
         for index in np.flatnonzero(self.outcomes != RUNNING):
             self.last_scalars[index], self.last_codes[index] = self._scalars[index], self.codes[index]
             outcome = self.outcomes[index]
             self.start_one(int(index), terrains.next_seed(int(self._scalars[index, SEED])))
             self.outcomes[index] = outcome
-        return rewards
+
+    def describe(self) -> None:
+        """Write `columns` of the worlds as they stand."""
+        describe(self._state, self._record, self._tables[1], *self.columns.arrays)
+
+    @cached_property
+    def _parts(self) -> list[tuple[Any, ...]]:
+        """What a compiled step takes besides the actions, for each thread: views of its worlds and a table of its own."""
+        sight, rules, masks = self._tables
+        arrays = (self.rewards, self.outcomes, self._listed, self._last, self.last_codes.reshape(-1))
+        return [
+            (state, self._record, codes, sight.copy(), rules, masks, *rest)
+            for state, codes, *rest in self._cut(self._state, self._codes, *arrays)
+        ]
+
+    @cached_property
+    def _described_parts(self) -> list[tuple[Any, ...]]:
+        columns = self._cut(*self.columns.arrays, *self.last_columns.arrays)
+        return [(*part, *own) for part, own in zip(self._parts, columns, strict=True)]
+
+    def _cut(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
+        """Return for each thread the views of its worlds in arrays that have equally many numbers for each world."""
+        widths = [array.size // self.num for array in arrays]
+        return [
+            [array[a * width : b * width] for array, width in zip(arrays, widths, strict=True)]
+            for a, b in pairwise(self._bounds)
+        ]
+
+    def _in_parts(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> None:
+        if self._threads is None:
+            failures = [step(actions, *parts[0])]
+        else:
+            given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
+            others = [self._threads.submit(step, *each) for each in given[1:]]
+            failures = [step(*given[0]), *(other.result() for other in others)]
+        for first, failed in zip(self._bounds, failures, strict=False):
+            if failed:
+                seed = int(self._last[(first + failed - 1) * HEAD + SEED])
+                raise terrains.unsolvable(self.config, terrains.next_seed(seed))
+
+    def close(self) -> None:
+        """End the threads of the stack, which makes no further steps."""
+        if self._threads is not None:
+            self._threads.shutdown()
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """Return copies of the worlds of these indices: all that changes with a step.

@@ -1,0 +1,145 @@
+"""The vector environment: whose arrays it returns, where it writes them, on how many threads, under Gymnasium's wrappers."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from marsexplorer.buffers import shared_array
+from marsexplorer.config import EnvConfig
+from marsexplorer.world import Worlds
+
+
+def made(num_envs, **options):
+    return gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **({"size": (6, 9)} | options))
+
+
+def blind(envs, steps=40):
+    """Step with random moves, most of which soon end an episode; yield what each step returns."""
+    rng = np.random.default_rng(3)
+    envs.reset(seed=7)
+    for _ in range(steps):
+        yield envs.step(rng.integers(0, 4, envs.num_envs))
+
+
+def copied(value):
+    return {name: copied(one) for name, one in value.items()} if isinstance(value, dict) else np.array(value, copy=True)
+
+
+def assert_same(given, kept):
+    for name, one in kept.items():
+        if isinstance(one, dict):
+            assert_same(given[name], one)
+        elif name != "final_obs":
+            assert (given[name] == one).all(), name
+
+
+@pytest.mark.parametrize("num_threads", [2, 5])
+def test_threads_change_nothing(num_threads):
+    alone, shared = made(5, observation="uint8"), made(5, observation="uint8", num_threads=num_threads)
+    for one, other in zip(blind(alone), blind(shared), strict=True):
+        for mine, its in zip(one[:4], other[:4], strict=True):
+            assert (mine == its).all()
+        assert_same(other[4], one[4])
+    shared.close()
+    with pytest.raises(RuntimeError, match="shutdown"):
+        shared.step(np.zeros(5, int))
+
+
+def step_for_ever(worlds):
+    while True:
+        worlds.step_autoreset(np.ones(worlds.num, np.int64))
+
+
+def test_a_seed_without_a_terrain_is_named_from_any_thread():
+    config, said = EnvConfig.of("random", 42, beta=1.0, max_steps=1), []  # about one seed in ten has none
+    for threads in (1, 3):
+        worlds = Worlds(config, 6, threads)
+        worlds.start(range(6))
+        with pytest.raises(ValueError, match="no solvable terrain") as error:
+            step_for_ever(worlds)
+        said.append(str(error.value))
+    assert said[0] == said[1]
+
+
+def test_codes_and_infos_are_views_and_float_ones_last():
+    for observation, is_kept in (("uint8", False), ("float32", True)):
+        last = None
+        for observations, _, terminated, truncated, info in blind(made(4, observation=observation)):
+            if last is not None:
+                assert np.shares_memory(observations, last[0]) is not is_kept
+                assert np.shares_memory(info["score"], last[1]["score"]) is not is_kept
+                if is_kept:
+                    assert_same(last[1], last[2])
+            last = observations, info, copied(info)
+            for i in np.flatnonzero(terminated | truncated):
+                assert info["final_obs"][i].shape == (6, 9)
+            for i in np.flatnonzero(~(terminated | truncated)):
+                assert "final_obs" not in info or info["final_obs"][i] is None
+
+
+@pytest.mark.parametrize(("observation", "dtype"), [("uint8", torch.uint8), ("float32", torch.float32)])
+def test_observations_are_written_into_a_tensor_that_the_caller_gives(observation, dtype):
+    tensor = torch.full((4, 6, 9), 9, dtype=dtype)
+    plain, given = made(4, observation=observation), made(4, observation=observation, out=tensor)
+    for one, other in zip(blind(plain), blind(given), strict=True):
+        assert (tensor.numpy() == one[0]).all()
+        assert np.shares_memory(other[0], tensor.numpy())
+
+
+class OnlyDLPack:
+    """What shares memory by DLPack alone."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **given):
+        return self.array.__dlpack__(**given)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
+    array = np.zeros((2, 3), np.uint8)
+    assert shared_array(array, (2, 3), np.uint8) is array
+    if np.lib.NumpyVersion(np.__version__) >= "2.1.0":
+        shared_array(OnlyDLPack(array), (2, 3), np.uint8)[1, 2] = 5
+        assert array[1, 2] == 5
+    fixed = np.zeros((2, 3), np.uint8)
+    fixed.flags.writeable = False
+    for out, error, says in (
+        (np.zeros((2, 3)), TypeError, r"out must be uint8\[2, 3\] .*; got float64"),
+        (np.zeros((3, 2), np.uint8), ValueError, r"got the shape \[3, 2\]"),
+        (np.zeros((3, 2), np.uint8).T, ValueError, "not contiguous"),
+        (fixed, ValueError, "read-only"),
+        (torch.zeros(2, 3, dtype=torch.uint8, device="meta"), TypeError, "got Tensor, which shares none"),
+        ([[0, 0, 0], [0, 0, 0]], TypeError, "got list, which shares none"),
+    ):
+        with pytest.raises(error, match=says):
+            shared_array(out, (2, 3), np.uint8)
+
+
+def test_gymnasium_records_the_episodes_that_ended():
+    lengths, returns, count = np.zeros(4), np.zeros(4), 0
+    for _, rewards, terminated, truncated, info in blind(RecordEpisodeStatistics(made(4, observation="uint8"))):
+        lengths, returns = lengths + 1, returns + rewards
+        for i in np.flatnonzero(terminated | truncated):
+            assert info["episode"]["l"][i] == lengths[i]
+            assert info["episode"]["r"][i] == pytest.approx(returns[i])
+            lengths[i], returns[i], count = 0, 0, count + 1
+    assert count > 20
+
+
+def test_bad_actions_move_nothing():
+    envs = made(3, observation="uint8")
+    envs.reset(seed=1)
+    before = envs.snapshot()
+    for actions in ([0, 1, 4], [0, -1, 1], [0, 1], [[0, 1, 2]]):
+        with pytest.raises(ValueError, match="actions must be 3 numbers in 0"):
+            envs.step(np.array(actions))
+    for name, array in envs.snapshot().items():
+        assert (array == before[name]).all()
+    with pytest.raises(ValueError, match="num_threads must be at least 1, got 0"):
+        made(3, num_threads=0)
