@@ -133,6 +133,19 @@ def test_torchrl_rolls_out_with_masks():
     assert "action_mask" in said
 
 
+@pytest.mark.parametrize(
+    ("script", "more", "said"),
+    [
+        ("envpool_style.py", ["--num-envs", 128, "--batch-size", 64], r", [1-9]\d* episodes ended, mean score 0"),
+        ("pufferlib_style.py", ["--num-envs", 64], ", 64 rovers in the given memory"),
+    ],
+)
+def test_a_stack_is_played_in_the_style_of_other_libraries(script, more, said):
+    printed = run(sys.executable, f"examples/{script}", "--steps", 20_000, "--size", 8, *more, cwd=ROOT)
+    assert "moves, 0 of them invalid" in printed
+    assert re.search(said, printed)
+
+
 def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
     for name in ("test_env.py", "test_world.py"):  # copied, because the fixtures of the other tests need more than Gymnasium
         (tmp_path / name).write_text((ROOT / "tests/marsexplorer" / name).read_text())
