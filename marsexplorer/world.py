@@ -180,16 +180,17 @@ class Worlds:
         ]
 
     def _in_parts(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> None:
-        if self._threads is None:
-            failures = [step(actions, *parts[0])]
-        else:
-            given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
-            others = [self._threads.submit(step, *each) for each in given[1:]]
-            failures = [step(*given[0]), *(other.result() for other in others)]
-        for first, failed in zip(self._bounds, failures, strict=False):
-            if failed:
-                seed = int(self._last[(first + failed - 1) * HEAD + SEED])
-                raise terrains.unsolvable(self.config, terrains.next_seed(seed))
+        failed = step(actions, *parts[0]) if self._threads is None else self._in_threads(step, actions, parts)
+        if failed:
+            raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
+
+    def _in_threads(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> int:
+        """Return 0, or 1 + the index of the first world whose next seed has no solvable draw."""
+        assert self._threads is not None
+        given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
+        others = [self._threads.submit(step, *each) for each in given[1:]]
+        failures = [step(*given[0]), *(other.result() for other in others)]
+        return next((first + failed for first, failed in zip(self._bounds, failures, strict=False) if failed), 0)
 
     def close(self) -> None:
         """End the threads of the stack, which makes no further steps."""

@@ -119,6 +119,30 @@ def gymnasium_rate(observation: str, steps: int = 100_000, repeats: int = 3) -> 
     return median(rates)
 
 
+def vector_share(num: int = 1024, blind: bool = False, rounds: int = ROUNDS, repeats: int = 5) -> tuple[float, float]:
+    """Return steps per CPU second through gymnasium.make_vec, uint8 codes, and the share of the bare stack's in the same run.
+
+    Both make the same moves in turn, 21x21.
+    """
+    import gymnasium
+
+    moves, worlds, shares, rates = moves_of(EnvConfig(), num, rounds, blind), started(EnvConfig(), num), [], []
+    envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
+    for _ in range(repeats):
+        worlds.start(np.arange(num))
+        began = time.process_time()
+        play(worlds, moves)
+        alone = time.process_time() - began
+        envs.reset(seed=0)
+        began = time.process_time()
+        for row in moves:
+            envs.step(row)
+        spent = time.process_time() - began
+        rates.append(moves.size / spent)
+        shares.append(alone / spent)
+    return median(rates), median(shares)
+
+
 def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple[float, float]:
     """Return how many times the work two threads do in the time of one, and the share of a core that one thread was given.
 
@@ -170,6 +194,14 @@ def made(observation: str, steps: int, repeats: int) -> Figure:
     return Figure("gymnasium", f"gymnasium.make, {observation}", rate, "steps/CPU s", target=target)
 
 
+def made_vector(is_blind: bool, repeats: int) -> Figure:
+    """Return the rate through gymnasium.make_vec, with the share of the bare stack's rate as its note."""
+    rate, share = vector_share(blind=is_blind, rounds=ROUNDS // 3 if is_blind else ROUNDS, repeats=repeats)
+    name = "gymnasium.make_vec, 1,024, uint8" + (", blind moves" if is_blind else "")
+    note = f"{share:.2f} of the bare stack in the same run"
+    return Figure("gymnasium", name, rate, "steps/CPU s", target=2.5e6 if is_blind else None, note=note)
+
+
 def threads(repeats: int) -> Figure:
     """Return what a second thread brings, with a note on how idle the machine was."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -193,6 +225,7 @@ def measures(quick: bool = False) -> list[Callable[[], Figure]]:
         *(partial(stack, num, side, steps, repeats) for num in STACKS for side in SIZES),
         partial(blind, steps // 4, repeats),
         *(partial(made, observation, steps // 40, repeats) for observation in ("uint8", "float32")),
+        *(partial(made_vector, is_blind, 3 if quick else 7) for is_blind in (False, True)),
         partial(threads, 3 if quick else 7),
         *(partial(memory, side) for side in SIZES),
     ]

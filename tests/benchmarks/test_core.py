@@ -25,6 +25,13 @@ def test_a_step_at_84_costs_at_most_half_more_than_at_21():
     assert rates[21] <= 1.5 * rates[84]
 
 
+@pytest.mark.parametrize(("blind", "least"), [(False, 0.65), (True, 0.75)])
+def test_make_vec_makes_most_of_the_steps_of_the_bare_stack(blind, least):
+    rate, share = core.vector_share(blind=blind, rounds=450 if not blind else 150, repeats=7)
+    print(f"\n{rate:,.0f} steps per CPU second, {share:.2f} of the bare stack's")
+    assert share > least
+
+
 def test_first_steps_come_in_time_in_cpu_seconds():
     for figure in first_steps():
         print(f"\n{figure.name}: {figure.value:.2f} CPU s, {figure.note}", end="")
