@@ -20,7 +20,7 @@ def hundred_terrains():
     return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start, workers=1).rows[0])
 
 
-@pytest.mark.parametrize("name", ["ppo", pytest.param("ppo-paper", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["ppo", *(pytest.param(name, marks=pytest.mark.long) for name in ("ppo-paper", "ppo-priced"))])
 def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hundred_terrains):
     card = read_card(shipped()[name])
     assert all(card[key] for key in ("summary", "command", "commit", "hardware", "limits", "training"))
@@ -30,13 +30,29 @@ def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hu
 
 
 def test_every_shipped_policy_is_held_to_its_card():
-    assert sorted(shipped()) == ["ppo", "ppo-paper"]
+    assert sorted(shipped()) == ["ppo", "ppo-paper", "ppo-priced"]
 
 
 def test_the_shipped_network_explores_everything_without_a_collision_and_in_fewer_steps_than_any_rule(hundred_terrains):
     ppo, *rules = (hundred_terrains(name) for name in ("ppo", "frontier-cost", "frontier-utility"))
     assert (ppo.completion, ppo.collisions) == (1.0, 0)
     assert ppo.steps_mean < 0.9 * min(rule.steps_mean for rule in rules)
+
+
+def test_the_network_with_prices_plays_21x21_as_the_first_and_needs_a_tenth_less_at_42x42():
+    steps = {}
+    for side, seeds in ((21, range(4)), (42, range(2))):
+        for name in ("ppo", "ppo-priced"):
+            policy = load(name)
+            for seed in seeds:
+                episode = Episode.begin(EnvConfig.of("random", side), seed=EVALUATION_SEEDS.start + seed)
+                policy.reset(seed)
+                while not episode.ended:
+                    episode.step(policy.act(episode.codes))
+                assert episode.outcome == "explored"
+                steps.setdefault((side, name), []).append(episode.steps)
+    assert steps[21, "ppo-priced"] == steps[21, "ppo"]
+    assert sum(steps[42, "ppo-priced"]) < 0.9 * sum(steps[42, "ppo"])
 
 
 def test_the_shipped_network_is_offered_first():
