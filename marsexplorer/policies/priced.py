@@ -32,9 +32,11 @@ from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
 from marsexplorer.policies.kernels.prices import (
     FADE_UNIT,
     PRICE_UNIT,
+    TUNED_RADIUS,
     PricedBoard,
     PriceParameters,
     PriceTables,
+    Triple,
     forget_prices,
     sum_prices,
     update_board,
@@ -64,8 +66,62 @@ class PricedRule:
             raise ValueError(f"limit and power must be above 0 and offset 0 or more, got {self}")
 
 
-TUNED = PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335)
+SMALL_SIDE, LARGE_SIDE = 21, 84
+"""Sides of the square grids (cells, at a sensor radius of 6) that the two ends of a `SizedRule` are for."""
+
+
+@dataclass(frozen=True)
+class SizedRule:
+    """Parameters for every size: those of `small` up to SMALL_SIDE, those of `large` from LARGE_SIDE on.
+
+    Between the two they change with the logarithm of the side, the side of another grid being the root of its cells.
+    """
+
+    small: PricedRule
+    large: PricedRule
+
+    def of(self, rows: int, cols: int, radius: int = TUNED_RADIUS) -> PricedRule:
+        """Return the parameters for a grid and a sensor radius; a grid counts as large as it is in units of the radius."""
+        side = (rows * cols) ** 0.5 * TUNED_RADIUS / radius
+        share = float(np.clip(np.log(side / SMALL_SIDE) / np.log(LARGE_SIDE / SMALL_SIDE), 0.0, 1.0))
+
+        def between(small: float, large: float) -> float:
+            return (1 - share) * small + share * large
+
+        def all_between(small: Triple, large: Triple) -> Triple:
+            return between(small[0], large[0]), between(small[1], large[1]), between(small[2], large[2])
+
+        first, last = self.small.prices, self.large.prices
+        prices = PriceParameters(
+            all_between(first.weights, last.weights),
+            all_between(first.powers, last.powers),
+            *(between(getattr(first, name), getattr(last, name)) for name in ("pocket", "pocket_cells", "fade")),
+        )
+        return PricedRule(
+            prices, *(between(getattr(self.small, name), getattr(self.large, name)) for name in ("limit", "offset", "power"))
+        )
+
+
+TUNED = SizedRule(
+    PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 150.0, 0.68, 1.345),
+    PricedRule(PriceParameters((0.8, 24.0, 5.3), (6.2, 5.0, 3.25), 8.5, 19.5, 0.08), 300.0, 1.0, 1.12),
+)
 """The parameters that the policy has."""
+
+
+class RuleTables:
+    """What kernels look up of a rule on grids of one shape.
+
+    prices   `tables` of `prices`
+    bounds   int64[2]: the highest product of a price and a fade, and the limit
+    weights  float64[n + 1]: (way + offset)^-power, where a way of 0, which is none, counts as 1
+    """
+
+    def __init__(self, rule: PricedRule, shape: tuple[int, ...], radius: int) -> None:
+        tables = PriceTables(rule.prices, radius)
+        self.prices = tables.arrays
+        self.bounds = np.array([tables.highest, round(rule.limit * PRICE_UNIT * FADE_UNIT)])
+        self.weights = (np.maximum(np.arange(shape[0] * shape[1] + 1.0), 1.0) + rule.offset) ** -rule.power
 
 
 @kernel
@@ -130,17 +186,15 @@ def toward_most_priced(codes, visited, row, col, heading, board, tables, search,
 class FrontierPriced:
     """The priced rule with the memory of its episode; when nothing is left to see it makes valid moves.
 
-    rule   its parameters; TUNED unless others are given
+    rules  its parameters by size; TUNED unless others are given
     guard  the loop guard, which never had to act so far
     """
 
     name = "frontier-priced"
 
-    def __init__(self, sensor_radius: int = 6, rule: PricedRule = TUNED) -> None:
-        self.sensor_radius, self.rule = sensor_radius, rule
+    def __init__(self, sensor_radius: int = 6, rules: SizedRule = TUNED) -> None:
+        self.sensor_radius, self.rules = sensor_radius, rules
         self.memory, self.guard = Memory(), LoopGuard(sensor_radius)
-        self._tables = PriceTables(rule.prices, sensor_radius)
-        self._bounds = np.array([self._tables.highest, round(rule.limit * PRICE_UNIT * FADE_UNIT)])
         self._board: PricedBoard | None = None
 
     def reset(self, seed: int) -> None:
@@ -161,16 +215,15 @@ class FrontierPriced:
         if self._board is None or self._board.shape != codes.shape:
             self._begin(codes.shape)
         assert self._board is not None
-        board, tables = self._board.board, self._tables.arrays
-        update_board(codes, board, tables[0], self._board.changed_columns)
+        board, tables = self._board.board, self._tables
+        update_board(codes, board, tables.prices[0], self._board.changed_columns)
         action = toward_most_priced(
-            codes, memory.visited, row, col, memory.heading, board, tables, self._search, self._bounds, self._weights
+            codes, memory.visited, row, col, memory.heading, board, tables.prices, self._search, tables.bounds, tables.weights
         )
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         self._board, cells = PricedBoard(shape, self.sensor_radius), shape[0] * shape[1]
+        self._tables = RuleTables(self.rules.of(shape[0], shape[1], self.sensor_radius), shape, self.sensor_radius)
         arrays = np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
         self._search = (self._board.scratch, *arrays)
-        ways = np.maximum(np.arange(cells + 1.0), 1.0)
-        self._weights = (ways + self.rule.offset) ** -self.rule.power

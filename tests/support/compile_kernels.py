@@ -12,6 +12,8 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.policies import load, names
+from marsexplorer.policies.priced import TUNED
+from marsexplorer.training.priced_episodes import PricedEpisodes
 from marsexplorer.vector import MarsExplorerVector
 
 
@@ -31,6 +33,7 @@ def compile_kernels():
     envs.reset(seed=1)
     envs.step(envs.action_space.sample())
     evaluate([INFORMED], config, 2, 1, workers=1)
+    PricedEpisodes(config, [1]).play(TUNED)
 
 
 def compile_modules():

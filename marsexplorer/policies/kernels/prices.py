@@ -46,6 +46,10 @@ TUNED_RADIUS = 6
 """The sensor radius (cells) for which parameters are given; those in cells are scaled for other radii."""
 
 
+Triple = tuple[float, float, float]
+"""A number for each square."""
+
+
 @dataclass(frozen=True)
 class PriceParameters:
     """What unknown cells are priced by, for a sensor radius of TUNED_RADIUS; the module's header has the formula.
@@ -56,8 +60,8 @@ class PriceParameters:
     fade              0 or more, a cell of distance
     """
 
-    weights: tuple[float, float, float]
-    powers: tuple[float, float, float]
+    weights: Triple
+    powers: Triple
     pocket: float
     pocket_cells: float
     fade: float

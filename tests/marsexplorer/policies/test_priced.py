@@ -9,10 +9,11 @@ from marsexplorer.config import OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.kernels.prices import PricedBoard, PriceParameters, PriceTables, update_board
 from marsexplorer.policies.kernels.visibility import VisibilityMap
-from marsexplorer.policies.priced import TUNED, FrontierPriced, PricedRule
+from marsexplorer.policies.priced import TUNED, FrontierPriced, PricedRule, SizedRule
 from tests.support import reference_frontier, strategies
 
-OTHER = PricedRule(PriceParameters((1.5, 0.0, 7.0), (2.0, 1.0, 0.5), 30.0, 2.5, 0.3), 40.0, 0.0, 2.0)
+_ODD = PricedRule(PriceParameters((1.5, 0.0, 7.0), (2.0, 1.0, 0.5), 30.0, 2.5, 0.3), 40.0, 0.0, 2.0)
+OTHER = SizedRule(_ODD, _ODD)
 """Parameters that are nothing like the tuned ones: a low limit, no offset, one square left out."""
 
 
@@ -21,20 +22,24 @@ def plain(rule):
     return {**vars(rule), **vars(rule.prices)}
 
 
-@settings(max_examples=15, deadline=None)
-@given(strategies.terrains(max_side=8, max_density=0.4), st.integers(1, 7), st.sampled_from([TUNED, OTHER]))
-def test_the_compiled_rule_is_the_literal_one(terrain, radius, rule):
-    config = EnvConfig("random", *terrain.shape, sensor_radius=radius, beta=1.0, max_steps=25)
+@pytest.mark.parametrize(("radius", "rule"), [(2, TUNED), (3, OTHER), (3, TUNED), (4, OTHER)])
+def test_the_compiled_rule_is_the_literal_one(radius, rule):
+    terrain = np.random.default_rng(radius).random((9, 14)) < 0.2
+    terrain[0, 0] = False
+    config = EnvConfig("random", 9, 14, sensor_radius=radius, beta=1.0, max_steps=20)
     episode, policy, heading = Episode.begin(config, terrain=terrain), FrontierPriced(radius, rule), 1
     policy.reset(0)
     while not episode.ended:
         codes, visited = episode.codes.copy(), set(episode.path)
-        expected = reference_frontier.decide_priced(codes.tolist(), visited, episode.position, heading, radius, plain(rule))
+        expected = reference_frontier.decide_priced(
+            codes.tolist(), visited, episode.position, heading, radius, plain(rule.of(9, 14, radius))
+        )
         if expected is None:
-            return
+            break
         heading = policy.act(episode.observation())
         assert heading == expected, codes
         episode.step(heading)
+    assert episode.steps > 10
 
 
 @pytest.mark.parametrize("rule", [TUNED, OTHER], ids=["tuned", "other"])
@@ -74,7 +79,7 @@ def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
 def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radius, seed):
     """Boards may follow each other in any order: also one on which less is known than on the one before."""
     rng = np.random.default_rng(seed)
-    half_sides = PriceTables(TUNED.prices, radius).arrays[0]
+    half_sides = PriceTables(TUNED.small.prices, radius).arrays[0]
     kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
     for _ in range(4):
         codes = np.where(rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols)), before % 4).astype(np.uint8)
@@ -99,4 +104,14 @@ def test_prices_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="weights, pocket and fade must be 0 or more"):
         PriceParameters((1.0, -1.0, 1.0), (1.0, 1.0, 1.0), 0.0, 1.0, 0.0)
     with pytest.raises(ValueError, match="limit and power must be above 0"):
-        PricedRule(TUNED.prices, 300.0, 1.0, 0.0)
+        PricedRule(TUNED.small.prices, 300.0, 1.0, 0.0)
+
+
+def test_parameters_change_with_the_logarithm_of_the_side():
+    assert TUNED.of(21, 21) == TUNED.of(10, 12) == TUNED.small
+    assert TUNED.of(84, 84) == TUNED.of(300, 100) == TUNED.large
+    middle = TUNED.of(28, 63)
+    assert middle.power == pytest.approx((TUNED.small.power + TUNED.large.power) / 2)
+    assert middle.prices.weights[1] == pytest.approx((TUNED.small.prices.weights[1] + TUNED.large.prices.weights[1]) / 2)
+    assert TUNED.of(14, 14, radius=4) == TUNED.small, "a grid is as large as it is in units of the radius"
+    assert TUNED.of(14, 14, radius=2) == TUNED.of(42, 42)

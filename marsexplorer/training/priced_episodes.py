@@ -1,0 +1,78 @@
+"""Episodes of the priced rule, many at once and again and again on the same terrains: only how many moves they take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.compiled import kernel
+from marsexplorer.config import RUNNING, EnvConfig
+from marsexplorer.lidar import row_words, sight_table
+from marsexplorer.observation import EAST
+from marsexplorer.policies.kernels.prices import NO_CODE, SQUARES, price_scratch, update_board
+from marsexplorer.policies.kernels.visibility import bitboard_words
+from marsexplorer.policies.priced import RuleTables, SizedRule, toward_most_priced
+from marsexplorer.rules import STEPS
+from marsexplorer.world import Worlds, positions
+
+
+@kernel
+def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, search, bounds, weights, changed_columns):
+    """Write the rule's action of every running world to headings, int64[num], which hold the last ones before.
+
+    codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes uint8[num]
+    visited  uint8[num, rows, cols], the rover's cell is added; kept: known, counts, unknown and blocked of each board
+    lidar    (sight, visible, stride, radius) of a `visibility` view; the rest as in `toward_most_priced`
+    """
+    known, counts, unknown, blocked = kept
+    sight, visible, stride, radius = lidar
+    for i in range(codes.shape[0]):
+        if outcomes[i] != RUNNING:
+            continue
+        row = cells[i] // codes.shape[2]
+        col = cells[i] - row * codes.shape[2]
+        visited[i, row, col] = 1
+        board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
+        update_board(codes[i], board, tables[0], changed_columns)
+        headings[i] = toward_most_priced(codes[i], visited[i], row, col, headings[i], board, tables, search, bounds, weights)
+
+
+class PricedEpisodes:
+    """The terrains of some seeds, on which the priced rule is played; not for two threads at once.
+
+    ValueError when a seed has no solvable terrain.
+    """
+
+    def __init__(self, config: EnvConfig, seeds: Sequence[int]) -> None:
+        num, cells, radius = len(seeds), config.n, config.sensor_radius
+        self.config, self._worlds, self._all = config, Worlds(config, num), np.arange(num)
+        self._worlds.start(np.asarray(seeds))
+        self._begun = self._worlds.take(self._all)
+        words, sight = bitboard_words(config.rows, config.cols, radius), sight_table(radius)
+        self._kept = (
+            np.full((num, cells), NO_CODE, np.uint8),
+            np.zeros((num, SQUARES, cells), np.int16),
+            np.zeros((num, words), np.uint64),
+            np.zeros((num, words), np.uint64),
+        )
+        self._lidar = sight, np.zeros(int(sight[1]), np.uint64), row_words(config.cols, radius), radius
+        self._search = price_scratch(cells), np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
+        self._changed_columns = np.zeros((config.rows, 2), np.int64)
+
+    def play(self, rule: SizedRule) -> NDArray[np.int64]:
+        """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
+        worlds, shape, radius = self._worlds, (self.config.rows, self.config.cols), self.config.sensor_radius
+        tables = RuleTables(rule.of(*shape, radius), shape, radius)
+        worlds.put(self._all, self._begun)
+        visited, headings = np.zeros_like(worlds.codes), np.full(worlds.num, EAST)
+        while (worlds.outcomes == RUNNING).any():
+            rovers = positions(worlds.scalars)
+            cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
+            decide_all(
+                worlds.codes, cells, worlds.outcomes, visited, headings, self._kept, self._lidar, tables.prices, self._search,
+                tables.bounds, tables.weights, self._changed_columns,
+            )  # fmt: skip
+            worlds.step(headings)
+        return worlds.scalars[:, STEPS].astype(np.int64)

@@ -1,0 +1,202 @@
+"""Tune the parameters of `frontier-priced` by CMA-ES, and compare sets of them.
+
+CMA-ES: Hansen and Ostermeier, Completely derandomized self-adaptation in evolution strategies, Evolutionary Computation 9 (2),
+2001, from the library `cmaes`. A point is a vector of parameters, in units of SPREAD about those that the run began with. Its
+value is the mean over levels and sizes of its moves to 99 % divided by those of the first parameters on the same terrains, so 1
+is as good as before. Each generation has new terrains, the same for all of its points: no point is good by luck for long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from cmaes import CMA
+from numpy.typing import NDArray
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.table import ratio_interval
+from marsexplorer.policies.kernels.prices import PriceParameters
+from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule
+from marsexplorer.training.priced_episodes import PricedEpisodes
+
+FIRST_SEED = 3_000_000_000
+"""Terrains for tuning have this seed and the next ones; those of evaluation begin at 1,000,000,000."""
+CHECK_SEED = 4_000_000_000
+"""The first terrain on which a run's parameters are compared with those before it."""
+
+SPREAD = np.array([1.5, 5.0, 3.0, 1.2, 1.2, 1.0, 5.0, 6.0, 0.04, 0.3, 0.12])
+"""One unit of each parameter: the weights, the powers, pocket, pocket_cells, fade, offset, power."""
+LOWEST = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 0.0, 1.0, 0.0, 0.0, 0.3])
+"""The lowest value of each; a point that goes below it has this one."""
+ENDS = ("small", "large")
+SIDE = 21
+"""The side of the grids for which numbers of terrains are given; larger ones get fewer, in proportion to their cells."""
+
+Ratios = dict[str, list[tuple[float, float, float]]]
+"""By the rule's name, for each configuration: the ratio of the mean moves, and the 95 % interval's low and high."""
+
+
+@dataclass(frozen=True)
+class TuneConfig:
+    """What a run does; the same configuration gives the same parameters.
+
+    configs   levels and sizes
+    terrains  of each in a generation, at 21x21, see SIDE; at least one
+    ends      which parameters move: those for small grids, for large ones, or both
+    seed      of CMA-ES, 0 or more; sigma: its first standard deviation, in units of SPREAD
+    """
+
+    configs: tuple[EnvConfig, ...]
+    terrains: int = 24
+    ends: tuple[str, ...] = ENDS
+    seed: int = 0
+    start: SizedRule = TUNED
+    sigma: float = 0.4
+
+
+class TuneRun:
+    """A run of CMA-ES.
+
+    played  the values of the points of generations that were played before, in order: the run goes on from there
+    values  those of all its generations
+    rule    the mean of the search: what the run has found
+    """
+
+    def __init__(self, config: TuneConfig, played: Sequence[Sequence[float]] = ()) -> None:
+        self.config, self.values = config, list[list[float]]()
+        self._optimizer = CMA(np.zeros(len(SPREAD) * len(config.ends)), config.sigma, seed=config.seed)
+        for values in played:
+            self._finish(self._ask(), values)
+
+    @property
+    def points(self) -> int:
+        """Points in a generation."""
+        return int(self._optimizer.population_size)
+
+    @property
+    def generations(self) -> int:
+        """Generations that are done."""
+        return len(self.values)
+
+    @property
+    def rule(self) -> SizedRule:
+        """The parameters that the run has found."""
+        return self._rule(self._optimizer.mean)
+
+    def run_generation(self, pool: ThreadPoolExecutor, advance: Callable[[int], None]) -> None:
+        """Play a generation; `advance` is called with the number of its points that are done."""
+        points, most = self._ask(), self.config.terrains
+        episodes = make_episodes(self.config.configs, most, FIRST_SEED + most * self.generations, 1)
+        before = mean_moves(self.config.start, episodes, pool)
+        values = []
+        for point in points:
+            values.append(float(np.mean(mean_moves(self._rule(point), episodes, pool) / before)))
+            advance(len(values))
+        self._finish(points, values)
+
+    def _ask(self) -> list[NDArray[np.float64]]:
+        return [self._optimizer.ask() for _ in range(self.points)]
+
+    def _finish(self, points: Sequence[NDArray[np.float64]], values: Sequence[float]) -> None:
+        self._optimizer.tell(list(zip(points, values, strict=True)))
+        self.values.append(list(values))
+
+    def _rule(self, point: NDArray[np.float64]) -> SizedRule:
+        found = {}
+        for end, part in zip(self.config.ends, point.reshape(-1, len(SPREAD)), strict=True):
+            first: PricedRule = getattr(self.config.start, end)
+            found[end] = to_rule(to_vector(first) + SPREAD * part, first.limit)
+        return replace(self.config.start, **found)
+
+
+def make_episodes(configs: Sequence[EnvConfig], terrains: int, seed: int, least: int = 2) -> list[PricedEpisodes]:
+    """Return the episodes of every configuration on the terrains from a seed on.
+
+    terrains  of each at 21x21 (see SIDE); least: of each at any size
+    """
+    counts = [max(least, round(terrains * SIDE**2 / config.n)) for config in configs]
+    return [PricedEpisodes(config, range(seed, seed + count)) for config, count in zip(configs, counts, strict=True)]
+
+
+def mean_moves(rule: SizedRule, episodes: Sequence[PricedEpisodes], pool: ThreadPoolExecutor) -> NDArray[np.float64]:
+    """Return the mean moves of a rule in each of some episodes, float64[len(episodes)]."""
+    return np.array(list(pool.map(lambda each: each.play(rule).mean(), episodes)))
+
+
+def compare_rules(
+    reference: SizedRule,
+    rules: dict[str, SizedRule],
+    episodes: Sequence[PricedEpisodes],
+    pool: ThreadPoolExecutor,
+    advance: Callable[[int, int], None],
+) -> Ratios:
+    """Return the ratio of every rule's moves to those of a reference on the same terrains, at least two of each configuration.
+
+    advance  called with the number of rules that are done and their number
+    """
+    first = list(pool.map(lambda each: each.play(reference).astype(np.float64), episodes))
+    found: Ratios = {}
+    for name, rule in rules.items():
+        moves = pool.map(lambda each, rule=rule: each.play(rule).astype(np.float64), episodes)
+        found[name] = [ratio_interval(own, other) for own, other in zip(moves, first, strict=True)]
+        advance(len(found), len(rules))
+    return found
+
+
+def ablations(rule: SizedRule) -> dict[str, SizedRule]:
+    """Return the rule with one of its terms taken out, by what is taken out or put in its place."""
+
+    def changed(**values: Any) -> SizedRule:
+        prices = {name: value for name, value in values.items() if name in PriceParameters.__dataclass_fields__}
+        others = {name: value for name, value in values.items() if name not in prices}
+        ends = {end: getattr(rule, end) for end in ENDS}
+        return SizedRule(**{end: replace(each, prices=replace(each.prices, **prices), **others) for end, each in ends.items()})
+
+    def without_square(square: int) -> SizedRule:
+        ends = {}
+        for end in ENDS:
+            each: PricedRule = getattr(rule, end)
+            a, b, c = (0.0 if k == square else weight for k, weight in enumerate(each.prices.weights))
+            ends[end] = replace(each, prices=replace(each.prices, weights=(a, b, c)))
+        return SizedRule(**ends)
+
+    return {
+        "without the square of half side 2": without_square(0),
+        "without the square of half side 6": without_square(1),
+        "without the square of half side 12": without_square(2),
+        "without pockets": changed(pocket=0.0),
+        "without fade": changed(fade=0.0),
+        "every unknown cell counts 1": changed(weights=(0.0, 0.0, 0.0), pocket=0.0),
+        "offset 0": changed(offset=0.0),
+        "power of the way 1": changed(power=1.0),
+        "power of the way 2": changed(power=2.0),
+        "half the limit": SizedRule(*(replace(each, limit=each.limit / 2) for each in (rule.small, rule.large))),
+        "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small),
+        "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large),
+    }
+
+
+def to_vector(rule: PricedRule) -> NDArray[np.float64]:
+    """Return the parameters that are tuned, float64[11], in the order of SPREAD; the limit is not."""
+    prices = rule.prices
+    return np.array([*prices.weights, *prices.powers, prices.pocket, prices.pocket_cells, prices.fade, rule.offset, rule.power])
+
+
+def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
+    """Return the rule of a vector to four decimals, values below LOWEST being raised to it."""
+    a, b, c, d, e, f, pocket, pocket_cells, fade, offset, power = np.maximum(vector, LOWEST).round(4).tolist()
+    return PricedRule(PriceParameters((a, b, c), (d, e, f), pocket, pocket_cells, fade), limit, offset, power)
+
+
+def read_rule(document: dict[str, Any]) -> SizedRule:
+    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none."""
+    ends = {}
+    for end in ENDS:
+        prices: dict[str, Any] = dict(document[end]["prices"])
+        prices |= {name: tuple(prices[name]) for name in ("weights", "powers")}
+        ends[end] = PricedRule(**{**document[end], "prices": PriceParameters(**prices)})
+    return SizedRule(**ends)

@@ -1,0 +1,92 @@
+"""Tuning plays the policy's own moves, goes on where it stopped, and reports what it compares."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.policies.priced import TUNED, FrontierPriced
+from marsexplorer.training.priced_episodes import PricedEpisodes
+from marsexplorer.training.tuning import (
+    LOWEST,
+    SPREAD,
+    TuneConfig,
+    TuneRun,
+    ablations,
+    compare_rules,
+    make_episodes,
+    read_rule,
+    to_rule,
+    to_vector,
+)
+
+SMALL = EnvConfig.of("random", (7, 11))
+
+
+@pytest.fixture
+def pool():
+    with ThreadPoolExecutor(2) as found:
+        yield found
+
+
+def test_stacked_episodes_are_the_policy_s_own_whatever_was_played_before():
+    config, seeds = EnvConfig("2-2-1", 15, 22, sensor_radius=4), range(70, 76)
+    episodes, rules = PricedEpisodes(config, seeds), [TUNED, ablations(TUNED)["without pockets"], TUNED]
+    for rule in rules:
+        alone = [play_episode(FrontierPriced(4, rule), config, seed).steps for seed in seeds]
+        assert episodes.play(rule).tolist() == alone
+    assert len(set(alone)) > 1
+
+
+def test_a_run_goes_on_as_if_it_had_not_been_interrupted(pool):
+    config = TuneConfig((SMALL, EnvConfig.of("1-1-1", (9, 7))), terrains=1)
+    whole = TuneRun(config)
+    for _ in range(3):
+        whole.run_generation(pool, lambda done: None)
+    half = TuneRun(config, whole.values[:2])
+    done = []
+    half.run_generation(pool, done.append)
+    assert done == list(range(1, half.points + 1))
+    assert (half.values, half.rule, half.generations) == (whole.values, whole.rule, 3)
+    assert half.rule != TUNED
+
+
+def test_only_the_chosen_end_moves(pool):
+    run = TuneRun(TuneConfig((SMALL,), 1, ("large",)))
+    run.run_generation(pool, lambda done: None)
+    assert run.rule.small == TUNED.small
+    assert run.rule.large != TUNED.large
+
+
+def test_a_point_with_fewer_moves_has_a_lower_value(pool):
+    """The value is the mean ratio to the first parameters: those themselves have exactly 1."""
+    [episodes] = make_episodes([SMALL], 3, 5)
+    assert episodes.play(TUNED).shape == (round(3 * 441 / 77),)
+    bad = ablations(TUNED)["power of the way 2"]
+    found = compare_rules(TUNED, {"itself": TUNED, "bad": bad}, [episodes], pool, lambda done, of: None)
+    assert found["itself"] == [(1.0, 1.0, 1.0)]
+    mean, low, high = found["bad"][0]
+    assert mean == pytest.approx(episodes.play(bad).mean() / episodes.play(TUNED).mean())
+    assert low <= mean <= high
+
+
+def test_a_rule_is_its_vector_and_its_document():
+    for rule in (TUNED.small, TUNED.large):
+        assert to_rule(to_vector(rule), rule.limit) == rule
+    assert to_vector(to_rule(np.full(len(SPREAD), -9.0), 1.0)).tolist() == LOWEST.tolist()
+    assert read_rule(json.loads(json.dumps(asdict(TUNED)))) == TUNED
+    with pytest.raises(KeyError):
+        read_rule({"small": {}})
+
+
+def test_every_ablation_takes_out_what_it_says():
+    found = ablations(TUNED)
+    assert len(set(map(str, found.values())) | {str(TUNED)}) == len(found) + 1
+    assert found["without the square of half side 6"].large.prices.weights == (
+        TUNED.large.prices.weights[0], 0.0, TUNED.large.prices.weights[2],
+    )  # fmt: skip
+    assert found["every unknown cell counts 1"].small.prices.pocket == 0.0
