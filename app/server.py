@@ -26,6 +26,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
+from app.play.terrains import MapCatalogue
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -56,6 +57,7 @@ class Prepared:
 
     sources: Sources | None = None
     policies: PolicyCatalogue | None = None
+    maps: MapCatalogue | None = None
     store: Store | None = None
 
 
@@ -71,8 +73,9 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         policies = prepared.policies
         if policies is None:
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
+        offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store) as store:
-            async with aclosing(_services(settings, store, policies, prepared.sources or Sources(), login)) as services:
+            async with aclosing(_services(settings, store, offered, prepared.sources or Sources(), login)) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 sweepers = [asyncio.create_task(part.sweep(), name="sweep") for part in (lobby, page_boards)]
@@ -110,11 +113,12 @@ def _opened(settings: Settings, store: Store | None) -> Iterator[Store]:
 
 
 def _services(
-    settings: Settings, store: Store, policies: PolicyCatalogue, sources: Sources, login: AdminLogin | None
+    settings: Settings, store: Store, offered: tuple[PolicyCatalogue, MapCatalogue], sources: Sources, login: AdminLogin | None
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
+    policies, maps = offered
     folder, study_store = Folder(settings.studies), StudyStore(store)
-    lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session)
+    lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session, maps)
     progress = ParticipantProgress(lobby, folder, study_store)
     return Services(
         store=store,
@@ -135,8 +139,8 @@ def _services(
 
 
 @contextmanager
-def _policy_errors() -> Iterator[None]:
-    """Raise what is wrong with a policy's file as a ServerError."""
+def _file_errors() -> Iterator[None]:
+    """Raise what is wrong with the file of a policy or a map as a ServerError."""
     try:
         yield
     except (LookupError, ValueError, OSError) as error:
@@ -150,15 +154,16 @@ def run(settings: Settings) -> None:
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
     with listen(settings.host, settings.port) as sock:
-        with _policy_errors():
+        with _file_errors():
             for path in settings.policies:
                 describe(str(path))
+            maps = MapCatalogue.read(settings.maps, settings.cell_m)
         print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
-        with _policy_errors():
+        with _file_errors():
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
         with closing(Store(settings.database, settings.durable)) as store:
-            app = _app_of(settings, Prepared(policies=policies, store=store), login)
+            app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), login)
             if login is not None and login.drawn_password:
                 print(f"the operator's page is /admin, its password until the server stops: {login.drawn_password}", flush=True)
             sys.setswitchinterval(0.001)  # a policy that decides in a thread lets a move through within a millisecond

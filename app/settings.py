@@ -7,6 +7,8 @@ from pathlib import Path
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from marsexplorer.maps import CELL_M
+
 PACKAGE = Path(__file__).resolve().parent
 ROOT = PACKAGE.parent
 IS_CHECKOUT = (ROOT / "pyproject.toml").is_file()
@@ -32,6 +34,8 @@ class Settings(BaseSettings):
     studies      the folder of studies; need not exist
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
+    maps         map_server files (YAML) to offer for play (`serve --map FILE`)
+    cell_m       side of their cells in metres
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
     admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
@@ -47,6 +51,8 @@ class Settings(BaseSettings):
     studies: Path = DEFAULT_STUDIES
     signers: Path | None = None
     policies: tuple[Path, ...] = ()
+    maps: tuple[Path, ...] = ()
+    cell_m: float = Field(default=CELL_M, gt=0)
     durable: bool = False
     admin: bool = False
     admin_password: SecretStr | None = None

@@ -114,6 +114,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.storage",
         "marsexplorer.config",
         "marsexplorer.episode",
+        "marsexplorer.maps",
         "marsexplorer.policies",
         "marsexplorer.policies.files",
         "marsexplorer.policies.kernels",
@@ -176,7 +177,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.study",
         "app.viewer3d",
     },
-    "app.settings": set(),
+    "app.settings": {"marsexplorer.maps"},
     "app.simulate": {
         "marsexplorer.compiled",
         "marsexplorer.config",

@@ -16,10 +16,12 @@ from app.cli.console import PATH, check_more, settings_of
 @click.option("--database", type=PATH, help="SQLite file to record in; made when absent.  [default: see below]")
 @click.option("--studies", type=PATH, help="Folder of studies to offer.  [default: studies, beside the default database]")
 @click.option("--policy", "policies", type=PATH, multiple=True, help="A trained policy's file to offer; repeatable.")
+@click.option("--map", "maps", type=PATH, multiple=True, help="A map_server file (YAML) to play on; repeatable.")
+@click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
 @click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
 @click.argument("more", type=PATH, nargs=-1, metavar="")
-def serve(more: tuple[Path, ...], policies: tuple[Path, ...], **given: Any) -> None:
+def serve(more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, ...], **given: Any) -> None:
     """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
 
     Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
@@ -29,6 +31,9 @@ def serve(more: tuple[Path, ...], policies: tuple[Path, ...], **given: Any) -> N
 
     A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
 
+    --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
+    name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
+
     The operator's page /admin is open with --admin, or when MARS_ADMIN_PASSWORD holds its password; else there is none.
 
     \b
@@ -37,9 +42,12 @@ def serve(more: tuple[Path, ...], policies: tuple[Path, ...], **given: Any) -> N
       marsexplorer serve --admin
       marsexplorer serve --port 9000 --database lab.db
       marsexplorer serve --host 0.0.0.0 --policy mine.safetensors
+      marsexplorer serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
     flags = {name: value for name, value in given.items() if value is not None}
+    if maps:
+        flags["maps"] = maps
     if policies or more:
         flags["policies"] = (*policies, *more)
     settings = settings_of(**flags)

@@ -11,16 +11,18 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 
 from app.play.agent import DEFAULT_MOVES_PER_SECOND, Agent
-from app.play.board_group import BoardGroup
 from app.play.decision_queue import DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
+from app.play.paired_board import BoardGroup
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.replays import restore_episode
 from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources, WatchIds
+from app.play.terrains import ChosenTerrain, MapCatalogue, terrain_of
 from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store, StoreError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -31,12 +33,6 @@ class UnknownSessionError(LookupError):
 
     def __init__(self, session_id: str, why: str | None = None) -> None:
         super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
-
-
-def next_config(session: Session, wanted: NewEpisode) -> EnvConfig:
-    """Return the configuration of a session's next episode: what is left out stays as it was."""
-    was = session.current.config
-    return EnvConfig.of(wanted.level or was.level, wanted.size or (was.rows, was.cols))
 
 
 EpisodeTransaction = Callable[[EpisodeRow], AbstractContextManager[None]]
@@ -60,9 +56,11 @@ class Lobby:
         sources: Sources,
         idle_s: float,
         participation_of: ParticipationOf = no_participation,
+        maps: MapCatalogue | None = None,
     ) -> None:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
         self.watch_ids = WatchIds(store)
+        self.maps = maps or MapCatalogue()
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = asyncio.Lock()
@@ -82,7 +80,9 @@ class Lobby:
     async def create(
         self, wanted: NewSession, player_id: str, control: Control = "bearer", left: Sequence[Session] = ()
     ) -> Session:
-        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or an unsolvable level.
+        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or map, or no terrain.
+
+        One that replays another's episode without naming a terrain plays that one's.
 
         control  what moves it: whoever knows its id, or its player's cookie alone
         left     boards whose running episodes are abandoned in the transaction that opens this one
@@ -90,14 +90,15 @@ class Lobby:
         if wanted.player != HUMAN:
             self.policies.check(wanted.player, HUMAN)
         drivers = [wanted.player] if wanted.rival is None else [wanted.player, self.policies.check(wanted.rival)]
-        config = EnvConfig.of(wanted.level or "random", wanted.size or 21)
-        self.policies.check_size(drivers, config)
         replayed = None if wanted.replays is None else await self._ended_session(wanted.replays, wanted.player)
-        seed, episodes = await self._begin_episodes(config, wanted.seed, len(drivers))
+        is_same = replayed is not None and wanted.leaves_terrain
+        terrain = terrain_of(replayed.current) if replayed and is_same else self.maps.first_terrain(wanted)
+        self.policies.check_size(drivers, terrain.config)
+        seed, episodes = await self._begin_episodes(terrain, len(drivers))
         rows = self._session_rows(drivers, player_id, control)
         boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
-        self._open_episodes(boards, episodes, seed, wanted.seed is not None, lambda _: adding(), left)
+        self._open_episodes(boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left)
         if len(boards) == 2:
             self._rivals[boards[0].id] = boards[1].id
         player = self._add_group(boards).player
@@ -109,7 +110,7 @@ class Lobby:
         """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
         rows = self._session_rows([HUMAN], player_id, "cookie")
         board = Session(rows[0], self.store, self.sources.clock_ms)
-        _, episodes = await self._begin_episodes(config, seed, 1)
+        _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
         adding = contextmanager(partial(self._adding, player_id, rows))
         self._open_episodes([board], episodes, seed, False, lambda _: adding(), daily=daily)
         return self._add_group([board]).player
@@ -142,10 +143,10 @@ class Lobby:
         if session is group.rival:
             raise ValueError("a rival plays its player's terrain; begin the next episode in the player's session")
         async with group.lock:
-            config = next_config(session, wanted)
-            self.policies.check_size((board.row.driver_name for board in group.boards), config)
-            seed, episodes = await self._begin_episodes(config, wanted.seed, len(group.boards))
-            self._open_episodes(group.boards, episodes, seed, wanted.seed is not None, left=left)
+            terrain = self.maps.next_terrain(session.current, wanted)
+            self.policies.check_size((board.row.driver_name for board in group.boards), terrain.config)
+            seed, episodes = await self._begin_episodes(terrain, len(group.boards))
+            self._open_episodes(group.boards, episodes, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, participation: Participation) -> Session:
@@ -156,7 +157,7 @@ class Lobby:
 
     async def begin(self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction) -> None:
         """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
-        _, episodes = await self._begin_episodes(config, seed, 1)
+        _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
         self._open_episodes([board], episodes, seed, False, within)
         if board.id not in self._groups:
             self._add_group([board])
@@ -214,16 +215,16 @@ class Lobby:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
-    async def _begin_episodes(self, config: EnvConfig, seed: int | None, boards: int) -> tuple[int, list[Episode]]:
-        """Return the seed, a fresh one where None was given, and an episode on its terrain for each board."""
-        chosen = self.sources.seed() if seed is None else seed
-        return chosen, await asyncio.to_thread(lambda: [Episode.begin(config, seed=chosen) for _ in range(boards)])
+    async def _begin_episodes(self, terrain: ChosenTerrain, boards: int) -> tuple[int | None, list[Episode]]:
+        """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
+        chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
+        return chosen.seed, await asyncio.to_thread(lambda: [chosen.begin() for _ in range(boards)])
 
     def _open_episodes(
         self,
         boards: list[Session],
         episodes: list[Episode],
-        seed: int,
+        seed: int | None,
         seed_chosen: bool,
         within: EpisodeTransaction | None = None,
         left: Sequence[Session] = (),

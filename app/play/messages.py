@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from math import isfinite
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,18 @@ class NewEpisode(Message):
     level: LevelName | None = Field(default=None, description="a name from `GET /api/levels`", examples=["random"])
     size: Size | None = Field(default=None, examples=[21])
     seed: Seed | None = Field(default=None, description="of the terrain; a chosen terrain never counts", examples=[7])
+    map: str | None = Field(default=None, max_length=200, description="a name from `GET /api/maps`, instead of the three above")
+
+    @property
+    def leaves_terrain(self) -> bool:
+        """Return whether nothing is said of the terrain."""
+        return (self.level, self.size, self.seed, self.map) == (None, None, None, None)
+
+    @model_validator(mode="after")
+    def _map_stands_alone(self) -> Self:
+        if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
+            raise ValueError("a map has a size and a terrain of its own: leave out level, size and seed where map is given")
+        return self
 
 
 class NewSession(NewEpisode):

@@ -1,16 +1,38 @@
-"""The board that is shown with another on the same terrain: a rival's, its player's, or a replay's.
+"""Boards that belong together: a player's and its rival's, and the board that is shown with another on the same terrain.
 
 Its path is drawn under the board's own, in 3-D and on the page, once the player's episode has ended.
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
+from app.play.agent import Agent
 from app.play.session import Session
 from marsexplorer.episode import Episode
+
+
+@dataclass
+class BoardGroup:
+    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
+
+    player: Session
+    rival: Session | None
+    lock: asyncio.Lock
+    agents: dict[str, Agent]
+
+    @property
+    def boards(self) -> list[Session]:
+        """Return the player's board, then the rival's if there is one."""
+        return [self.player] if self.rival is None else [self.player, self.rival]
+
+    def board(self, session_id: str) -> Session:
+        """Return the one of the boards that has this session's id."""
+        return next(board for board in self.boards if board.id == session_id)
 
 
 def player_board(session: Session) -> Session:

@@ -17,9 +17,10 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any
 from weakref import WeakValueDictionary
 
-from app.play.lobby import Lobby, UnknownSessionError, next_config
+from app.play.lobby import Lobby, UnknownSessionError
 from app.play.messages import NewEpisode, NewSession
 from app.play.session import HUMAN, RefusedError, Session
 from app.storage.playground import OpenRanked, newest_session, open_ranked, ranked_left_since, watchable_session
@@ -55,13 +56,12 @@ class PageBoards:
             return session, False
         async with self._lock(player_id):
             found = await self._open(player_id)
+            terrain = self._lobby.maps.next_terrain(session.current, wanted)
             if session in found and not session.episode.steps:
-                config = next_config(session, wanted)
-                fresh = NewSession(level=config.level, size=(config.rows, config.cols), seed=wanted.seed)
-                return await self._begin(fresh, player_id)
+                return await self._begin(as_new_session(terrain.config, wanted), player_id)
             others = [board for board in found if board is not session]
-            waiting = _waiting(others, next_config(session, wanted)) if wanted.seed is None else None
-            left = [board for board in others if board.episode.steps and board is not waiting and wanted.seed is None]
+            waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
+            left = [board for board in others if board.episode.steps and board is not waiting and not terrain.is_chosen]
             if waiting is None:
                 await self._lobby.restart(session, wanted, left)
                 return session, False
@@ -123,8 +123,9 @@ class PageBoards:
 
     async def _begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
         found = await self._open(player_id)
-        is_ranked = wanted.player == HUMAN and wanted.rival is None and wanted.seed is None
-        waiting = _waiting(found, EnvConfig.of(wanted.level or "random", wanted.size or 21)) if is_ranked else None
+        is_ranked = wanted.player == HUMAN and wanted.rival is None
+        terrain = self._lobby.maps.first_terrain(wanted)
+        waiting = _waiting(found, terrain.config) if is_ranked and not terrain.is_chosen else None
         left = [board for board in found if board.episode.steps and board is not waiting and wanted.replays is None]
         if waiting is None:
             return await self._lobby.create(wanted, player_id, "cookie", left), False
@@ -148,6 +149,13 @@ class PageBoards:
         if lock is None:
             lock = self._locks[player_id] = asyncio.Lock()
         return lock
+
+
+def as_new_session(config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
+    """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
+    if wanted.map is not None:
+        return NewSession(map=wanted.map, **rest)
+    return NewSession(level=config.level, size=(config.rows, config.cols), seed=wanted.seed, **rest)
 
 
 def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:

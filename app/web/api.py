@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
-from app.play.lobby import Lobby, next_config
+from app.play.lobby import Lobby
 from app.play.messages import DRAWN_LEVELS, Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
+from app.play.ranked import as_new_session
 from app.play.session import SCRIPT, RefusedError, Session
 from app.web.access import (
     controlled_session,
@@ -22,7 +23,7 @@ from app.web.access import (
     visible_session,
 )
 from app.web.sockets import as_move
-from marsexplorer.config import ALL_LEVELS, CORE_VERSION, EnvConfig
+from marsexplorer.config import ALL_LEVELS, CORE_VERSION
 
 router = APIRouter(prefix="/api")
 Id = Annotated[str | None, Query(max_length=128)]
@@ -60,6 +61,7 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "session": session.id,
         "player": session.row.driver_name,
         "level": config.level,
+        "map": lobby.maps.name_of(session.current),
         "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
         "daily": None if session.current.daily is None else session.current.daily.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
@@ -98,6 +100,13 @@ async def levels() -> list[dict[str, Any]]:
     ]
 
 
+@router.get("/maps", tags=["server"], summary="The maps that can be played")
+async def maps(request: Request) -> list[dict[str, Any]]:
+    """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
+    offers = [(each, each.terrain.config) for each in _lobby(request).maps.offers()]
+    return [{"name": each.name, "summary": each.summary, "size": [config.rows, config.cols]} for each, config in offers]
+
+
 @router.get("/policies", tags=["server"], summary="The policies that can be watched or played against")
 async def policies(request: Request) -> list[dict[str, str]]:
     """List the policies; each name can be given as `player` or as `rival`."""
@@ -119,7 +128,8 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
     wanted = wanted or NewSession()
     player_id = player_of(request) or _lobby(request).sources.player_id()
     with _bad_input():
-        services_of(request).daily_boards.check_seed(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
+        terrain = _lobby(request).maps.first_terrain(wanted)
+        services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if wanted.replays is not None:
             await controlled_session(request, wanted.replays)
         if has_own_origin(request):
@@ -203,26 +213,17 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
     if session.current.daily is not None:
         raise HTTPException(409, "this board is of a daily terrain, which is played once; POST /api/sessions begins another")
     with _bad_input():
-        services_of(request).daily_boards.check_seed(next_config(session, wanted), wanted.seed)
+        terrain = lobby.maps.next_terrain(session.current, wanted)
+        services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
         elif has_own_origin(request) and is_owner(request, session) and session.row.player_id is not None:
-            session, _ = await page_boards.begin(_as_new_session(lobby, session, wanted), session.row.player_id)
+            rival = lobby.rival_of(session)
+            drivers = {"player": session.row.driver_name, "rival": None if rival is None else rival.row.driver_name}
+            session, _ = await page_boards.begin(as_new_session(terrain.config, wanted, **drivers), session.row.player_id)
         else:
             await lobby.restart(session, wanted)
     return session_summary(lobby, session)
-
-
-def _as_new_session(lobby: Lobby, session: Session, wanted: NewEpisode) -> NewSession:
-    """Return what begins the next episode on a board of the page's, for a session from before there were any."""
-    config, rival = next_config(session, wanted), lobby.rival_of(session)
-    return NewSession(
-        level=config.level,
-        size=(config.rows, config.cols),
-        seed=wanted.seed,
-        player=session.row.driver_name,
-        rival=None if rival is None else rival.row.driver_name,
-    )
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")

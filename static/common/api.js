@@ -27,6 +27,7 @@ export function readDetail(detail, status) {
 /**
  * @typedef {{name: string, summary: string}} Choice  a policy
  * @typedef {Choice & {pays_bonus?: boolean}} Level  pays_bonus: an episode pays for finishing and fines a failure
+ * @typedef {Choice & {size: [number, number]}} GivenMap
  * @typedef {{mean: number, low: number | null, high: number | null}} Interval  low and high are null for a single player
  * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval, steps: Interval}} HumanFigure
  * @typedef {{figures: HumanFigure[], sentence: string}} HumanLevel
@@ -75,13 +76,15 @@ export function createApi(fetcher, root = "") {
     health: () => request("health", undefined, 1000),
     /** @returns {Promise<Level[]>} */
     levels: () => request("levels"),
+    /** @returns {Promise<GivenMap[]>} */
+    maps: () => request("maps"),
     /** @returns {Promise<Choice[]>} */
     policies: () => request("policies"),
     /** @returns {Promise<HumanLevel>} */
     humanLevel: () => request("human-level"),
     /**
      * @param {string} id
-     * @returns {Promise<{seed: number, level: string, rows: number, cols: number, actions: string[]}>}
+     * @returns {Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>}
      */
     episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
     /**

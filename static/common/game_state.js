@@ -15,6 +15,7 @@
  *   values?: (number | null)[], expected?: import("./messages.js").Expected | null}} Board
  */
 /**
+ * The state; `level` is the name of the level, or that of the map.
  * @typedef {{mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null, rival: Board | null,
  *   link: "connecting" | "open" | "lost", notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number}} State
  */
@@ -136,7 +137,7 @@ export function apply(state, event) {
       const kept = state.rival?.isReplay && player.frame.episode === state.player?.frame.episode ? state.rival : null;
       const rival = about.rival
         ? { ...boardOf(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
-      return { ...state, mode: modeOf(about), level: about.level, size: about.size, counts: about.counts, player, rival };
+      return { ...state, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival };
     }
     case "watched": {
       const { level, size, board } = event;

@@ -29,7 +29,7 @@
  */
 /** @typedef {Frame | History | Refused | Problem | Pace | Expected | Thought | Kept} FromServer */
 /**
- * @typedef {{session: string, player: string, level: string, size: number | [number, number], counts: boolean, not_attested: string | null, watch: string | null, frame: Frame,
+ * @typedef {{session: string, player: string, level: string, map: string | null, size: number | [number, number], counts: boolean, not_attested: string | null, watch: string | null, frame: Frame,
  *   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}}} About  what POST api/sessions answers; watch: the id by which anybody may watch the board
  */
 /** @typedef {{input: "key" | "touch" | null, key_down_ms: number | null, key_up_ms: number | null, client_ms: number}} Timing */

@@ -173,8 +173,8 @@ views.watch(by("values-plot"));
 async function begin() {
   terrainDialog.showPad(document.body.dataset.pad === "true");
   try {
-    const [levels, policies] = await Promise.all([api.levels(), api.policies()]);
-    terrainDialog.offer(levels, policies);
+    const [levels, policies, maps] = await Promise.all([api.levels(), api.policies(), api.maps()]);
+    terrainDialog.offer(levels, policies, maps);
     for (const role of ROLES) offerPolicies(panels[role], policies.map(({ name }) => name));
   } catch (error) {
     dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });

@@ -9,13 +9,16 @@ import { ApiError } from "../common/api.js";
  * @typedef {import("../common/messages.js").About} About
  */
 
+/** @param {Pick<Wish, "level" | "map" | "size" | "seed">} wish */
+const terrainOf = ({ level, map, size, seed }) => (map ? { map } : seed === null ? { level, size } : { level, size, seed });
+
 /**
  * Return the body of POST api/sessions.
  * @param {Mode} mode
  * @param {Wish} wish
  */
-export function sessionWish(mode, { level, size, seed, rival, player }) {
-  const terrain = seed === null ? { level, size } : { level, size, seed };
+export function sessionWish(mode, { rival, player, ...terrainWish }) {
+  const terrain = terrainOf(terrainWish);
   if (mode === "ranked") return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
@@ -145,8 +148,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
      * @param {number | null} seed
      */
     next: (session, seed) => once(async () => {
-      const { level, size } = wish();
-      begin(await api.nextEpisode(session, seed === null ? { level, size } : { level, size, seed }));
+      begin(await api.nextEpisode(session, terrainOf({ ...wish(), seed })));
     }),
     /**
      * Begin the terrain just finished once more.
@@ -156,7 +158,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
       const { level, size } = wish();
-      begin(await api.nextEpisode(session, { level, size, seed }));
+      begin(await api.nextEpisode(session, seed === null ? {} : { level, size, seed })); // a map stays when nothing is said
     }),
     /**
      * Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
@@ -184,7 +186,8 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       replayedEpisode = episode;
       await attempt(async () => {
         const { seed } = await api.episode(episode);
-        dispatch({ kind: "replay", episode, about: await api.createSession({ level, size, seed, player: wish().rival, replays: player.session }) });
+        const terrain = seed === null ? {} : { level, size, seed };
+        dispatch({ kind: "replay", episode, about: await api.createSession({ ...terrain, player: wish().rival, replays: player.session }) });
       });
     },
   };

@@ -1,9 +1,11 @@
 // @ts-check
 // The dialog in which a terrain and the policies are chosen.
 
-/** @typedef {{level: string, size: number | [number, number], seed: number | null, rival: string, player: string}} Wish */
+/** @typedef {{level: string, map: string | null, size: number | [number, number], seed: number | null, rival: string, player: string}} Wish  map: by name, instead of level, size and seed */
 /** @typedef {import("../common/api.js").Level} Level */
 export const MAX_SEED = 2 ** 53 - 1;
+/** How the value of a map begins among the levels. */
+const MAP = "map:";
 
 /**
  * Return the wish that the filled form stands for, or a sentence that says what is wrong.
@@ -11,6 +13,7 @@ export const MAX_SEED = 2 ** 53 - 1;
  * @returns {Wish | string}
  */
 export function readWish({ level, side, rows, cols, seed, rival, player }) {
+  if (level?.startsWith(MAP)) return { level: "map", map: level.slice(MAP.length), size: 21, seed: null, rival, player };
   /** @type {number | [number, number]} */
   let size = Number(side);
   if (side === "custom") {
@@ -20,7 +23,7 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   }
   const digits = seed.trim();
   if (digits && (!/^[0-9]+$/.test(digits) || Number(digits) > MAX_SEED)) return `A seed is a whole number from 0 to ${MAX_SEED}, got ${digits}.`;
-  return { level, size, seed: digits ? Number(digits) : null, rival, player };
+  return { level, map: null, size, seed: digits ? Number(digits) : null, rival, player };
 }
 
 /**
@@ -41,6 +44,17 @@ function fill(select, choices, chosen) {
 }
 
 /**
+ * Return maps as a group of options below the levels.
+ * @param {import("../common/api.js").GivenMap[]} maps
+ */
+function mapGroup(maps) {
+  const group = document.createElement("optgroup");
+  group.label = "Maps";
+  group.append(...maps.map(({ name, size: [rows, cols] }) => new Option(`${name} (${rows} \u00d7 ${cols})`, MAP + name)));
+  return group;
+}
+
+/**
  * @param {HTMLDialogElement} dialog
  * @param {{onStart: (wish: Wish) => void, onWrong: (sentence: string) => void,
  *   onPad: (isShown: boolean) => void}} handlers
@@ -52,12 +66,19 @@ export function createTerrainDialog(dialog, handlers) {
   const side = /** @type {RadioNodeList} */ (form.elements.namedItem("side"));
   const hint = /** @type {HTMLElement} */ (form.querySelector("#level-hint"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
+  const drawn = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-drawn]"));
   /** @type {Level[]} */
   let levels = [];
+  /** @type {import("../common/api.js").GivenMap[]} */
+  let maps = [];
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   function follow() {
+    const { value } = select("level");
+    for (const each of drawn) each.hidden = value.startsWith(MAP);
+    /** @type {HTMLFieldSetElement} */ (form.querySelector("fieldset")).disabled = value.startsWith(MAP);
+    input("seed").disabled = value.startsWith(MAP);
     custom.hidden = side.value !== "custom";
-    hint.textContent = levels.find(({ name }) => name === select("level").value)?.summary ?? "";
+    hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary ?? "";
   }
   form.addEventListener("change", (event) => {
     follow();
@@ -85,7 +106,7 @@ export function createTerrainDialog(dialog, handlers) {
      */
     wish() {
       const wish = read();
-      return typeof wish === "string" ? { level: "random", size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;
+      return typeof wish === "string" ? { level: "random", map: null, size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;
     },
     /**
      * Choose the policy of a board.
@@ -98,12 +119,15 @@ export function createTerrainDialog(dialog, handlers) {
     /**
      * @param {Level[]} found
      * @param {{name: string, summary: string}[]} policies
+     * @param {import("../common/api.js").GivenMap[]} given
      */
-    offer(found, policies) {
+    offer(found, policies, given) {
       levels = found;
+      maps = given;
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
       fill(select("level"), found, "random");
+      if (maps.length) select("level").append(mapGroup(maps));
       fill(select("rival"), policies, best);
       fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
       follow();
@@ -112,8 +136,9 @@ export function createTerrainDialog(dialog, handlers) {
      * Show what is being played, after a reload.
      * @param {import("../common/messages.js").About} about
      */
-    show({ level, frame, player, rival }) {
-      select("level").value = level;
+    show({ level, map, frame, player, rival }) {
+      select("level").value = map ? MAP + map : level;
+      if (select("level").selectedIndex < 0) select("level").value = "random"; // a map that is not on offer any more
       const length = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";
       side.value = length;
       if (length === "custom") [input("rows").value, input("cols").value] = [String(frame.rows), String(frame.cols)];

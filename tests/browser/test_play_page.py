@@ -11,6 +11,7 @@ import pytest
 
 from marsexplorer import policies
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
+from tests.support.map_files import write_map
 from tests.support.servers import eventually
 
 SMALL = (1100, 700)
@@ -137,13 +138,28 @@ def test_holding_a_key_in_ranked_play_moves_once_and_typing_moves_never(serve, p
     assert me.state()["step"] == 1
 
 
-def test_watching_two_policies(serve, player):
-    server = serve()
+def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
+    server = serve(maps=(write_map(tmp_path),), cell_m=1.0)
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-watch").click()
     me.wait("window.mars.state.mode === 'watch' && window.mars.state.player.frame.step > 3")
     me.wait("window.mars.state.rival.frame.step > 3")
+    assert "99 % of the ground" in me.page.get_by_test_id("goal").inner_text()
+
+    me.page.get_by_test_id("open-settings").click()
+    me.page.get_by_test_id("level").select_option("map:warehouse")
+    assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
+    me.page.get_by_test_id("start").click()
+    me.wait("window.mars.state.level === 'warehouse' && window.mars.state.player.frame.outcome === 'explored'")
+    frame = me.state()
+    assert frame["discovered"] <= frame["cells"] < frame["rows"] * frame["cols"]
+    assert "99 % of what can be seen" in me.page.get_by_test_id("goal").inner_text()
+    share = 100 * frame["discovered"] // frame["cells"]
+    assert f"{share} percent" in me.page.get_by_test_id("chart").get_attribute("aria-label")
+    me.page.reload()
+    me.wait("window.mars.state.level === 'warehouse'")
+    assert me.page.get_by_test_id("level").input_value() == "map:warehouse"
     assert me.errors == []
 
 

@@ -10,6 +10,12 @@ test("each mode asks for its own kind of session", () => {
   assert.deepEqual(sessionWish("watch", { ...wish, seed: 0 }), { level: "random", size: 21, seed: 0, player: "random", rival: "ppo" });
 });
 
+test("a map is asked for by its name alone", () => {
+  const wish = { level: "map", map: "office", size: 21, seed: null, rival: "ppo", player: "random" };
+  assert.deepEqual(sessionWish("practice", wish), { map: "office", player: "human", rival: "ppo" });
+  assert.deepEqual(sessionWish("ranked", wish), { map: "office", player: "human" });
+});
+
 test("the address names what anybody may watch", () => {
   assert.equal(watchedInHash("#watch=00ff00ff00ff00ff"), "00ff00ff00ff00ff");
   assert.equal(watchedInHash("#watch=<script>"), null);

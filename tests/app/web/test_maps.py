@@ -1,0 +1,122 @@
+"""Given maps over the API: offered by name, played as practice, kept with their cells, and played again without their file."""
+
+import json
+
+import numpy as np
+import pytest
+
+from app.cli.main import main
+from app.play.messages import encode_frame
+from app.storage.resimulation import differences
+from marsexplorer.config import ACTIONS, MAP, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from tests.support.map_files import INSIDES, WAREHOUSE, write_map
+
+CELLS = WAREHOUSE.size - INSIDES
+
+
+@pytest.fixture
+def warehouse(tmp_path):
+    return write_map(tmp_path)
+
+
+def explore(client, begun):
+    """Play the rule to the end of the episode and return its last frame, each one compared with an episode of our own."""
+    policy, frame = load("frontier-cost"), begun["frame"]
+    start = tuple(frame["position"])
+    episode = Episode.begin(EnvConfig.of(MAP, WAREHOUSE.shape), terrain=WAREHOUSE, start=start)
+    policy.reset(0)
+    assert json.loads(encode_frame(frame["episode"], episode)) == frame
+    while frame["outcome"] is None:
+        action = policy.act(episode.codes.copy())
+        episode.step(action)
+        body = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[action]}
+        answer = client.post(f"/api/sessions/{begun['session']}/act", json=body)
+        assert answer.text == encode_frame(frame["episode"], episode)
+        frame = answer.json()
+    return frame
+
+
+def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(serve, warehouse):
+    server = serve(maps=(warehouse,), cell_m=1.0)
+    client = server.client()
+    (offered,) = client.get("/api/maps").json()
+    assert (offered["name"], offered["size"]) == ("warehouse", [9, 14])
+    begun = client.post("/api/sessions", json={"map": "warehouse"}).json()
+    assert (begun["level"], begun["map"], begun["size"], begun["counts"]) == (MAP, "warehouse", [9, 14], False)
+    assert begun["frame"]["cells"] == CELLS < WAREHOUSE.size
+    frame = explore(client, begun)
+    assert frame["outcome"] == "explored"
+    assert frame["coverage"] == frame["discovered"] / CELLS >= 0.99
+    kept = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (kept["seed"], kept["coverage"], kept["score"], kept["seed_chosen"]) == (
+        None,
+        frame["coverage"],
+        frame["score"],
+        True,
+    )
+    replayed = client.get(f"/api/episodes/{frame['episode']}/replay").json()
+    assert (replayed["run"]["cells"], replayed["run"]["discovered"][-1]) == (CELLS, frame["discovered"])
+    ghost = client.get(f"/api/episodes/{frame['episode']}/ghost?policy=frontier-utility").json()
+    assert (ghost["outcome"], ghost["cells"]) == ("explored", CELLS)
+    (own,) = client.get("/api/me/history").json()["episodes"]
+    assert (own["kind"], own["coverage"]) == ("practice", frame["coverage"])
+    server.stop()
+
+    server = serve()
+    client = server.client()
+    assert client.get("/api/maps").json() == []
+    url = f"/api/sessions/{begun['session']}"
+    about = client.get(f"{url}/about").json()
+    assert (about["frame"], about["map"]) == (frame, None)
+    store = server.services.store
+    (row,) = list(store.finished())
+    assert differences(row, store.steps(row["id"])) == []
+    again = client.post(f"{url}/episodes", json={}).json()
+    assert (again["level"], again["frame"]["cells"], again["frame"]["step"]) == (MAP, CELLS, 0)
+    assert explore(client, again)["discovered"] == frame["discovered"]
+    other = client.post(f"{url}/episodes", json={"size": 8}).json()
+    assert (other["level"], other["size"], other["frame"]["cells"]) == ("random", 8, 64)
+    refused = client.post("/api/sessions", json={"player": "frontier-cost", "replays": begun["session"]})
+    assert refused.status_code == 422, "the replayed session has a running episode now"
+
+
+def test_a_policy_replays_the_map_of_its_player_where_no_terrain_is_named(serve, warehouse):
+    client = serve(maps=(warehouse,), cell_m=1.0).client()
+    begun = client.post("/api/sessions", json={"map": "warehouse", "rival": "frontier-cost"}).json()
+    assert begun["rival"]["frame"] == {**begun["frame"], "episode": begun["rival"]["frame"]["episode"]}
+    explore(client, begun)
+    replay = client.post("/api/sessions", json={"player": "frontier-utility", "replays": begun["session"]}).json()
+    assert (replay["map"], replay["size"], replay["frame"]["cells"]) == ("warehouse", [9, 14], CELLS)
+
+
+def test_a_map_has_a_terrain_of_its_own_and_must_be_on_offer(serve, warehouse):
+    client = serve(maps=(warehouse,), cell_m=1.0).client()
+    for wanted in ({"level": "random"}, {"size": 9}, {"seed": 3}):
+        answer = client.post("/api/sessions", json={"map": "warehouse", **wanted})
+        assert (answer.status_code, "leave out level, size and seed" in answer.json()["detail"]) == (422, True)
+    answer = client.post("/api/sessions", json={"map": "garage"})
+    assert (answer.status_code, answer.json()["detail"]) == (422, "no map 'garage'; choose one of: warehouse")
+    assert "choose one of" in client.post("/api/sessions", json={"level": MAP}).json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (["missing.yaml"], "missing.yaml"),
+        (["a/hall.yaml", "b/hall.yaml"], "two maps are called 'hall'"),
+        (["wide.yaml"], "129"),
+    ],
+)
+def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(tmp_path, capsys, files, said):
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        folder.mkdir()
+        write_map(folder, "hall")
+    write_map(tmp_path, "wide", np.zeros((9, 129), bool))
+    arguments = [f"--map={tmp_path / name}" for name in files]
+    with pytest.raises(SystemExit) as ended:
+        main(["serve", "--port", "0", "--cell", "1", "--database", str(tmp_path / "x.db"), *arguments])
+    assert ended.value.code == 1
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "x.db").exists()
