@@ -20,6 +20,7 @@ from marsexplorer.rules import (
     AT_START,
     CELLS,
     DISCOVERED,
+    ENOUGH,
     HEAD,
     NO_SEED,
     OUTCOME,
@@ -34,6 +35,9 @@ from marsexplorer.rules import (
     step_all,
     step_autoreset,
 )
+
+ADDED_SCALARS = (CELLS, ENOUGH)
+"""Scalars that records did not have while all cells counted; checkpoints of training hold such records."""
 
 
 class Worlds:
@@ -206,8 +210,14 @@ class Worlds:
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 
     def put(self, which: NDArray[np.intp], taken: dict[str, NDArray[Any]]) -> None:
-        """Put worlds that `take` returned in the places of the worlds of these indices."""
-        self._state.reshape(self.num, -1)[which] = taken["records"]
+        """Put worlds that `take` returned, also that of an earlier version, in the places of the worlds of these indices."""
+        records = taken["records"]
+        if records.shape[1] == self._record - len(ADDED_SCALARS):
+            added = np.broadcast_to(
+                np.array([self.config.n, self.config.target], np.uint64), (len(records), len(ADDED_SCALARS))
+            )
+            records = np.hstack([records[:, : ADDED_SCALARS[0]], added, records[:, ADDED_SCALARS[0] :]])
+        self._state.reshape(self.num, -1)[which] = records
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
 
     @property

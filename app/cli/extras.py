@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 EXTRAS: dict[str, tuple[str, ...]] = {
+    "maps": ("PIL", "yaml"),
     "networks": ("torch", "safetensors"),
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "websockets", "sqlite_utils",
@@ -26,7 +27,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
 INCLUDED: dict[str, tuple[str, ...]] = {
-    "play": ("networks",),
+    "play": ("networks", "maps"),
     "train": ("networks",),
     "study": ("play",),
     "bayes": ("study",),

@@ -36,7 +36,12 @@ from marsexplorer.policies.kernels.grid import (
 )
 from marsexplorer.policies.kernels.prices import NO_CODE, update_board
 from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible
-from marsexplorer.policies.network.priced_features import PRICED_FEATURES, RuleTables, value_actions, write_priced_features
+from marsexplorer.policies.network.priced_features import (
+    PRICED_FEATURES,
+    PricedRuleTables,
+    value_actions,
+    write_priced_features,
+)
 
 SCALES = ((11, 1), (11, 3), (9, 7))
 """Blocks a side and cells a block's side, of each picture."""
@@ -168,7 +173,7 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
               the squares of `prices`
     scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions; and the tables
               nearness and discounts
-    priced    half_sides of the squares that are counted, none for networks that see no prices; rules and found of RuleTables
+    priced    half_sides of the squares that are counted, none for networks that see no prices; rules and found of its tables
     """
     rows, cols = codes.shape[1], codes.shape[2]
     sight, stride, radius = lidar
@@ -242,7 +247,7 @@ class FeatureExtractor:
 
     def __init__(self, num: int, rows: int, cols: int, radius: int, sees_prices: bool = False) -> None:
         self.size = (rows, cols)
-        rules = RuleTables(rows, cols, radius)
+        rules = PricedRuleTables(rows, cols, radius)
         half_sides = rules.half_sides if sees_prices else rules.half_sides[:0]
         self._priced = (half_sides, rules.rules, rules.found)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)

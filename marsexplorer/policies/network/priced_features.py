@@ -42,7 +42,7 @@ LEAST_SHARE = 0.75
 LOG_CELLS_SCALE = 0.2
 
 
-class RuleTables:
+class PricedRuleTables:
     """What the kernels need of RULES on boards of one shape, for a sensor radius in cells.
 
     half_sides  int64[squares] of `prices`, the same for all rules
@@ -76,7 +76,7 @@ def can_count(limit, rule, moves, best):
 
 @kernel
 def value_actions(candidates, count, distance, first_actions, new_cells, shape, board, rules, found):
-    """Write what `found` is to hold, see `RuleTables`: exact where it is at least LEAST_SHARE of the highest value.
+    """Write what `found` is to hold, see `PricedRuleTables`: exact where it is at least LEAST_SHARE of the highest value.
 
     candidates, count, distance, first_actions, new_cells  see `features`
     shape                                                  (rows, cols)
