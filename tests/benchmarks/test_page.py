@@ -1,4 +1,4 @@
-"""From keydown to the repaint of the matrix, in real Chromium, as the page itself measures it."""
+"""The page in real Chromium: from opening it to the first picture, and from keydown to the repaint of the matrix."""
 
 import json
 
@@ -14,6 +14,48 @@ PRESSES = 300
 """The policy makes 385 moves on the terrain of 42x42."""
 MOST_MS = {42: 50, 84: 100}
 """Side of the grid in cells -> what p95 is to stay under."""
+
+OPENINGS = 4
+WANTED_S = {"playable": 1.0, "drawn": 2.5}
+"""On an idle machine; reported, since they are absolute times."""
+MOST_BYTES = 1_200_000
+WATCH = """(() => {
+  const look = () => {
+    const mars = window.mars
+    if (!window.playable && mars?.state.player?.frame && mars.state.link === 'open') window.playable = performance.now()
+    if (!window.drawn && document.querySelector('[data-testid=viewer-player][data-drawn]')) window.drawn = performance.now()
+    requestAnimationFrame(look)
+  }
+  requestAnimationFrame(look)
+})()"""
+
+
+@pytest.mark.parametrize(
+    ("drawn", "flags"),
+    [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)],
+)
+def test_first_picture(spawn, drawn, flags):
+    from playwright.sync_api import sync_playwright
+
+    server, seen = spawn(), []
+    with sync_playwright() as playwright:
+        for _ in range(OPENINGS):  # each in a browser of its own, with nothing in its cache
+            browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.add_init_script(WATCH)
+            network, sizes = page.context.new_cdp_session(page), []
+            network.send("Network.enable")
+            network.on("Network.loadingFinished", lambda event, sizes=sizes: sizes.append(event["encodedDataLength"]))
+            page.goto(server.url)
+            page.wait_for_function("() => window.playable" if flags is NO_3D else "() => window.playable && window.drawn")
+            page.wait_for_timeout(1500)
+            seen.append((*page.evaluate("() => [window.playable / 1e3, (window.drawn ?? 0) / 1e3]"), sum(sizes)))
+            browser.close()
+    playable, picture, weight = zip(*seen, strict=True)
+    print(f"\n\n{OPENINGS} first visits, {drawn}: {max(weight):,.0f} bytes")
+    for what, times in [("playable", playable), ("drawn", picture)][: 1 if flags is NO_3D else 2]:
+        print(f"{what} after {min(times):.2f} to {max(times):.2f} s, wanted {WANTED_S[what]}")
+    assert max(weight) < MOST_BYTES
 
 
 @pytest.mark.parametrize("side", MOST_MS)
