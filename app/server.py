@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from fastapi import FastAPI
 
+from app.admin.health import Health
 from app.admin.login import AdminLogin
 from app.admin.services import AdminServices
 from app.daily.policies import DailyPolicies
@@ -96,6 +97,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
+    app.router.routes.extend(api.probes.routes)
     if login is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     app.mount("/static", pages.static_files, name="static")
@@ -119,7 +121,7 @@ def _services(
     policies, maps = offered
     folder, study_store = Folder(settings.studies), StudyStore(store)
     lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session, maps)
-    progress = ParticipantProgress(lobby, folder, study_store)
+    progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     return Services(
         store=store,
         lobby=lobby,
@@ -134,7 +136,8 @@ def _services(
         leaderboard=Leaderboard(store.path, policies.offers(), settings.studies),
         regrets=Regrets(store.path),
         replays=Replays(store.path, policies.offers()),
-        admin=None if login is None else AdminServices(login, progress, settings.studies),
+        health=health,
+        admin=None if login is None else AdminServices(login, progress, settings.studies, health),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from app.admin.health import Health
 from app.admin.services import AdminServices
 from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
@@ -37,6 +38,7 @@ class Services:
     leaderboard    people and policies compared
     regrets        where moves were lost in finished episodes
     replays        finished episodes as they went, and policies on their terrains
+    health         the state of the disk and the database
     admin          the operator's part; None on a server without an operator's page
     """
 
@@ -53,6 +55,7 @@ class Services:
     leaderboard: Leaderboard
     regrets: Regrets
     replays: Replays
+    health: Health
     admin: AdminServices | None = None
 
     async def aclose(self) -> None:

@@ -1,4 +1,4 @@
-"""The state of disk and database: free space, sizes, the last write, SQLite's own check, and the head of the chain."""
+"""The state of disk and database: whether a write succeeds, free space, sizes, SQLite's own check, the head of the chain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.storage.checks import chain_head, quick_check
+from app.storage.checks import chain_head, quick_check, try_write
 
 LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
@@ -37,6 +37,10 @@ class Health:
     def check(self) -> None:
         """Check the database; it takes milliseconds to minutes, so call it in a thread."""
         self._check = DatabaseCheck(quick_check(self._database), _now_ms())
+
+    def try_write(self) -> None:
+        """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""
+        try_write(self._database)
 
     def state(self) -> dict[str, Any]:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""

@@ -20,10 +20,10 @@ class AdminServices:
     began  monotonic seconds of the server's start
     """
 
-    def __init__(self, login: AdminLogin, progress: ParticipantProgress, studies: Path) -> None:
+    def __init__(self, login: AdminLogin, progress: ParticipantProgress, studies: Path, health: Health) -> None:
         database = progress.lobby.store.path
         self.login, self.progress = login, progress
-        self.health, self.figures = Health(database), participants.LiveFigures(database, progress.folder)
+        self.health, self.figures = health, participants.LiveFigures(database, progress.folder)
         self.exports = Exports(database, studies)
         self.began = time.monotonic()
 

@@ -7,6 +7,7 @@ file by SQLite itself.
 from __future__ import annotations
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -16,7 +17,7 @@ from app.storage import chain
 from app.storage.chain import Kind
 from app.storage.chain_checks import check_thing, check_without_owner
 from app.storage.connection import reading, rows
-from app.storage.database import StoreError
+from app.storage.database import StoreError, check_writable, transaction
 from app.storage.reader import Reader
 from app.storage.resimulation import Finding, differences
 from app.storage.study_rows import ORDER_EVENT, StudyRow
@@ -179,6 +180,23 @@ def quick_check(database: Path) -> str:
     except (StoreError, sqlite3.DatabaseError) as error:
         return str(error)
     return "; ".join(str(next(iter(row.values()))) for row in rows)
+
+
+def try_write(database: Path, timeout_s: float = 1.0) -> None:
+    """Write a row of the table `meta` and commit it, on a connection of its own; StoreError when that fails.
+
+    timeout_s  seconds to wait for another program that is writing. Call it in a thread: the disk may take as long as it likes.
+    """
+    try:
+        if not database.exists():
+            raise StoreError(f"the database {database} is gone: bring the file back, then start the server again")
+        check_writable(database)
+        # mode=rw: a file that was just deleted is not made again, as an empty one
+        uri = database.resolve().as_uri() + "?mode=rw"
+        with closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn, transaction(conn):
+            conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(time.time_ns() // 1_000_000)])
+    except (sqlite3.Error, OSError) as error:
+        raise StoreError(f"the database {database} did not take a write: {error}") from error
 
 
 def chain_head(database: Path) -> chain.Head | None:

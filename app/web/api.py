@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ from app.web.sockets import as_move
 from marsexplorer.config import ALL_LEVELS, CORE_VERSION
 
 router = APIRouter(prefix="/api")
+probes = APIRouter(tags=["server"])
+"""Whether the server is alive, and whether it can record a move, for whatever watches over it."""
 Id = Annotated[str | None, Query(max_length=128)]
 _FRAME: dict[int | str, dict[str, Any]] = {200: {"model": Frame}}
 
@@ -80,9 +83,25 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
 
 @router.get("/health", tags=["server"], summary="Is the server well?")
 async def health(request: Request) -> dict[str, Any]:
-    """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory."""
+    """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
+
+    Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded.
+    """
     database = services_of(request).store.path.name
     return {"status": "ok", "core_version": CORE_VERSION, "sessions": len(_lobby(request)), "database": database}
+
+
+@probes.get("/healthz", summary="Is the server alive?")
+async def healthz() -> dict[str, str]:
+    """Answer 200 for as long as requests are answered at all, whatever the disk does."""
+    return {"status": "ok"}
+
+
+@probes.get("/readyz", summary="Can the server record a move?", responses={503: {"description": "no: `detail` says why"}})
+async def readyz(request: Request) -> dict[str, str]:
+    """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second."""
+    await asyncio.to_thread(services_of(request).health.try_write)
+    return {"status": "ok"}
 
 
 @router.get("/levels", tags=["server"], summary="What can be played")
