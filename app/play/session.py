@@ -222,7 +222,7 @@ class Session:
         elif not self._store.is_episode_of(self.id, events.episode):
             raise RefusedError(f"episode {events.episode!r} is none of this board's: no input events were kept")
         rows = [InputEventRow(**event.model_dump()) for event in events.events]
-        if not add_input_events(self._store, events.episode, rows, self._clock()):
+        if not add_input_events(self._store, events.episode, rows, self._clock(), events.batch):
             raise RefusedError("this episode has more input events than are kept; the rest is dropped")
 
     def pair_with(self, second: Session) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from uuid import uuid4
 
 from app.simulate.board import ReportFault, SimulatedBoard
 from app.simulate.client import ConnectionLostError
@@ -27,7 +28,7 @@ class Outbox:
         """Add an episode's events in batches, which never change from then on."""
         for start in range(0, len(events), MAX_EVENTS_PER_BATCH):
             batch = events[start : start + MAX_EVENTS_PER_BATCH]
-            self._batches.append({"kind": "events", "episode": episode, "events": batch})
+            self._batches.append({"kind": "events", "episode": episode, "batch": uuid4().hex, "events": batch})
 
     async def send_all(self, board: SimulatedBoard) -> None:
         """Send every batch until it is kept; ConnectionLostError when the connection breaks: the rest is sent over the next."""

@@ -36,6 +36,7 @@ _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
 _WITHOUT_OWNER = {
     "steps": "episode_id NOT IN (SELECT id FROM episodes)",
     "input_events": "episode_id NOT IN (SELECT id FROM episodes)",
+    "event_batches": "episode_id NOT IN (SELECT id FROM episodes)",
     "study_episodes": "episode_id NOT IN (SELECT id FROM episodes) OR participant_id NOT IN (SELECT id FROM participants)",
     "daily_attempts": "episode_id NOT IN (SELECT id FROM episodes) OR player_id NOT IN (SELECT id FROM players) "
     "OR commitment NOT IN (SELECT commitment FROM daily_terrains)",

@@ -176,7 +176,7 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
         sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
         for driven in conn.execute(sql, [ident]).fetchall():
             conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now))
-        for table in ("input_events", "steps", "study_episodes", "daily_attempts"):
+        for table in ("event_batches", "input_events", "steps", "study_episodes", "daily_attempts"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
 

@@ -259,6 +259,18 @@ def _create_daily_tables(conn: sqlite3.Connection) -> None:
         conn.execute(statement)
 
 
+def _create_event_batches(conn: sqlite3.Connection) -> None:
+    # the batches in which input events came: a batch that comes again is known by its id, without a look at the events
+    conn.execute(
+        """CREATE TABLE event_batches (
+            episode_id TEXT NOT NULL REFERENCES episodes(id),
+            first INTEGER NOT NULL, -- number of its first event
+            batch TEXT NOT NULL, -- the page's id, or SHA-256 (hex) of the events where it gave none
+            PRIMARY KEY (episode_id, first),
+            UNIQUE (episode_id, batch)) STRICT, WITHOUT ROWID"""
+    )
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     _create_tables,
     _create_indexes,
@@ -266,5 +278,6 @@ MIGRATIONS: tuple[Migration, ...] = (
     _create_release_tables,
     _add_attestation_and_chain,
     _create_daily_tables,
+    _create_event_batches,
 )
 """Migration k (from 1) leads from schema k - 1 to schema k."""

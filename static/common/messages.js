@@ -68,9 +68,10 @@ export function act(episode, step, action, timing) {
  * Return the message that brings input events.
  * @param {string} episode
  * @param {InputEvent[]} batch at most 200
+ * @param {string} id of the batch, by which the server knows it when it comes again
  */
-export function events(episode, batch) {
-  return { kind: "events", episode, events: batch };
+export function events(episode, batch, id) {
+  return { kind: "events", episode, batch: id, events: batch };
 }
 
 /** Return the request for positions and discoveries of the whole episode. */

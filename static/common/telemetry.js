@@ -23,6 +23,9 @@ export function nextBatch(waiting) {
   return { episode, batch: waiting.slice(0, count).map(({ event }) => event), count };
 }
 
+/** Return an id that nobody else draws; `crypto.randomUUID` is missing where the page came without TLS. */
+const drawId = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16).padStart(8, "0")).join("");
+
 /**
  * Return the episode and the step on screen; episode null where nothing is to be kept.
  * @param {import("./messages.js").Frame | null | undefined} frame the newest of a board that is driven here
@@ -57,7 +60,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
 
   function seal() {
     const { episode, batch, count } = nextBatch(waiting);
-    batches = [...batches, events(episode, batch)];
+    batches = [...batches, events(episode, batch, drawId())];
     waiting = waiting.slice(count);
   }
   const sendBatch = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);

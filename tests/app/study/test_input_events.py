@@ -32,9 +32,9 @@ def at_a_board(server):
     return person
 
 
-def send_events(socket, episode, events):
+def send_events(socket, episode, events, **ident):
     """Send a batch and return what its answer says: (count, reason)."""
-    socket.send({"kind": "events", "episode": episode, "events": events})
+    socket.send({"kind": "events", "episode": episode, "events": events, **ident})
     answer = socket.receive("kept")
     assert answer["episode"] == episode
     return answer["count"], answer["reason"]
@@ -94,6 +94,46 @@ def test_a_batch_that_differs_in_anything_is_another_one(person, tmp_path, event
         assert send_events(socket, person.frame["episode"], BATCH) == (3, None)
         assert send_events(socket, person.frame["episode"], events) == (len(events), None)
     assert len(kept(tmp_path)) == 3 + len(events)
+
+
+def test_a_batch_is_known_by_its_id_whatever_is_in_it(person, tmp_path):
+    episode = person.frame["episode"]
+    with person.socket() as socket:
+        assert send_events(socket, episode, BATCH, batch="first-batch") == (3, None)
+        assert send_events(socket, episode, BATCH, batch="second-batch") == (3, None)
+        assert send_events(socket, episode, BATCH, batch="first-batch") == (3, None)
+    assert len(kept(tmp_path)) == 6
+
+
+def test_a_batch_that_was_kept_before_batches_had_ids_is_kept_once(server, person, tmp_path):
+    episode = person.frame["episode"]
+    with person.socket() as socket:
+        assert send_events(socket, episode, BATCH) == (3, None)
+        server.services.store.connection.execute("DELETE FROM event_batches")  # as after the upgrade of a server that ran
+        assert send_events(socket, episode, BATCH) == (3, None)
+        assert send_events(socket, episode, NEXT, batch="later-one") == (1, None)
+        assert send_events(socket, episode, BATCH, batch="first-one") == (3, None)
+    assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
+
+
+def test_a_batch_takes_no_more_work_among_forty_thousand_nearly_equal_events(server, person):
+    """Instructions of SQLite's own machine, which are the same on every run."""
+    episode, store = person.frame["episode"], server.services.store
+    work = []
+
+    def add(number):
+        counted = [0]
+        store.connection.set_progress_handler(lambda: counted.__setitem__(0, counted[0] + 1), 100)
+        row = input_events.InputEventRow("keydown", "ArrowUp", False, True, 12.3, 0, None)
+        batch = [row] * 199 + [row._replace(step=number)]
+        assert input_events.add_input_events(store, episode, batch, 1, f"batch-{number}")
+        work.append(counted[0])
+
+    with store.transaction():
+        for number in range(200):
+            add(number)
+    store.connection.set_progress_handler(None, 0)
+    assert work[-1] < 2 * work[0], work[:: len(work) // 5]
 
 
 def test_the_same_events_of_another_episode_are_kept_too(person, tmp_path):

@@ -28,9 +28,12 @@ test("an event carries its key, the step on screen and the round trip, in its ep
   kept.flush();
   answer();
   answer();
+  const ids = sent.map((each) => each.batch);
+  assert.match(ids.join(" "), /^[0-9a-f]{32} [0-9a-f]{32}$/);
+  assert.notEqual(ids[0], ids[1]);
   assert.deepEqual(sent, [
-    { kind: "events", episode: "e1", events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
-    { kind: "events", episode: "e2", events: [{ kind: "blur", code: null, repeat: null, trusted: null, client_ms: 100, step: 4, round_trip_ms: 7.5 }] }]);
+    { kind: "events", episode: "e1", batch: ids[0], events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
+    { kind: "events", episode: "e2", batch: ids[1], events: [{ kind: "blur", code: null, repeat: null, trusted: null, client_ms: 100, step: 4, round_trip_ms: 7.5 }] }]);
   assert.equal(kept.waiting(), 0);
 });
 
