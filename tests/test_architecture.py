@@ -84,6 +84,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.coverage": {"app.statistics", "marsexplorer.evaluation"},
     "app.daily": {"app.leaderboard", "app.play", "app.storage", "marsexplorer.config", "marsexplorer.policies"},
+    "app.database_file": set(),
     "app.leaderboard": {
         "app.moves",
         "app.play",
@@ -121,6 +122,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies.network",
     },
     "app.release": {
+        "app.database_file",
         "app.moves",
         "app.storage",
         "app.study",
@@ -201,6 +203,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.score",
     },
     "app.storage": {
+        "app.database_file",
         "marsexplorer.config",
         "marsexplorer.episode",
         "marsexplorer.files",

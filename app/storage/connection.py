@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.storage.database import StoreError, hold, open_read_only
+from app.database_file.in_use import hold
+from app.storage.database import StoreError, open_read_only
 
 
 @contextmanager

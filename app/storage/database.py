@@ -6,16 +6,15 @@ file turns to write-ahead logging (WAL), so that it is in the file itself even w
 
 from __future__ import annotations
 
-import fcntl
 import os
 import sqlite3
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
+from app.database_file.errors import StoreError
+from app.database_file.in_use import is_in_use
 from app.storage.migrations import MIGRATIONS, Migration
 
 
@@ -36,13 +35,18 @@ with _hidden("pandas"):  # where it is installed, sqlite_utils would load it to 
 APPLICATION_ID = 0x4D415253
 """`MARS` in ASCII, at byte 68 of the file."""
 
+__all__ = [
+    "APPLICATION_ID",
+    "StoreError",
+    "check_writable",
+    "migrate",
+    "open_database",
+    "open_read_only",
+    "recognise",
+    "transaction",
+]
+
 BUSY_MS = 5_000
-_in_use: Counter[tuple[int, int]] = Counter()
-"""The files this process has open, by device and inode: see `recognise`."""
-
-
-class StoreError(Exception):
-    """The database cannot be used as asked; the message says what was expected, what came, and the way out."""
 
 
 @contextmanager
@@ -90,7 +94,7 @@ def recognise(path: Path) -> None:
     try:
         if path.is_dir():
             raise StoreError(f"the database must be a file, {path} is a folder: give a file's path with --database")
-        if not path.exists() or _in_use[_identity(path)] > 0:
+        if not path.exists() or is_in_use(path):
             return
         with path.open("rb") as file:
             header = file.read(100)
@@ -108,48 +112,11 @@ def recognise(path: Path) -> None:
         raise StoreError(f"the database {path} is damaged (cut short): restore it from a backup or give another --database")
 
 
-def _identity(path: Path) -> tuple[int, int]:
-    stat = path.stat()
-    return stat.st_dev, stat.st_ino
-
-
-def hold(path: Path) -> Callable[[], None]:
-    """Count the file as in use by this process, and return the function to call when the connection to it is closed."""
-    held = [_identity(path)]
-    _in_use.update(held)
-
-    def release() -> None:
-        _in_use.subtract(held)
-        held.clear()
-
-    return release
-
-
 def check_writable(path: Path) -> None:
     """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(f"the database {path} is read-only: make it writable or give another --database")
-
-
-def take_lock(path: Path) -> IO[bytes]:
-    """Lock the database against other servers and return the open lock file; StoreError while another server holds it.
-
-    The operating system holds the lock: it is gone when the process is, however that ends. The lock is a file of its own,
-    because closing a second handle on the database would drop SQLite's own locks.
-    """
-    lock_path = path.with_name(path.name + "-lock")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = lock_path.open("ab")
-    except OSError as error:
-        raise StoreError(f"cannot write the database {path}: {error.strerror}; give another --database") from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        lock.close()
-        raise StoreError(f"{path} is in use by another server: stop it or give another --database") from error
-    return lock
 
 
 def open_database(path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS) -> Database:

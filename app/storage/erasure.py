@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.database_file.lock import take_lock
 from app.storage import chain
 from app.storage.chain import Thing
 from app.storage.connection import reading, rows
-from app.storage.database import StoreError, open_database, take_lock, transaction
+from app.storage.database import StoreError, open_database, transaction
 from app.storage.forgotten import TRAJECTORY, invitation_hash, note_erased, person_hashes, trajectory_hash
 from app.storage.releases import mark_outdated_releases
 from app.storage.study_rows import participant_label

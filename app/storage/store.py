@@ -18,8 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from app.database_file.lock import take_lock
+from app.database_file.place import FilePlace, LostDatabaseError
 from app.storage import chain
-from app.storage.database import StoreError, check_writable, open_database, take_lock, transaction
+from app.storage.database import StoreError, check_writable, open_database, transaction
 from app.storage.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
@@ -148,6 +150,13 @@ class Store(Reader):
         except BaseException:
             self._lock.close()
             raise
+        try:
+            self._lock.lock_database()  # of a file that was made just now
+            self._place = FilePlace(path)
+        except BaseException:
+            self.close()
+            raise
+        self._lost: str | None = None
         self._conn: sqlite3.Connection = self._db.conn
 
     def close(self) -> None:
@@ -156,19 +165,37 @@ class Store(Reader):
         self._lock.close()
 
     @property
+    def fault(self) -> str | None:
+        """Return one sentence while nothing can be recorded, since the database is not where it was opened; else None."""
+        return self._lost or self._place.fault()
+
+    def check_place(self) -> None:
+        """Raise LostDatabaseError while nothing can be recorded, since the database is not where it was opened."""
+        if (fault := self.fault) is not None:
+            raise LostDatabaseError(fault)
+
+    @property
     def connection(self) -> sqlite3.Connection:
         """The one connection that writes, for the modules of this package; use it inside `transaction`."""
         return self._conn
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it."""
+        """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it.
+
+        LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
+        """
         if self._conn.in_transaction:
             yield
             return
         try:
             with transaction(self._conn):
+                if self._lost is not None:
+                    raise LostDatabaseError(self._lost)
                 yield
+                self._place.check()  # now the write can still be taken back
+            self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
+            self.check_place()
         except sqlite3.Error as error:
             raise StoreError(f"the database {self.path} did not take the write, nothing changed: {error}") from error
 

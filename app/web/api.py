@@ -85,10 +85,13 @@ def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
 async def health(request: Request) -> dict[str, Any]:
     """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
 
-    Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded.
+    Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded. `status`
+    is "failing", with the reason under `detail`, while the database is not where it was opened.
     """
-    database = services_of(request).store.path.name
-    return {"status": "ok", "core_version": CORE_VERSION, "sessions": len(_lobby(request)), "database": database}
+    store = services_of(request).store
+    known = {"core_version": CORE_VERSION, "sessions": len(_lobby(request)), "database": store.path.name}
+    fault = store.fault
+    return {"status": "ok", **known} if fault is None else {"status": "failing", "detail": fault, **known}
 
 
 @probes.get("/healthz", summary="Is the server alive?")
@@ -100,6 +103,7 @@ async def healthz() -> dict[str, str]:
 @probes.get("/readyz", summary="Can the server record a move?", responses={503: {"description": "no: `detail` says why"}})
 async def readyz(request: Request) -> dict[str, str]:
     """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second."""
+    services_of(request).store.check_place()
     await asyncio.to_thread(services_of(request).health.try_write)
     return {"status": "ok"}
 
