@@ -73,7 +73,7 @@ BATCH = "tuned: larger batches, fewer gradient steps"
 ENVIRONMENTS = "stepped together"
 SAC_WORKERS = "paper: as with the 8 workers of `runnerSAC.py`"
 FEATURES = "works: a head over features has a layer of 64 units of its own"
-ENTROPY = "works: the default wants nearly the entropy of chance"
+ENTROPY = "works: the default wants nearly the entropy of chance, which a masked policy cannot have, so its weight grows"
 MASK = "works: a move that is known to be invalid has no probability"
 CELL = "worth of a new cell in moves; 0: eq. 8"
 TWO_LAYERS = "two convolutions, one dense layer"
@@ -179,8 +179,18 @@ SETTINGS: tuple[Setting, ...] = (
     Setting("sac", "moves between gradient steps", None, "1 of every worker, default", "moves_per_update", 8, 16, SAC_WORKERS),
     Setting("sac", "moves before the first", None, "1,500, default", "learning_starts", 1500, 1500, DEFAULT),
     Setting("sac", "rate of the target networks", None, "0.005, default", "tau", 0.005, 0.005, DEFAULT),
-    Setting("sac", "first weight of the entropy", None, "1.0, default", "initial_alpha", 1.0, 0.2, ENTROPY),
-    Setting("sac", "wanted entropy, share of log 4", None, '"auto", default: 0.98', "target_entropy", 0.98, 0.1, ENTROPY),
+    Setting("sac", "first weight of the entropy", None, "1.0, default", "initial_alpha", 1.0, 0.2, ENTROPY, in_works=True),
+    Setting(
+        "sac",
+        "wanted entropy, share of log 4",
+        None,
+        '"auto", default: 0.98',
+        "target_entropy",
+        0.98,
+        0.1,
+        ENTROPY,
+        in_works=True,
+    ),
     Setting("sac", "environments", None, "8 workers in `runnerSAC.py`", "num_envs", 16, 16, ENVIRONMENTS),
     *_changes("sac"),
 )

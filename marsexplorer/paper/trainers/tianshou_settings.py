@@ -174,7 +174,7 @@ SAC_VARIANTS = Variants(
         "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
         "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
     },
-    works=("mask", "features"),
+    works=("mask", "features", "entropy"),
     tuned=("reward", "mask", "discount", "features", "entropy", "batch"),
 )
 
