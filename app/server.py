@@ -28,6 +28,7 @@ from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
+from app.protection import AllowedHosts, ForwardedHeaders, OwnPages, own_names
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -39,7 +40,7 @@ from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
 from app.web import admin, api, api_docs, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
-from app.web.errors import add_error_handlers
+from app.web.errors import add_error_handlers, answer_refusal
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
 from app.web.middleware import SecurityHeaders
 from marsexplorer.config import CORE_VERSION
@@ -93,7 +94,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    app.add_middleware(SecurityHeaders)
+    _add_protection(app, settings)
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
@@ -102,6 +103,14 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     app.mount("/static", pages.static_files, name="static")
     return app
+
+
+def _add_protection(app: FastAPI, settings: Settings) -> None:
+    """Put the middleware around the app; what is added last sees a request first."""
+    app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
+    app.add_middleware(SecurityHeaders)
+    app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)
+    app.add_middleware(AllowedHosts, names=own_names(settings.public_url, settings.host), answer=answer_refusal)
 
 
 @contextmanager

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from ipaddress import ip_network
 from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
 
-from pydantic import Field, SecretStr
+from pydantic import AfterValidator, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from marsexplorer.maps import CELL_M
@@ -26,6 +29,31 @@ DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("pla
 DEFAULT_STUDIES = DEFAULT_DATABASE.parent / "studies"
 
 
+def _checked_url(url: str) -> str:
+    """Return a public address without its default port and final slash; ValueError when it is none."""
+    try:
+        parts = urlsplit(url.strip())
+        port = parts.port
+    except ValueError:
+        parts, port = urlsplit(""), None
+    if parts.scheme not in ("http", "https") or not parts.hostname or "@" in parts.netloc or parts.query or parts.fragment:
+        raise ValueError("expected the address of the pages, like https://mars.example or https://lab.example/mars")
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    rest = "" if port in (None, {"http": 80, "https": 443}[parts.scheme]) else f":{port}"
+    return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"
+
+
+def _checked_proxy(proxy: str) -> str:
+    """Return an address or a network of a proxy as text; ValueError when it is neither."""
+    try:
+        network = ip_network(proxy.strip(), strict=False)
+    except ValueError as error:
+        raise ValueError("expected an IP address or a network like 10.0.0.0/8") from error
+    if network.prefixlen == 0:
+        raise ValueError("expected the proxy's own address or network: with everybody named, everybody could invent addresses")
+    return str(network)
+
+
 class Settings(BaseSettings):
     """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
 
@@ -36,6 +64,9 @@ class Settings(BaseSettings):
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
     maps         map_server files (YAML) to offer for play (`serve --map FILE`)
     cell_m       side of their cells in metres
+    public_url   where browsers find the pages, like https://mars.example; its host is served beside IP literals, localhost and
+                 the machine's own names
+    trusted_proxies  addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
     admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
@@ -53,6 +84,8 @@ class Settings(BaseSettings):
     policies: tuple[Path, ...] = ()
     maps: tuple[Path, ...] = ()
     cell_m: float = Field(default=CELL_M, gt=0)
+    public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
+    trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
     durable: bool = False
     admin: bool = False
     admin_password: SecretStr | None = None

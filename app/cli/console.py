@@ -67,7 +67,9 @@ def settings_of(**flags: Any) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         name = "_".join(str(part) for part in first["loc"])
-        raise click.UsageError(f"setting {name}: {first['msg'].lower()}, got {first['input']!r}") from error
+        raise click.UsageError(
+            f"setting {name}: {first['msg'].removeprefix('Value error, ').lower()}, got {first['input']!r}"
+        ) from error
 
 
 @contextmanager

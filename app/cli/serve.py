@@ -18,10 +18,20 @@ from app.cli.console import PATH, check_more, settings_of
 @click.option("--policy", "policies", type=PATH, multiple=True, help="A trained policy's file to offer; repeatable.")
 @click.option("--map", "maps", type=PATH, multiple=True, help="A map_server file (YAML) to play on; repeatable.")
 @click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@click.option("--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example.")
+@click.option(
+    "--trusted-proxy",
+    "trusted_proxies",
+    multiple=True,
+    metavar="ADDRESS",
+    help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
+)
 @click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
 @click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
 @click.argument("more", type=PATH, nargs=-1, metavar="")
-def serve(more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, ...], **given: Any) -> None:
+def serve(
+    more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, ...], trusted_proxies: tuple[str, ...], **given: Any
+) -> None:
     """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
 
     Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
@@ -34,6 +44,9 @@ def serve(more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, 
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
 
+    The server answers for IP addresses, localhost, the names of this machine and the host of --public-url. Behind a proxy,
+    --trusted-proxy names it, so that visitors are told apart; what others put into X-Forwarded headers is ignored.
+
     The operator's page /admin is open with --admin, or when MARS_ADMIN_PASSWORD holds its password; else there is none.
 
     \b
@@ -41,11 +54,14 @@ def serve(more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, 
       marsexplorer serve
       marsexplorer serve --admin
       marsexplorer serve --port 9000 --database lab.db
+      marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
       marsexplorer serve --host 0.0.0.0 --policy mine.safetensors
       marsexplorer serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
     flags = {name: value for name, value in given.items() if value is not None}
+    if trusted_proxies:
+        flags["trusted_proxies"] = trusted_proxies
     if maps:
         flags["maps"] = maps
     if policies or more:

@@ -7,8 +7,6 @@ not see a session gets the answer for an id that does not exist.
 
 from __future__ import annotations
 
-from urllib.parse import urlsplit
-
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
@@ -72,17 +70,3 @@ async def controlled_session(connection: HTTPConnection, session_id: str) -> Ses
     if not may_control(connection, session):
         raise UnknownSessionError(session_id)
     return session
-
-
-def has_own_origin(connection: HTTPConnection) -> bool | None:
-    """Return whether the Origin header names the host asked for; None without one (a browser always sends it).
-
-    A proxy may hand its own name on in X-Forwarded-Host, and a Host without a port (nginx's `$host`) speaks for any.
-    """
-    origin = connection.headers.get("origin")
-    if origin is None:
-        return None
-    came = urlsplit(origin)
-    forwarded = connection.headers.get("x-forwarded-host", "").split(",")[0].strip()
-    hosts = [host.lower() for host in (connection.headers.get("host", ""), forwarded) if host]
-    return came.netloc.lower() in hosts or (came.hostname or "") in hosts

@@ -24,17 +24,18 @@ from app.admin.recruiting import recruiting
 from app.admin.services import AdminServices
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
+from app.protection import client_address, has_own_origin
 from app.storage.reader import Reader
 from app.study.folder import Study
 from app.study.invitations import MAX_INVITATIONS, token_of
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
-from app.web.access import has_own_origin, is_operator, services_of
-from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
+from app.web.access import is_operator, services_of
+from app.web.sockets import UNKNOWN_SESSION
 from marsexplorer.config import CORE_VERSION
 
-NOT_LOGGED_IN = 4401
-"""Close code of a socket without the operator's cookie."""
+NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
+"""Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
 
 
 class Login(Message):
@@ -115,7 +116,7 @@ router = APIRouter(include_in_schema=False)
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
     """Log in: set the operator's cookie for the right password."""
     try:
-        token = _admin_of(request).login.issue(given.password, request.client.host if request.client else "")
+        token = _admin_of(request).login.issue(given.password, client_address(request))
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -268,7 +269,7 @@ async def check_database(admin: Operator) -> dict[str, Any]:
 async def watch_board(websocket: WebSocket, session_id: str) -> None:
     """Send a board's frames as they come; what the operator sends is ignored."""
     if has_own_origin(websocket) is not True:
-        await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
+        await websocket.close(NOT_OUR_PAGE, "the Origin of this page is not this server's")
         return
     if not is_operator(websocket):
         await websocket.close(NOT_LOGGED_IN, "log in at /admin first")

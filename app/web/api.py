@@ -14,9 +14,9 @@ from app.play.lobby import Lobby
 from app.play.messages import DRAWN_LEVELS, Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
 from app.play.ranked import as_new_session
 from app.play.session import SCRIPT, RefusedError, Session
+from app.protection import has_own_origin
 from app.web.access import (
     controlled_session,
-    has_own_origin,
     is_owner,
     player_of,
     remember_player,

@@ -6,6 +6,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from app.admin.login import TOKEN_S
+from app.protection import is_secure
 
 PLAYER_COOKIE = "mars_player"
 ADMIN_COOKIE = "mars_admin"
@@ -51,9 +52,3 @@ def set_admin_token(response: Response, connection: HTTPConnection, token: str) 
 def delete_admin_token(response: Response, connection: HTTPConnection) -> None:
     """Delete the operator's cookie."""
     response.delete_cookie(ADMIN_COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection))
-
-
-def is_secure(connection: HTTPConnection) -> bool:
-    """Return whether the page came by TLS, to us or to a proxy before us."""
-    forwarded = connection.headers.get("x-forwarded-proto", "").split(",")[0].strip()
-    return "https" in (connection.url.scheme, forwarded) or connection.url.scheme == "wss"

@@ -11,10 +11,11 @@ from fastapi import APIRouter, HTTPException, Path, Request, Response
 from app.daily.results import day_end_ms, describe_attempt, people_on, streak
 from app.play.daily_boards import DailyPlayedError
 from app.play.daily_terrain import day_before, seed_of
+from app.protection import has_own_origin
 from app.services import Services
 from app.storage.playground import DailyTerrain, attempts_of
 from app.storage.reader import Reader
-from app.web.access import has_own_origin, player_of, remember_player, services_of
+from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 
 router = APIRouter(prefix="/api/daily", tags=["daily"])

@@ -16,6 +16,7 @@ from app.web.middleware import HEADERS
 from app.web.templates import environment, path_of, root_of
 
 TITLES = {
+    400: "This server does not go by that name",
     403: "This is not yours to open",
     404: "There is nothing here",
     405: "This address is not used that way",
@@ -42,7 +43,7 @@ def wants_page(request: Request) -> bool:
     return "text/html" in request.headers.get("accept", "") and not path_of(request).startswith("/api/")
 
 
-def _answer(request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None) -> Response:
+def answer(request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None) -> Response:
     """Return the answer for a status: a page for a browser, else {"detail": ...}."""
     if not wants_page(request):
         return JSONResponse({"detail": detail}, status, headers)
@@ -52,6 +53,11 @@ def _answer(request: Request, status: int, detail: object, headers: Mapping[str,
     )
 
 
+def answer_refusal(request: Request, status: int, detail: str) -> Response:
+    """Return the answer to a request that the middleware refuses; what it stands outside of sets no headers, so this does."""
+    return answer(request, status, detail, HEADERS)
+
+
 def _sentence(text: str) -> str:
     """Return an error's text as a sentence."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
@@ -59,26 +65,26 @@ def _sentence(text: str) -> str:
 
 def _answer_with(status: int) -> Callable[[Request, Exception], Response]:
     """Return a handler that answers the error's text with a status."""
-    return lambda request, error: _answer(request, status, str(error))
+    return lambda request, error: answer(request, status, str(error))
 
 
 def _answer_bad_input(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    return _answer(request, 422, describe_errors(error.errors()))
+    return answer(request, 422, describe_errors(error.errors()))
 
 
 def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
-    return _answer(request, 500, FAILED, HEADERS)
+    return answer(request, 500, FAILED, HEADERS)
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 400:  # what FastAPI raises for a body that is not even text
-        return _answer(request, 422, f"{NO_BODY}, in UTF-8")
+        return answer(request, 422, f"{NO_BODY}, in UTF-8")
     detail = error.detail
     if detail in ("Not Found", "Method Not Allowed"):  # the router's own words
         detail = f"nothing answers {request.method} {request.url.path}; /docs lists every call"
         if wants_page(request) and error.status_code == 404:
             detail = f"No page has the address {request.url.path}. It may have been mistyped, or what it showed is gone."
-    return _answer(request, error.status_code, detail, error.headers)
+    return answer(request, error.status_code, detail, error.headers)

@@ -46,6 +46,7 @@ def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
     options: dict[str, Any] = {
         "ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
         "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
+        "proxy_headers": False,  # `app.protection` reads them
     }  # fmt: skip
     return uvicorn.Config(app, **{**options, **changes})
 

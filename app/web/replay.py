@@ -10,6 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
+from app.protection import is_secure
 from app.replay.animation import VideoMissingError
 from app.replay.episodes import UnknownReplayError
 from app.replay.files import MEDIA_TYPES, Format, offered
@@ -17,7 +18,6 @@ from app.replay.page import Addresses, render
 from app.replay.service import ReplayBusyError
 from app.storage.playground import watchable_session
 from app.web.access import asker_of, services_of
-from app.web.cookies import is_secure
 
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
@@ -95,6 +95,6 @@ async def replay_page(request: Request, episode_id: str) -> Response:
 def absolute_address(request: Request) -> str:
     """Return the address that was asked for, without its query, as the browser of whoever asked wrote it."""
     headers = request.headers
-    host = headers.get("x-forwarded-host", "").split(",")[0].strip() or headers.get("host", "")
+    host = headers.get("host", "")
     prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
     return f"{'https' if is_secure(request) else 'http'}://{host}{prefix}{request.url.path}"

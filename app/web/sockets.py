@@ -26,12 +26,12 @@ from app.play.messages import (
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
+from app.protection import has_own_origin
 from app.storage.store import StoreError
-from app.web.access import has_own_origin, is_owner, may_control, visible_session
+from app.web.access import is_owner, may_control, visible_session
 
 UNKNOWN_SESSION = 4404
-FOREIGN_ORIGIN = 4403
-"""Close codes of our own sockets."""
+"""Close code of our own sockets for a session that the asker may not see."""
 
 router = APIRouter()
 
@@ -39,9 +39,6 @@ router = APIRouter()
 @router.websocket("/ws/sessions/{session_id}")
 async def play_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one play socket until it leaves."""
-    if has_own_origin(websocket) is False:
-        await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
-        return
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:

@@ -8,8 +8,8 @@ from fastapi.responses import RedirectResponse, Response
 from app.play.lobby import UnknownSessionError
 from app.viewer3d.client_page import ClientPage
 from app.viewer3d.view_options import ViewOptions
-from app.web.access import has_own_origin, services_of, visible_session
-from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
+from app.web.access import services_of, visible_session
+from app.web.sockets import UNKNOWN_SESSION
 
 VIEWER_CSP = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
@@ -63,9 +63,6 @@ def client_response(request: Request, page: ClientPage, cache_control: str) -> R
 @router.websocket("/viewer/{session_id}")
 async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one browser's 3-D socket until it leaves."""
-    if has_own_origin(websocket) is False:
-        await websocket.close(FOREIGN_ORIGIN)
-        return
     try:
         session = await visible_session(websocket, session_id)
     except UnknownSessionError:

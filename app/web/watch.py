@@ -12,9 +12,9 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
-from app.web.access import asker_of, has_own_origin, player_of, services_of
+from app.web.access import asker_of, player_of, services_of
 from app.web.pages import page
-from app.web.sockets import FOREIGN_ORIGIN, UNKNOWN_SESSION
+from app.web.sockets import UNKNOWN_SESSION
 
 router = APIRouter()
 
@@ -53,9 +53,6 @@ async def watch_page(request: Request, watch_id: str) -> Response:
 @router.websocket("/ws/watch/{watch_id}")
 async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
     """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
-    if has_own_origin(websocket) is False:
-        await websocket.close(FOREIGN_ORIGIN, "the Origin of this page is not this server's")
-        return
     await websocket.accept()
     sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(watch_id, player_of(websocket))))
     try:

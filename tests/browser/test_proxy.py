@@ -57,7 +57,7 @@ def proxy(tmp_path):
 
 
 def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
-    server = serve()
+    server = serve(trusted_proxies=["127.0.0.1"])
     me = player(proxy(server.port), AS_A_PERSON, 1100, 700, ignore_https_errors=True)
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))

@@ -136,8 +136,6 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
     for attribute in ("HttpOnly", "SameSite=strict", f"Max-Age={TOKEN_S}", "Path=/"):
         assert attribute in said
     assert "Secure" not in said
-    secure = client.post("/api/admin/login", json={"password": PASSWORD}, headers={"X-Forwarded-Proto": "https"})
-    assert "Secure" in secure.headers["set-cookie"]
     value = said.split(";")[0].split("=", 1)[1]
 
     def status(cookie):
@@ -166,7 +164,8 @@ def test_another_sites_page_cannot_use_the_operators_cookie(admin):
             client.headers["Origin"] = origin
         for path, body in {**CHANGING, "login": {"password": PASSWORD}}.items():
             answer = client.post(f"/api/admin/{path}", json=body)
-            assert (answer.status_code, answer.json()["detail"][:24]) == (403, "this call must come from"), (origin, path)
+            assert answer.status_code == 403, (origin, path)
+            assert "must come from" in answer.json()["detail"]
         assert client.get("/api/admin/overview").status_code == (200 if origin is None else 403)
         with pytest.raises(InvalidStatus), admin.socket("any", client, origin or False, path="/ws/admin/sessions/"):
             pass

@@ -41,8 +41,8 @@ def recorded(path, **rest):
 
 def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolute_addresses(serve, tmp_path):
     ended, running = recorded(tmp_path / "playground.db")
-    client = serve().client()
-    answer = client.get(f"/replay/{ended}", headers={"Host": "mars.example", "X-Forwarded-Proto": "https"})
+    client = serve(public_url="https://mars.example").client()
+    answer = client.get(f"/replay/{ended}", headers={"Host": "mars.example"})
     page = Page(answer.text)
     data = json.loads(page.data)
     assert data == client.get(f"/api/episodes/{ended}/replay").json()
@@ -79,7 +79,9 @@ def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
 def test_a_name_from_outside_is_text_in_the_page_and_nothing_else(serve, tmp_path):
     script = "</script><script>alert(1)</script><b title=\"x'"
     ended, _ = recorded(tmp_path / "playground.db", driver=f"policy:{script}")
-    answer = serve().client().get(f"/replay/{ended}", headers={"Host": 'mars"><script>alert(2)</script>'})
+    client = serve(trusted_proxies=["127.0.0.1"]).client()
+    assert client.get(f"/replay/{ended}", headers={"Host": 'mars"><script>alert(2)</script>'}).status_code == 400
+    answer = client.get(f"/replay/{ended}", headers={"X-Forwarded-Prefix": '/"><script>alert(2)</script>'})
     page = Page(answer.text)
     assert json.loads(page.data)["run"]["name"] == script
     assert page.metas["og:title"].startswith(script)

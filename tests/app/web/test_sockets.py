@@ -123,8 +123,10 @@ def test_a_foreign_page_is_turned_away(server, board, path):
     assert caught.value.response.status_code == 403
 
 
-def test_a_proxys_own_name_is_no_foreign_page(server, board):
-    client, begun = board
+def test_a_proxys_own_name_is_no_foreign_page(serve):
+    server = serve(public_url="https://mars.example", trusted_proxies=["127.0.0.1"])
+    client = server.client()
+    begun = client.post("/api/sessions").json()
     own = {"origin": "https://mars.example", "X-Forwarded-Host": "mars.example"}
     with server.socket(begun["session"], client, **own) as socket:
         assert socket.receive("frame") == begun["frame"]

@@ -1,0 +1,125 @@
+"""The server answers under its own names alone, and takes a proxy's word from named proxies alone."""
+
+import socket
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from app.admin.login import MAX_WRONG_FROM_ONE
+from app.cli.main import main
+from app.settings import Settings
+
+OWN = (
+    "127.0.0.1",
+    "127.0.0.1:9000",
+    "[::1]:8000",
+    "[2001:db8::7]",
+    "10.1.2.3",
+    "localhost:8000",
+    "play.localhost",
+    "LOCALHOST.",
+    "",
+)
+FOREIGN = (
+    "evil.example",
+    "localhost.evil.example",
+    "127.0.0.1.evil.example",
+    "evil.example:8000",
+    "[",
+    "a b",
+    "@",
+    "1.2.3.4@evil",
+    "[::1",
+)
+
+
+PUBLIC = ("mars.example", "MARS.example:8443")
+MACHINE = socket.gethostname()
+
+
+def test_the_servers_own_names_are_served(serve):
+    client = serve(public_url="https://mars.example/lab").client()
+    for host in (*OWN, *PUBLIC, MACHINE, MACHINE.split(".")[0] + ".local:80"):
+        assert client.get("/api/health", headers={"Host": host}).status_code == 200, host
+
+
+def test_any_other_host_is_refused_in_words_on_every_path_and_socket(server):
+    client = server.client()
+    for host in (*FOREIGN, *PUBLIC):
+        for path in ("/", "/api/health", "/static/common/page.css"):
+            answer = client.get(path, headers={"Host": host})
+            assert answer.status_code == 400, host
+            assert "--public-url" in answer.json()["detail"]
+        assert client.get("/api/health", headers={"X-Forwarded-Host": host}).status_code == 400, host
+    page = client.get("/", headers={"Host": "evil.example", "Accept": "text/html"})
+    assert (page.status_code, "text/html" in page.headers["content-type"]) == (400, True)
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    with pytest.raises(InvalidStatus) as caught, server.socket("any", **{"X-Forwarded-Host": "evil.example"}):
+        pass
+    assert caught.value.response.status_code == 400
+
+
+def test_a_page_whose_name_was_led_here_cannot_play(server):
+    rebound = {"Host": "evil.example", "Origin": "http://evil.example"}
+    assert server.client().post("/api/sessions", headers=rebound).status_code == 400
+
+
+def guess(client, address):
+    return client.post("/api/admin/login", json={"password": "wrong-wrong"}, headers={"X-Forwarded-For": address}).status_code
+
+
+def test_wrong_guesses_cannot_be_spread_over_invented_addresses(serve):
+    """Without a named proxy the header is nothing; behind one, what stands left of the visitor's address is invented."""
+    client = serve(admin_password="correct-horse").page()
+    assert [guess(client, f"9.9.9.{number}") for number in range(MAX_WRONG_FROM_ONE + 1)] == [401] * MAX_WRONG_FROM_ONE + [429]
+
+
+def test_behind_a_named_proxy_each_visitor_is_counted_alone(serve):
+    client = serve(admin_password="correct-horse", trusted_proxies=["127.0.0.0/8", "10.0.0.7"]).page()
+    said = [guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in range(MAX_WRONG_FROM_ONE + 1)]
+    assert said == [401] * MAX_WRONG_FROM_ONE + [429]
+    assert guess(client, "5.6.7.9") == 401
+    assert [guess(client, f"2001:db8:1:2:{number}::1") for number in range(MAX_WRONG_FROM_ONE)] == [401] * MAX_WRONG_FROM_ONE
+    assert guess(client, "2001:db8:1:2:ffff::9") == 429, "a home changes its address within its /64 as it likes"
+    assert guess(client, "2001:db8:1:3::9") == 401
+
+
+def cookie_of(client, **headers):
+    return client.post("/api/sessions", headers={name.replace("_", "-"): value for name, value in headers.items()}).headers[
+        "set-cookie"
+    ]
+
+
+def test_scheme_and_host_come_from_named_proxies_alone(serve, tmp_path):
+    plain, named = (
+        serve(),
+        serve(trusted_proxies=["127.0.0.1"], public_url="http://mars.example", database=tmp_path / "second.db"),
+    )
+    assert "Secure" not in cookie_of(plain.page(), X_Forwarded_Proto="https")
+    assert "Secure" in cookie_of(named.page(), X_Forwarded_Proto="https")
+    behind = {"Origin": "http://mars.example", "X-Forwarded-Host": "mars.example"}
+    assert plain.client().post("/api/sessions", headers=behind).status_code == 400
+    assert named.client().post("/api/sessions", headers=behind).status_code == 201
+
+
+def test_the_public_address_says_that_visitors_come_by_tls(serve):
+    client = serve(public_url="https://mars.example").client()
+    assert "Secure" in cookie_of(client, Host="mars.example")
+    assert "Secure" not in cookie_of(client)
+
+
+def test_settings_that_name_no_address_are_refused_in_words(capsys):
+    for flags, sentence in (
+        (["--public-url", "mars.example"], "expected the address of the pages"),
+        (["--public-url", "https://a:b@mars.example"], "expected the address of the pages"),
+        (["--public-url", "https://[mars"], "expected the address of the pages"),
+        (["--trusted-proxy", "proxy.example"], "expected an ip address or a network"),
+        (["--trusted-proxy", "0.0.0.0/0"], "expected the proxy's own address or network"),
+        (["--trusted-proxy", "*"], "expected an ip address or a network"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["serve", *flags])
+        assert ended.value.code == 2
+        assert sentence in capsys.readouterr().err
+    settings = Settings(public_url="https://mars.example:443/lab/", trusted_proxies=["10.1.2.3/8"])
+    assert (settings.public_url, settings.trusted_proxies) == ("https://mars.example/lab", ("10.0.0.0/8",))
