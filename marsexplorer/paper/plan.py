@@ -34,12 +34,12 @@ class Budget:
     """How much is trained.
 
     moves     algorithm, or algorithm and variant -> moves of a trial of figure 4; works-no-CHANGE as works, tuned likewise
-    level     moves of a trial of figure 5
+    levels    variant -> moves of a trial of figure 5; any other variant has those of "paper"
     terrains  held-out terrains that each policy is measured on
     """
 
     moves: dict[str, int]
-    level: int
+    levels: dict[str, int]
     terrains: int
 
 
@@ -57,7 +57,7 @@ BUDGETS = {
             "sac-works": 15_000,
             "sac-tuned": 50_000,
         },
-        240_000,
+        {"paper": 240_000},
         50,
     ),
     "full": Budget(
@@ -75,7 +75,7 @@ BUDGETS = {
             "sac-works": 70_000,
             "sac-tuned": 280_000,
         },
-        2_500_000,
+        {"paper": 2_500_000, "works": 400_000},
         HELD_OUT_TERRAINS,
     ),
 }
@@ -150,16 +150,21 @@ def _moves_of(budget: Budget, algorithm: str, variant: str) -> int:
     return next((budget.moves[name] for name in names if name in budget.moves), 0)
 
 
+def _level_moves(budget: Budget, variant: str) -> int:
+    return budget.levels.get(variant, budget.levels["paper"])
+
+
 def is_full(trial: Trial) -> bool:
     """Return whether a trial has the moves of the full budget: shorter ones decide nothing about the paper."""
     budget = BUDGETS["full"]
-    return trial.moves >= (_moves_of(budget, trial.algorithm, trial.variant) if trial.level == LEVEL else budget.level)
+    wanted = _moves_of(budget, trial.algorithm, trial.variant) if trial.level == LEVEL else _level_moves(budget, trial.variant)
+    return trial.moves >= wanted
 
 
 def difficulties(request: Request) -> list[Trial]:
     """Return the trials of figure 5: PPO on each of the 12 levels."""
     return [
-        _trial(request, "ppo", variant, level, seed, BUDGETS[request.budget].level)
+        _trial(request, "ppo", variant, level, seed, _level_moves(BUDGETS[request.budget], variant))
         for seed in range(request.seeds)
         for variant in request.variants or VARIANTS["5"]
         for level in DIFFICULTIES

@@ -22,6 +22,8 @@ PICTURES = {
     "figure5": {
         "figure5-paper": "score, coverage and completion of PPO on the 12 levels against moves",
         "figure5-difficulty-paper": "what PPO reaches on the kinds of terrain, and the moves of rules and of a search there",
+        "figure5-works": "score, coverage and completion on the 12 levels of PPO as it works",
+        "figure5-difficulty-works": "what PPO reaches as it works, and the moves of rules and of a search there",
     },
     "figure6": {
         "figure6-quadrants": "how often policies, rules and untrained walks make a U and never go back",

@@ -56,7 +56,12 @@ def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
 def levels(results: Results) -> str:
     """Return the table of the policies of figure 5: PPO on the 12 levels, with the better rule's moves for the difficulty."""
     names = sorted({record.trial.level for record in results.records} - {LEVEL})
-    found = [each for level in names for each in results.trials(algorithm="ppo", variant="paper", level=level, size=SIZE)]
+    found = [
+        each
+        for variant in ("paper", "works")
+        for level in names
+        for each in results.trials(algorithm="ppo", variant=variant, level=level, size=SIZE)
+    ]
     rule = {record.trial.level: f"{record.result['best_rule_steps']:.0f}" for record in found}
     rows = [[*cells_of(row), rule[row.level]] for row in rows_of(found)]
     return as_table((*TABLE_COLUMNS, "steps of the better rule"), rows)

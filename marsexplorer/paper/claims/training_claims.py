@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims.shipped import Results
-from marsexplorer.paper.claims.verdicts import NOT_YET, NOTHING, Judgement, Values, is_above, mean_of, verdict
+from marsexplorer.paper.claims.verdicts import (
+    NOT_YET,
+    NOTHING,
+    PARTLY,
+    REPRODUCED,
+    Judgement,
+    Values,
+    is_above,
+    mean_of,
+    verdict,
+)
 from marsexplorer.paper.figures.curves import TITLES, Record
 from marsexplorer.paper.plan import is_full
 
@@ -98,21 +108,44 @@ def half(results: Results) -> Judgement:
     return decided(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
 
 
-def by_level(results: Results, name: str) -> dict[str, Values]:
+def by_level(results: Results, name: str, variant: str) -> dict[str, Values]:
     """Return a figure at the end of PPO's training for the 12 levels: float64[seeds] each; empty until all have SEEDS."""
     levels = [f"{t}-{m}-{b}" for t in TOPOLOGIES for m in MORPHOLOGIES for b in BONUSES]
-    found = {level: results.finals(name, algorithm="ppo", variant="paper", level=level, size=21) for level in levels}
+    found = {level: results.finals(name, algorithm="ppo", variant=variant, level=level, size=21) for level in levels}
     count = min(map(len, found.values()))
     return {level: values[:count] for level, values in found.items()} if count >= SEEDS else {}
 
 
-def of_levels(results: Results) -> list[Record]:
-    """Return the trials of PPO by the letter on the 12 levels."""
+def of_levels(results: Results, variant: str) -> list[Record]:
+    """Return PPO's trials of a variant on the 12 levels."""
     return [
         record
-        for level in by_level(results, "score")
-        for record in results.trials(algorithm="ppo", variant="paper", level=level)
+        for level in by_level(results, "score", variant)
+        for record in results.trials(algorithm="ppo", variant=variant, level=level)
     ]
+
+
+Measure = Callable[[dict[str, Values], dict[str, Values]], tuple[str, bool]]
+"""Final scores and coverages by level -> what they say in words, and whether the paper's statement holds of them."""
+
+
+def on_levels(results: Results, measure: Measure) -> Judgement:
+    """Return the judgement of a statement about the 12 levels, by the letter and as it works.
+
+    The letter decides. What holds of PPO as it works alone holds in part.
+    """
+    parts, verdicts = [], {}
+    for variant in ("paper", "works"):
+        scores, coverages = (by_level(results, name, variant) for name in ("score", "coverage"))
+        if scores:
+            words, holds = measure(scores, coverages)
+            one = decided(words, holds, of_levels(results, variant))
+            parts.append(f"{TITLES[variant]}: {one.measured}")
+            verdicts[variant] = one.verdict
+    if verdicts.get("paper", NOT_YET) != NOT_YET:
+        return Judgement(". ".join(parts), verdicts["paper"])
+    found = verdicts.get("works", NOT_YET)
+    return Judgement(". ".join(parts), PARTLY if found == REPRODUCED else found)
 
 
 def effect(finals: dict[str, Values], element: int) -> Values:
@@ -125,11 +158,8 @@ def effect(finals: dict[str, Values], element: int) -> Values:
     return spread
 
 
-def effects(results: Results) -> tuple[dict[str, Values], str]:
-    """Return the effects of d_t, d_m and d_b on the final score, and words with those on coverage too; empty before."""
-    scores, coverages = by_level(results, "score"), by_level(results, "coverage")
-    if not scores:
-        return {}, ""
+def effects(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[dict[str, Values], str]:
+    """Return the effects of d_t, d_m and d_b on the final score, and words with those on coverage too."""
     found = {name: effect(scores, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
     covered = {name: effect(coverages, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
     words = ", ".join(f"{name} {mean_of(found[name])} of score and {mean_of(covered[name])} of coverage" for name in found)
@@ -138,38 +168,42 @@ def effects(results: Results) -> tuple[dict[str, Values], str]:
 
 def morphology_first(results: Results) -> Judgement:
     """d_m has the largest effect on the learned policy."""
-    found, words = effects(results)
-    if not found:
-        return NOTHING
-    largest = all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
-    return decided(words, largest, of_levels(results))
+
+    def measure(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[str, bool]:
+        found, words = effects(scores, coverages)
+        return words, all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
+
+    return on_levels(results, measure)
 
 
 def morphology_degrades(results: Results) -> Judgement:
     """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
-    finals = by_level(results, "score")
-    if not finals:
-        return NOTHING
-    small, large = (np.mean([each for level, each in finals.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2"))
-    words = f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2"
-    return decided(words, is_above(small, large), of_levels(results))
+
+    def measure(scores: dict[str, Values], _: dict[str, Values]) -> tuple[str, bool]:
+        small, large = (
+            np.mean([each for level, each in scores.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2")
+        )
+        return f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", is_above(small, large)
+
+    return on_levels(results, measure)
 
 
 def hardest(results: Results) -> Judgement:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
-    finals = by_level(results, "score")
-    if not finals:
-        return NOTHING
-    wanted = {level: finals[level] for level in ("3-2-1", "3-2-2")}
-    near = all(0.6 <= values.mean() < 0.7 for values in wanted.values())
-    words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
-    return decided(f"final score: {words}", near, of_levels(results))
+
+    def measure(scores: dict[str, Values], _: dict[str, Values]) -> tuple[str, bool]:
+        wanted = {level: scores[level] for level in ("3-2-1", "3-2-2")}
+        words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
+        return f"final score: {words}", all(0.6 <= values.mean() < 0.7 for values in wanted.values())
+
+    return on_levels(results, measure)
 
 
 def bonus_little(results: Results) -> Judgement:
     """d_b does not affect the overall performance much."""
-    found, words = effects(results)
-    if not found:
-        return NOTHING
-    least = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
-    return decided(words, least, of_levels(results))
+
+    def measure(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[str, bool]:
+        found, words = effects(scores, coverages)
+        return words, all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
+
+    return on_levels(results, measure)
