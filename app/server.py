@@ -9,8 +9,9 @@ import asyncio
 import gc
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import aclosing, asynccontextmanager, closing, contextmanager
+from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from fastapi import FastAPI
 
@@ -19,6 +20,11 @@ from app.admin.login import AdminLogin
 from app.admin.services import AdminServices
 from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
+from app.monitoring.event_loop import measure_lag
+from app.monitoring.listener import metrics_served
+from app.monitoring.logs import log_as_json
+from app.monitoring.metrics import Metrics
+from app.monitoring.requests import NotedRoute, ObservedRequests
 from app.moves.service import Regrets
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
@@ -70,17 +76,20 @@ def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
 
 
 def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) -> FastAPI:
+    metrics = Metrics() if prepared.store is None else prepared.store.metrics
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         policies = prepared.policies
         if policies is None:
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
-        with _opened(settings, prepared.store) as store:
+        with _opened(settings, prepared.store, metrics) as store:
             async with aclosing(_services(settings, store, offered, prepared.sources or Sources(), login)) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
-                sweepers = [asyncio.create_task(part.sweep(), name="sweep") for part in (lobby, page_boards)]
+                running = [part.sweep() for part in (lobby, page_boards)]
+                sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]
                 t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
                 gc.collect()
                 gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
@@ -94,7 +103,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    _add_protection(app, settings)
+    _add_protection(app, settings, metrics)
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
@@ -105,21 +114,23 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     return app
 
 
-def _add_protection(app: FastAPI, settings: Settings) -> None:
+def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
     """Put the middleware around the app; what is added last sees a request first."""
+    app.add_middleware(NotedRoute)
     app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)
     app.add_middleware(AllowedHosts, names=own_names(settings.public_url, settings.host), answer=answer_refusal)
+    app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
 
 
 @contextmanager
-def _opened(settings: Settings, store: Store | None) -> Iterator[Store]:
+def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterator[Store]:
     """Yield the store that is given, or one that is open for this long."""
     if store is not None:
         yield store
         return
-    with closing(Store(settings.database, settings.durable)) as own:
+    with closing(Store(settings.database, settings.durable, metrics)) as own:
         yield own
 
 
@@ -131,6 +142,7 @@ def _services(
     folder, study_store = Folder(settings.studies), StudyStore(store)
     lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session, maps)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
+    _add_gauges(store.metrics, lobby, health)
     return Services(
         store=store,
         lobby=lobby,
@@ -150,6 +162,32 @@ def _services(
     )
 
 
+def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
+    """Let the metrics hold what can be read of the services at any time."""
+    metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
+    metrics.add_gauge("waiting_decisions", "Boards of policies that wait for a decision.", lambda: lobby.waiting_decisions)
+    metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
+    metrics.add_gauge("database_bytes", "Size of the database without its log.", health.database_bytes)
+    metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
+
+
+@contextmanager
+def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
+    """Serve the metrics on their own port where the settings name one; ServerError when it is taken."""
+    if settings.metrics_port is None:
+        yield
+        return
+    with ExitStack() as stack:
+        try:
+            address = stack.enter_context(metrics_served(metrics, settings.metrics_host, settings.metrics_port))
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            where = f"{settings.metrics_host} port {settings.metrics_port}"
+            raise ServerError(f"cannot serve metrics on {where}: {reason}; choose another with --metrics-port") from error
+        print(f"metrics for Prometheus are at {address}", flush=True)
+        yield
+
+
 @contextmanager
 def _file_errors() -> Iterator[None]:
     """Raise what is wrong with the file of a policy or a map as a ServerError."""
@@ -159,13 +197,21 @@ def _file_errors() -> Iterator[None]:
         raise ServerError(str(error)) from error
 
 
+def _log_options(settings: Settings) -> dict[str, Any]:
+    """Return the options by which uvicorn leaves the log as `log_as_json` has set it up."""
+    return {"log_config": None} if settings.log_format == "json" else {}
+
+
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C; ServerError or StoreError, before anything starts, when the server cannot."""
     try:
         login = AdminLogin.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
-    with listen(settings.host, settings.port) as sock:
+    if settings.log_format == "json":
+        log_as_json()
+    metrics = Metrics()
+    with listen(settings.host, settings.port) as sock, _metrics_served(settings, metrics):
         with _file_errors():
             for path in settings.policies:
                 describe(str(path))
@@ -174,12 +220,12 @@ def run(settings: Settings) -> None:
         with _file_errors():
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
-        with closing(Store(settings.database, settings.durable)) as store:
+        with closing(Store(settings.database, settings.durable, metrics)) as store:
             app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), login)
             if login is not None and login.drawn_password:
                 print(f"the operator's page is /admin, its password until the server stops: {login.drawn_password}", flush=True)
             sys.setswitchinterval(0.001)  # a policy that decides in a thread lets a move through within a millisecond
             try:
-                AnnouncingServer(uvicorn_config(app), address_of(sock)).run(sockets=[sock])
+                AnnouncingServer(uvicorn_config(app, **_log_options(settings)), address_of(sock)).run(sockets=[sock])
             except KeyboardInterrupt:
                 return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr
@@ -70,6 +70,9 @@ class Settings(BaseSettings):
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
     admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
+    metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
+    metrics_host  where that listener is; nobody but this machine reaches the default
+    log_format   "text", or "json" for one object a line on stderr
     idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
     abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
     """
@@ -89,5 +92,8 @@ class Settings(BaseSettings):
     durable: bool = False
     admin: bool = False
     admin_password: SecretStr | None = None
+    metrics_port: int | None = Field(default=None, ge=0, le=65535)
+    metrics_host: str = "127.0.0.1"
+    log_format: Literal["text", "json"] = "text"
     idle_s: float = Field(default=600.0, gt=0)
     abandon_after_s: float = Field(default=1800.0, gt=0)

@@ -99,6 +99,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies",
         "marsexplorer.policies.files",
     },
+    "app.monitoring": set(),
     "app.moves": {
         "app.play",
         "app.statistics",
@@ -156,6 +157,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.admin",
         "app.daily",
         "app.leaderboard",
+        "app.monitoring",
         "app.moves",
         "app.play",
         "app.protection",
@@ -206,6 +208,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.storage": {
         "app.database_file",
+        "app.monitoring",
         "marsexplorer.config",
         "marsexplorer.episode",
         "marsexplorer.files",
@@ -471,6 +474,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.cli.training": {"click", "rich", "torch"},
     "app.coverage": {"click", "numpy", "rich", "scipy"},
     "app.leaderboard": {"numpy"},
+    "app.monitoring": {"prometheus_client", "pythonjsonlogger", "starlette"},
     "app.moves": {"click", "numpy", "scipy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.protection": {"starlette", "uvicorn"},

@@ -42,6 +42,18 @@ class Health:
         """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""
         try_write(self._database)
 
+    def free_bytes(self) -> int:
+        """Return the free space of the disk that the database is on."""
+        return shutil.disk_usage(self._database.parent).free
+
+    def log_bytes(self) -> int:
+        """Return the size of the write-ahead log, which is moved into the database now and then."""
+        return _size(self._database.with_name(self._database.name + "-wal"))
+
+    def database_bytes(self) -> int:
+        """Return the size of the database's file, without its log."""
+        return _size(self._database)
+
     def state(self) -> dict[str, Any]:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""
         if self._check is None:

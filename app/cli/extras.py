@@ -13,6 +13,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "jinja2", "click", "rich", "scipy",
+        "prometheus_client", "pythonjsonlogger",
     ),
     "train": ("tensorboardX", "matplotlib", "cmaes", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),

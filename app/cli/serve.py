@@ -28,6 +28,11 @@ from app.cli.console import PATH, check_more, settings_of
 )
 @click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
 @click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
+@click.option(
+    "--metrics-port", type=click.IntRange(0, 65535), help="Serve metrics to Prometheus on this port too; 0: a free one."
+)
+@click.option("--metrics-host", help="Address for the metrics; only this machine reaches the default.  [default: 127.0.0.1]")
+@click.option("--log-format", type=click.Choice(["text", "json"]), help="json: each request too, an object a line on stderr.")
 @click.argument("more", type=PATH, nargs=-1, metavar="")
 def serve(
     more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, ...], trusted_proxies: tuple[str, ...], **given: Any
@@ -48,6 +53,10 @@ def serve(
     --trusted-proxy names it, so that visitors are told apart; what others put into X-Forwarded headers is ignored.
 
     The operator's page /admin is open with --admin, or when MARS_ADMIN_PASSWORD holds its password; else there is none.
+
+    With --metrics-port, Prometheus finds counts, latencies and the state of the disk at /metrics of that port, which is not
+    the port of the page. --log-format json logs each request with an id that its answer carries in X-Request-ID. Neither
+    names a player, a session, a participant or a token.
 
     \b
     Examples:

@@ -14,10 +14,14 @@ from weakref import WeakSet
 
 
 class Channel:
-    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners."""
+    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners.
 
-    def __init__(self) -> None:
+    count_dropped  called whenever a frame is replaced before a subscriber got it
+    """
+
+    def __init__(self, count_dropped: Callable[[], None] = lambda: None) -> None:
         self.frame = ""
+        self._count_dropped = count_dropped
         self._subscribers: WeakSet[Subscriber] = WeakSet()
         self._listeners: dict[int, Callable[[], None]] = {}
         self._listeners_added = 0
@@ -29,6 +33,10 @@ class Channel:
 
     def publish(self, frame: str) -> None:
         """Replace the frame and wake everybody."""
+        for subscriber in self._subscribers:
+            if subscriber.is_behind:
+                self._count_dropped()
+            subscriber.is_behind = True
         self.frame = frame
         self.notify()
 
@@ -62,11 +70,15 @@ class Channel:
 
 
 class Subscriber:
-    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake."""
+    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake.
+
+    is_behind  whether there is a frame that it has not been given yet
+    """
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
         self._closed = False
+        self.is_behind = bool(channel.frame)
         self._woken = asyncio.Event()
         if channel.frame:
             self._woken.set()
@@ -89,6 +101,7 @@ class Subscriber:
         if self._closed:
             raise StopAsyncIteration
         self._woken.clear()
+        self.is_behind = False
         return self._channel.frame
 
     def __enter__(self) -> Self:

@@ -35,6 +35,10 @@ class DecisionQueue:
         self._waiting: list[_Request] = []
         self._serving: asyncio.Task[None] | None = None
 
+    def __len__(self) -> int:
+        """Return how many boards wait for a decision that nobody is working on."""
+        return len(self._waiting)
+
     async def act(self, policy: Policy, observation: NDArray[np.uint8]) -> int:
         """Return the policy's action for observation uint8[rows, cols], or raise what the policy raised.
 

@@ -73,6 +73,11 @@ class Lobby:
         """Return how many sessions are in memory."""
         return len(self._groups)
 
+    @property
+    def waiting_decisions(self) -> int:
+        """Return how many boards of policies wait for a decision."""
+        return len(self._decisions)
+
     def sessions(self) -> list[Session]:
         """Return the sessions in memory, in the order they came."""
         return [group.board(session_id) for session_id, group in self._groups.items()]

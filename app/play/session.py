@@ -100,7 +100,7 @@ class Session:
         self.id = row.id
         self.participation = participation
         self.row = row
-        self.channel = Channel()
+        self.channel = Channel(store.metrics.dropped_frames.inc)
         self.pace = None if self.is_human else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
         self.number = 0
         self.fault: str | None = None
@@ -160,6 +160,7 @@ class Session:
 
     def act(self, move: Move) -> None:
         """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed."""
+        began = time.perf_counter()
         self._check_current(move.episode, move.step)
         if not self.is_human and move.driver in (HUMAN, SCRIPT):
             raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
@@ -180,6 +181,9 @@ class Session:
             self.rewind(move.step)
             raise
         self.publish_frame()
+        metrics = self._store.metrics
+        metrics.count_move(move.driver)
+        metrics.step.observe(time.perf_counter() - began)
 
     def abandon(self, episode: str, step: int, note: Callable[[], None] | None = None) -> None:
         """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction."""

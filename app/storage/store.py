@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple
 
 from app.database_file.lock import take_lock
 from app.database_file.place import FilePlace, LostDatabaseError
+from app.monitoring.metrics import Metrics
 from app.storage import chain
 from app.storage.database import StoreError, check_writable, open_database, transaction
 from app.storage.reader import Reader, config_of
@@ -139,10 +140,10 @@ _LATEST = f"""SELECT {_EPISODE} FROM sessions s
 
 
 class Store(Reader):
-    """The one writer of a database; `path` is its file."""
+    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions."""
 
-    def __init__(self, path: Path | str, durable: bool = False) -> None:
-        path = Path(path)
+    def __init__(self, path: Path | str, durable: bool = False, metrics: Metrics | None = None) -> None:
+        path, self.metrics = Path(path), metrics or Metrics()
         check_writable(path)
         self._lock = take_lock(path)
         try:
@@ -188,6 +189,7 @@ class Store(Reader):
         if self._conn.in_transaction:
             yield
             return
+        began = time.perf_counter()
         try:
             with transaction(self._conn):
                 if self._lost is not None:
@@ -196,6 +198,7 @@ class Store(Reader):
                 self._place.check()  # now the write can still be taken back
             self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
             self.check_place()
+            self.metrics.commit.observe(time.perf_counter() - began)
         except sqlite3.Error as error:
             raise StoreError(f"the database {self.path} did not take the write, nothing changed: {error}") from error
 

@@ -75,7 +75,7 @@ def _answer_bad_input(request: Request, error: Exception) -> Response:
 
 def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
-    return answer(request, 500, FAILED, HEADERS)
+    return answer(request, 500, FAILED, {**HEADERS, "X-Request-ID": request.scope.get("request_id", "")})
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:

@@ -28,7 +28,7 @@ from app.play.messages import (
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.protection import has_own_origin
 from app.storage.store import StoreError
-from app.web.access import is_owner, may_control, visible_session
+from app.web.access import is_owner, may_control, services_of, visible_session
 
 UNKNOWN_SESSION = 4404
 """Close code of our own sockets for a session that the asker may not see."""
@@ -126,8 +126,10 @@ class PlaySocket:
                 return self._expected.of(session)
             return encode_history(session.current.id, session.episode)
         except RefusedError as refusal:
+            self._count_refusal("not_current")
             return encode_refused(str(refusal), session.frame)
         except (BadMessageError, PermissionError, StoreError) as error:
+            self._count_refusal("not_written" if isinstance(error, StoreError) else "bad_message")
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:
@@ -154,6 +156,9 @@ class PlaySocket:
         except RefusedError as refusal:
             return Kept(episode=events.episode, count=0, reason=str(refusal))
         return Kept(episode=events.episode, count=len(events.events))
+
+    def _count_refusal(self, reason: str) -> None:
+        services_of(self._websocket).store.metrics.count_refusal(reason)
 
     def _check_control(self) -> None:
         if not self._may_control:

@@ -1,0 +1,65 @@
+"""The metrics of one server, in a registry of their own; `app.monitoring.listener` serves them to Prometheus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.process_collector import ProcessCollector
+
+_SHORT_S = (0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0, 5.0)
+_LONG_S = (0.001, 0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 30.0)
+"""Upper bounds of a histogram's buckets in seconds."""
+
+
+class Metrics:
+    """Counters, histograms and gauges of one server.
+
+    step            seconds from a move's check to its frame's publication, the commit included
+    commit          seconds of a transaction of the writer, from BEGIN to COMMIT
+    dropped_frames  frames that a subscriber never got, since a newer one replaced them first
+    sockets         open sockets of all kinds
+    event_loop_lag  seconds by which the event loop came back too late
+    """
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        registry = self.registry
+        ProcessCollector(registry=registry)
+        self._moves = Counter("marsexplorer_moves", "Moves that were committed.", ["driver"], registry=registry)
+        self._moves_by = {name: self._moves.labels(name) for name in ("human", "script", "policy")}
+        self.step = Histogram(
+            "marsexplorer_step_seconds", "A move, from its check to its frame.", buckets=_SHORT_S, registry=registry
+        )
+        self.commit = Histogram(
+            "marsexplorer_commit_seconds", "A transaction of the writer.", buckets=_SHORT_S, registry=registry
+        )
+        self.dropped_frames = Counter(
+            "marsexplorer_dropped_frames", "Frames that a newer one replaced before a subscriber got them.", registry=registry
+        )
+        self._requests = Counter("marsexplorer_http_requests", "Requests that were answered.", ["status"], registry=registry)
+        self._refusals = Counter(
+            "marsexplorer_refusals", "Requests, sockets and moves that were refused.", ["reason"], registry=registry
+        )
+        self.sockets = Gauge("marsexplorer_sockets", "Sockets that are open.", registry=registry)
+        self.event_loop_lag = Histogram(
+            "marsexplorer_event_loop_lag_seconds", "How late the event loop came back.", buckets=_LONG_S, registry=registry
+        )
+
+    def count_move(self, driver: str) -> None:
+        """Count a committed move of "human", "script" or "policy:NAME"."""
+        self._moves_by["policy" if driver.startswith("policy") else driver].inc()
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody sent."""
+        self._refusals.labels(reason).inc()
+
+    def count_request(self, status: int) -> None:
+        """Count an answered request; one that was refused or failed (400 and above) counts as a refusal too."""
+        self._requests.labels(str(status)).inc()
+        if status >= 400:
+            self._refusals.labels(f"http_{status}").inc()
+
+    def add_gauge(self, name: str, what: str, read: Callable[[], float]) -> None:
+        """Add a gauge `marsexplorer_NAME` whose value is read when somebody asks, in a thread of the listener."""
+        Gauge(f"marsexplorer_{name}", what, registry=self.registry).set_function(read)

@@ -1,0 +1,90 @@
+"""The log as JSON names requests and failures, and nobody."""
+
+import json
+import logging
+import re
+import secrets
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from app.monitoring.logs import _SafeFormatter, mask
+from tests.support.study import Person, freeze
+
+PASSWORD = "red-planet-4"
+
+
+def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
+    freeze(tmp_path / "studies", recruitment="open")
+    server = spawn(log_format="json", admin_password=PASSWORD)
+    secrets_of_theirs = {PASSWORD, "ada-5f1-outside", "not-a-token-of-ours"}
+    client = server.page()
+    begun = client.post("/api/sessions", json={"size": [7, 9], "rival": "frontier-cost"}).json()
+    with server.socket(begun["session"], client) as board:
+        frame = board.receive("frame")
+        board.act(frame, "east", input="key")
+        board.frame_after(0)
+        board.send("nonsense")
+        board.receive("error")
+    assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
+    assert client.get(f"/watch/{begun['watch']}").status_code == 200
+    assert client.get(f"/api/sessions/{secrets.token_urlsafe(16)}?who=not-a-token-of-ours").status_code == 404
+    with server.socket("not-a-token-of-ours", client) as stranger:
+        stranger.receive("error")
+        with pytest.raises(ConnectionClosed):
+            stranger.receive()
+    person = Person(server, client=server.page(), outside_ids={"PROLIFIC_PID": "ada-5f1-outside"})
+    person.to_tutorial()
+    session = person.call("next")["session"]
+    operator = server.page()
+    assert operator.post("/api/admin/login", json={"password": "wrong-wrong"}).status_code == 401
+    assert operator.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+    answer = operator.get("/api/admin/studies/small?token=not-a-token-of-ours")
+    assert answer.status_code == 200
+    for each in (client, person.client, operator):
+        for cookie in each.cookies.jar:
+            secrets_of_theirs |= {cookie.value, *cookie.value.split(".")}
+    secrets_of_theirs |= {session, begun["session"], begun["rival"]["session"], begun["watch"], begun["frame"]["episode"]}
+    secrets_of_theirs |= {person.where["participant"]}
+    server.process.terminate()
+    server.process.wait()
+    log = server.process.stdout.read()
+    server.close()
+    assert [secret for secret in secrets_of_theirs if len(secret) > 5 and secret in log] == []
+
+    lines = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
+    requests = {(line["method"], line["route"], line["status"]) for line in lines if line["message"] == "request"}
+    assert {
+        ("POST", "/api/sessions", 201),
+        ("GET", "/api/sessions/{session_id}", 404),
+        ("WEBSOCKET", "/ws/sessions/{session_id}", 1000),
+        ("WEBSOCKET", "/ws/sessions/{session_id}", 4404),
+        ("POST", "/api/admin/login", 401),
+    } <= requests
+    assert answer.headers["x-request-id"] in {line["request_id"] for line in lines}
+    assert all(line["ms"] > 0 and line["time"] for line in lines if line["message"] == "request")
+
+
+def test_every_answer_has_an_id_of_its_own_and_nobody_chooses_it(server):
+    client = server.client()
+    ids = [client.get(path, headers={"X-Request-ID": "mine"}).headers["x-request-id"] for path in ("/", "/healthz", "/nowhere")]
+    assert len(set(ids)) == 3
+    assert all(re.fullmatch("[0-9a-f]{16}", each) for each in ids)
+
+
+def test_a_failure_is_logged_by_its_class_and_place_and_not_by_what_somebody_sent():
+    formatter = _SafeFormatter(["message"])
+    try:
+        raise ValueError("the participant ada-5f1 was here")
+    except ValueError as error:
+        record = logging.LogRecord("app", logging.ERROR, "", 0, "failed", (), (type(error), error, error.__traceback__))
+    said = json.loads(formatter.format(record))
+    assert said["exc_info"].startswith("ValueError in test_a_failure_is_logged_by_its_class")
+    assert "ada" not in json.dumps(said)
+
+
+def test_long_ids_are_masked_and_words_are_not():
+    token = secrets.token_urlsafe(16)
+    assert mask(f"no session {token!r}; begin one") == "no session '***'; begin one"
+    assert mask(secrets.token_hex(16)) == "***"
+    assert mask("timeout_graceful_shutdown in UnknownSessionError") == "timeout_graceful_shutdown in UnknownSessionError"

@@ -1,0 +1,135 @@
+"""The metrics count what happened, on a port of their own that the page's port does not have."""
+
+import socket
+import timeit
+
+import httpx
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from app.monitoring.metrics import Metrics
+from app.server import ServerError, run
+from app.settings import Settings
+from marsexplorer.config import ACTIONS
+from marsexplorer.policies import load
+from tests.support.servers import eventually
+from tests.support.study import codes
+
+
+def read(text):
+    """Return {(name, labels without `le`): value} of all samples but buckets."""
+    return {
+        (sample.name.removeprefix("marsexplorer_"), *sample.labels.values()): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+        if "le" not in sample.labels
+    }
+
+
+@pytest.fixture
+def watched(spawn):
+    """A server in a process of its own with metrics; `watched.metrics()` reads them."""
+    server = spawn(metrics_port=0)
+    (line,) = [line for line in server.said if line.startswith("metrics")]
+    server.metrics_url = line.split()[-1]
+    server.metrics = lambda: read(httpx.get(server.metrics_url, trust_env=False, verify=False).text)
+    yield server
+    server.kill()
+
+
+def test_moves_refusals_and_sockets_are_counted(watched):
+    before = watched.metrics()
+    assert before["sessions",] == before["sockets",] == 0
+    client = watched.page()
+    begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1}).json()
+    with watched.socket(begun["session"], client) as board:
+        frame = board.receive("frame")
+        board.act(frame, "east", input="key")
+        board.frame_after(0)
+        board.act(frame, "east", input="key")
+        assert board.receive("refused")
+        board.send("nonsense")
+        board.receive("error")
+        counted = watched.metrics()
+        assert (counted["sockets",], counted["sessions",]) == (1, 1)
+    assert counted["moves_total", "human"] == counted["step_seconds_count",] == 1
+    assert 0 < counted["commit_seconds_sum",] < counted["commit_seconds_count",]
+    assert counted["commit_seconds_count",] > before["commit_seconds_count",]
+    assert counted["refusals_total", "not_current"] == counted["refusals_total", "bad_message"] == 1
+    assert client.get("/api/sessions/nobody").status_code == 404
+    after = eventually(lambda: (now := watched.metrics())["sockets",] == 0 and now)
+    assert after["refusals_total", "http_404"] == after["http_requests_total", "404"] == 1
+    assert after["disk_free_bytes",] > 0
+    assert after["database_bytes",] > 0
+    assert after["process_resident_memory_bytes",] > 1_000_000
+    assert eventually(lambda: watched.metrics()["event_loop_lag_seconds_count",] > 0)
+
+
+def test_the_metrics_are_on_their_own_port_and_on_this_machine_alone(watched):
+    assert httpx.URL(watched.metrics_url).host == "127.0.0.1"
+    port = httpx.URL(watched.metrics_url).port
+    assert port != watched.port
+    with pytest.raises(ConnectionRefusedError):  # it does not listen on every address of the machine
+        socket.create_connection(("127.0.0.2", port))
+    assert watched.client().get("/metrics").status_code == 404
+
+
+def test_without_the_flag_there_is_no_listener(spawn):
+    server = spawn()
+    assert not [line for line in server.said if "metrics" in line]
+    server.kill()
+
+
+def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(
+            ServerError, match=f"cannot serve metrics on 127.0.0.1 port {port}: .* choose another with --metrics"
+        ):
+            run(Settings(port=0, metrics_port=port, database=tmp_path / "new.db"))
+    assert not (tmp_path / "new.db").exists()
+
+
+def test_a_frame_that_a_slow_subscriber_never_got_is_counted(server):
+    client = server.page()
+    begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1}).json()
+    session = server.services.lobby.in_memory(begun["session"])
+    dropped = server.services.store.metrics.dropped_frames
+
+    def count():
+        return next(iter(dropped.collect())).samples[0].value
+
+    with session.channel.subscribe():  # it never asks
+        for _ in range(3):
+            session.publish_frame()
+    assert count() == 3, "the one it found, and the two that came before the newest"
+
+
+def test_each_server_has_its_own_counts():
+    one, other = Metrics(), Metrics()
+    one.count_move("policy:ppo")
+    assert one.registry.get_sample_value("marsexplorer_moves_total", {"driver": "policy"}) == 1
+    assert other.registry.get_sample_value("marsexplorer_moves_total", {"driver": "policy"}) == 0
+
+
+def test_counting_costs_less_than_a_twentieth_of_a_move(server):
+    """Both are measured in this run: the moves by the server's own histogram, the counting alone by timeit."""
+    client, policy = server.client(), load("frontier-cost")
+    begun = client.post("/api/sessions", json={"seed": 1}).json()
+    policy.reset(1)
+    frame = begun["frame"]
+    while frame["outcome"] is None and frame["step"] < 100:
+        answer = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[policy.act(codes(frame))]}
+        frame = client.post(f"/api/sessions/{begun['session']}/act", json=answer).json()
+    value = server.services.store.metrics.registry.get_sample_value
+    move_s = value("marsexplorer_step_seconds_sum") / value("marsexplorer_step_seconds_count")
+    other = Metrics()
+
+    def count():
+        other.count_move("script")
+        other.step.observe(move_s)
+        other.commit.observe(move_s)
+
+    counting_s = min(timeit.repeat(count, number=1000, repeat=5)) / 1000
+    print(f"a move {move_s * 1e6:.0f} us, counting it {counting_s * 1e6:.1f} us")
+    assert counting_s < move_s / 20
