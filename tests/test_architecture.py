@@ -43,7 +43,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.config",
         "marsexplorer.policies",
     },
-    "app.cli.serve": {"app.cli.console", "app.server", "app.storage"},
+    "app.cli.serve": {"app.cli.console", "app.server", "app.storage", "marsexplorer.policies.files"},
     "app.cli.study": {
         "app.cli.console",
         "app.moves",

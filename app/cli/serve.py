@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from app.cli.console import PATH, check_more, settings_of
+from marsexplorer.policies.files.card import of_paper
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -16,6 +17,7 @@ from app.cli.console import PATH, check_more, settings_of
 @click.option("--database", type=PATH, help="SQLite file to record in; made when absent.  [default: see below]")
 @click.option("--studies", type=PATH, help="Folder of studies to offer.  [default: studies, beside the default database]")
 @click.option("--policy", "policies", type=PATH, multiple=True, help="A trained policy's file to offer; repeatable.")
+@click.option("--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well.")
 @click.option("--map", "maps", type=PATH, multiple=True, help="A map_server file (YAML) to play on; repeatable.")
 @click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @click.option("--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example.")
@@ -65,16 +67,18 @@ def serve(
       marsexplorer serve --port 9000 --database lab.db
       marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
       marsexplorer serve --host 0.0.0.0 --policy mine.safetensors
+      marsexplorer serve --paper                          a2c-works, ppo-works, rainbow-works, sac-works too
       marsexplorer serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
+    of_the_paper = of_paper().values() if given.pop("paper") else ()
     flags = {name: value for name, value in given.items() if value is not None}
     if trusted_proxies:
         flags["trusted_proxies"] = trusted_proxies
     if maps:
         flags["maps"] = maps
-    if policies or more:
-        flags["policies"] = (*policies, *more)
+    if policies or more or of_the_paper:
+        flags["policies"] = (*policies, *more, *of_the_paper)
     settings = settings_of(**flags)
     from app.server import ServerError, run
     from app.storage.store import StoreError

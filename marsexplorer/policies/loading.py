@@ -8,7 +8,7 @@ from pathlib import Path
 
 from marsexplorer.config import MAX_RADIUS
 from marsexplorer.policies.base import Policy, PolicyNotFoundError
-from marsexplorer.policies.files.card import SUFFIX, read_card, shipped
+from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, shipped
 from marsexplorer.policies.files.extras import check_extra
 from marsexplorer.policies.files.formats import PAPER_FORMAT, PAPER_NETWORK_FORMAT
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
@@ -71,7 +71,7 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
 
 def find_file(name: str) -> Path:
     """Return the file that a name or path stands for; PolicyNotFoundError when there is none."""
-    by_name = shipped().get(name)
+    by_name = shipped().get(name) or of_paper().get(name)
     if by_name is not None:
         return by_name
     path = Path(name)
@@ -79,7 +79,9 @@ def find_file(name: str) -> Path:
         return path
     if path.suffix in FILE_SUFFIXES or path.name != name:
         raise PolicyNotFoundError(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
-    raise PolicyNotFoundError(f'no policy "{name}" in data/policies; choose one of: {", ".join(names())}, or give a path')
+    raise PolicyNotFoundError(
+        f'no policy "{name}" in data/policies; choose one of: {", ".join((*names(), *of_paper()))}, or give a path'
+    )
 
 
 def is_rule(name: str) -> bool:

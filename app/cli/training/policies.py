@@ -30,8 +30,9 @@ def policies() -> None:
 def list_policies() -> None:
     """List the policies that load by name."""
     from marsexplorer.policies import describe, names
+    from marsexplorer.policies.files.card import of_paper
 
-    print_table("Policies", ("name", "what it is"), [(name, describe(name)) for name in names()])
+    print_table("Policies", ("name", "what it is"), [(name, describe(name)) for name in (*names(), *of_paper())])
 
 
 @policies.command()

@@ -31,6 +31,14 @@ def shipped() -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
 
 
+def of_paper() -> dict[str, Path]:
+    """Return the files of the policies that the paper's four algorithms trained (docs/paper.md), by name: their stem.
+
+    They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers them.
+    """
+    return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
+
+
 POLICY_ADVICE = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
 
 

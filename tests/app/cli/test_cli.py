@@ -301,10 +301,12 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     monkeypatch.setenv("MARS_HOST", "::1")
     assert run("serve", "--port", "9", "--database", tmp_path / "a.db", "--policy", "a.b", "c.d", "--durable")[0] == 0
     assert run("serve")[0] == 0
-    first, second = seen
+    assert run("serve", "--paper")[0] == 0
+    first, second, third = seen
     assert (first.host, first.port, first.database, first.durable) == ("::1", 9, tmp_path / "a.db", True)
     assert first.policies == (Path("a.b"), Path("c.d"))
     assert (second.port, second.database, second.durable, second.policies) == (8000, DEFAULT_DATABASE, False, ())
+    assert [path.stem for path in third.policies] == ["a2c-works", "ppo-works", "rainbow-works", "sac-works"]
 
 
 def heed_control_c():

@@ -12,6 +12,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from marsexplorer.policies.files.card import of_paper
 from marsexplorer.policies.network.batch import shared_net
 from marsexplorer.policies.network.paper_network import make_network
 from marsexplorer.policies.network.paper_policy import save_paper_network
@@ -216,6 +217,15 @@ def test_a_network_of_the_papers_rainbow_plays_as_a_rival(serve, tmp_path):
     rival = begun["rival"]["session"]
     eventually(lambda: steps(client, rival) == 4)
     assert bytes(episode.actions) == server.services.store.resume_session(rival).actions
+
+
+def test_policies_of_the_papers_algorithms_play_as_rivals(serve):
+    client = serve(policies=PolicyCatalogue(of_paper().values())).client()
+    for name in of_paper():
+        begun = client.post("/api/sessions", json={"size": 21, "rival": name, "seed": 7}).json()
+        body = {"episode": begun["frame"]["episode"], "step": 0, "action": "south"}
+        assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] is None
+        eventually(lambda rival=begun["rival"]["session"]: steps(client, rival) == 1)
 
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
