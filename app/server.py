@@ -90,6 +90,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [part.sweep() for part in (lobby, page_boards)]
                 sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]
+                store.refuse_when_locked()
                 t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
                 gc.collect()
                 gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
@@ -166,6 +167,7 @@ def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     """Let the metrics hold what can be read of the services at any time."""
     metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
     metrics.add_gauge("waiting_decisions", "Boards of policies that wait for a decision.", lambda: lobby.waiting_decisions)
+    metrics.add_gauge("waiting_writes", "Writes that wait for another program's lock.", lambda: len(lobby.store.writes))
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
     metrics.add_gauge("database_bytes", "Size of the database without its log.", health.database_bytes)
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)

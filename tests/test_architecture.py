@@ -113,6 +113,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.score",
     },
     "app.play": {
+        "app.database_file",
         "app.storage",
         "marsexplorer.config",
         "marsexplorer.episode",

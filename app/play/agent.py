@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from app.database_file.write_queue import LONGEST_PAUSE_S, DatabaseLockedError
 from app.play.decision_queue import DecisionQueue
 from app.play.messages import encode_thought
 from app.play.replays import restore_episode
@@ -72,6 +73,8 @@ class Agent:
                     await self._sleep(delay)
                     continue
                 self._move()
+            except DatabaseLockedError:
+                await asyncio.sleep(LONGEST_PAUSE_S)
             except Exception as error:
                 _log.exception("the policy %s failed", self._session.row.driver_name)
                 self._single_moves, self._prepared_for, self._decided = 0, None, None

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from app.database_file.write_queue import WriteQueue
 from app.play.attestation import Attested, Conditions, attest_stored, key_map_of, level_reaches
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
@@ -115,6 +116,11 @@ class Session:
         self._clock = clock
 
     @property
+    def writes(self) -> WriteQueue:
+        """Return the queue of writes that wait while another program has locked the database."""
+        return self._store.writes
+
+    @property
     def is_human(self) -> bool:
         """Return whether no policy drives this board."""
         return self.row.driver_name == HUMAN
@@ -164,21 +170,23 @@ class Session:
         self._check_current(move.episode, move.step)
         if not self.is_human and move.driver in (HUMAN, SCRIPT):
             raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
-        reward, before = self.episode.step(move.action), self.current
+        before = self.current
         is_deviation = move.driver == SCRIPT and self.current.driver == HUMAN
-        if is_deviation:
-            self.current = dataclasses.replace(before, driver=SCRIPT)
         try:
             with self._store.transaction():
-                if is_deviation and self.participation is not None:
-                    self.participation.note_script(self.current.id)
+                reward = self.episode.step(move.action)
+                if is_deviation:
+                    self.current = dataclasses.replace(before, driver=SCRIPT)
+                    if self.participation is not None:
+                        self.participation.note_script(self.current.id)
                 row = self._step_row(move, reward)
                 self._store.add_step(row)
                 if self.episode.ended:
                     self._close(row.server_ms)
         except BaseException:
             self.current = before
-            self.rewind(move.step)
+            if self.episode.steps != move.step:
+                self.rewind(move.step)
             raise
         self.publish_frame()
         metrics = self._store.metrics

@@ -31,6 +31,7 @@ from app.study.invitations import MAX_INVITATIONS, token_of
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import is_operator, services_of
+from app.web.middleware import WaitingRoute
 from app.web.sockets import UNKNOWN_SESSION
 from marsexplorer.config import CORE_VERSION
 
@@ -109,7 +110,7 @@ def _study(admin: AdminServices, name: str) -> Study:
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
-router = APIRouter(include_in_schema=False)
+router = APIRouter(include_in_schema=False, route_class=WaitingRoute)
 
 
 @router.post("/api/admin/login", dependencies=[Depends(check_page)])

@@ -23,10 +23,11 @@ from app.web.access import (
     services_of,
     visible_session,
 )
+from app.web.middleware import WaitingRoute
 from app.web.sockets import as_move
 from marsexplorer.config import ALL_LEVELS, CORE_VERSION
 
-router = APIRouter(prefix="/api")
+router = APIRouter(prefix="/api", route_class=WaitingRoute)
 probes = APIRouter(tags=["server"])
 """Whether the server is alive, and whether it can record a move, for whatever watches over it."""
 Id = Annotated[str | None, Query(max_length=128)]

@@ -17,8 +17,9 @@ from app.storage.playground import DailyTerrain, attempts_of
 from app.storage.reader import Reader
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.middleware import WaitingRoute
 
-router = APIRouter(prefix="/api/daily", tags=["daily"])
+router = APIRouter(prefix="/api/daily", tags=["daily"], route_class=WaitingRoute)
 Day = Annotated[str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])]
 
 

@@ -16,9 +16,10 @@ from app.statistics.human_level import human_level
 from app.storage.export import export_table
 from app.storage.reader import Reader
 from app.web.access import player_of, services_of
+from app.web.middleware import WaitingRoute
 from marsexplorer.episode import Record
 
-router = APIRouter(prefix="/api")
+router = APIRouter(prefix="/api", route_class=WaitingRoute)
 Who = Literal["all", "human"]
 
 

@@ -104,23 +104,27 @@ class PlaySocket:
                 size = len(message.get("bytes") or b"")
                 answer: str | None = encode_error(f"a message must be JSON in a text frame, got {size} binary bytes")
             else:
-                answer = self._answer(text)
+                answer = await self._answer(text)
             if answer is not None:
                 with contextlib.suppress(
                     WebSocketDisconnect, RuntimeError
                 ):  # whoever has gone: what they had sent counts still
                     await self._websocket.send_text(answer)
 
-    def _answer(self, text: str) -> str | None:
-        """Return the answer to a message; None for an act that was made, since its frame is the answer."""
-        session = self._session
+    async def _answer(self, text: str) -> str | None:
+        """Return the answer to a message; None for an act that was made, since its frame is the answer.
+
+        Acts and events wait while another program has locked the database, and so does what this socket sends after them.
+        """
+        session, writes = self._session, self._session.writes
         try:
             message = parse_message(text)
             if isinstance(message, Events):
-                return self._keep(message).model_dump_json()
+                return (await self._keep(message)).model_dump_json()
             if isinstance(message, Act):
                 self._check_control()
-                session.act(as_move(message, self._driver(message)))
+                move = as_move(message, self._driver(message))
+                await writes.run(lambda: session.act(move), self._notice)
                 return None
             if isinstance(message, ExpectedRequest):
                 return self._expected.of(session)
@@ -144,13 +148,18 @@ class PlaySocket:
         )
         return HUMAN if is_human else SCRIPT
 
-    def _keep(self, events: Events) -> Kept:
+    async def _notice(self, text: str) -> None:
+        """Send a sentence to whoever is still there."""
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            await self._websocket.send_text(encode_error(text))
+
+    async def _keep(self, events: Events) -> Kept:
         """Store input events and return how many are kept: all, none for a reason, or none for now."""
         try:
             self._check_control()
             if not (self._is_owner and self._is_page):
                 raise RefusedError("input events are kept of the board's own player, on this server's page, and of nobody else")
-            self._session.keep_events(events)
+            await self._session.writes.run(lambda: self._session.keep_events(events))
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
         except RefusedError as refusal:

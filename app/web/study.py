@@ -21,10 +21,11 @@ from app.study.supervision import supervised_until_ms
 from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.middleware import WaitingRoute
 from app.web.results import regret_of
 from app.web.study_messages import AbandonEpisode, Advance, Answers, ConsentAnswer, Join, OperatorCode, ParticipantSettings
 
-router = APIRouter(prefix="/api/studies", tags=["studies"])
+router = APIRouter(prefix="/api/studies", tags=["studies"], route_class=WaitingRoute)
 Name = Annotated[str, Path(max_length=100, description="of the study")]
 Index = Annotated[int, Path(ge=0, le=10_000)]
 

@@ -13,10 +13,11 @@ from fastapi.responses import RedirectResponse, Response
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
 from app.web.access import asker_of, player_of, services_of
+from app.web.middleware import WaitingRoute
 from app.web.pages import page
 from app.web.sockets import UNKNOWN_SESSION
 
-router = APIRouter()
+router = APIRouter(route_class=WaitingRoute)
 
 
 @router.get("/api/watch/{watch_id}", tags=["play"], summary="Watch a board of the playground")
