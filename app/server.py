@@ -34,7 +34,7 @@ from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
-from app.protection import AllowedHosts, ForwardedHeaders, OwnPages, own_names
+from app.protection import AllowedHosts, ForwardedHeaders, OwnPages, SecurityHeaders, own_names
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -48,7 +48,7 @@ from app.viewer3d.viewer import Viewer
 from app.web import admin, api, api_docs, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers, answer_refusal
 from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
-from app.web.middleware import SecurityHeaders
+from app.web.middleware import BodyLimit
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.policies import describe
@@ -118,6 +118,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
 def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
     """Put the middleware around the app; what is added last sees a request first."""
     app.add_middleware(NotedRoute)
+    app.add_middleware(BodyLimit)
     app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)

@@ -478,7 +478,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.monitoring": {"prometheus_client", "pythonjsonlogger", "starlette"},
     "app.moves": {"click", "numpy", "scipy"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
-    "app.protection": {"starlette", "uvicorn"},
+    "app.protection": {"secure", "starlette", "uvicorn"},
     "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},
     "app.replay": {"PIL", "av", "jinja2", "markupsafe", "numpy"},
     "app.report": {"jinja2", "matplotlib", "numpy"},

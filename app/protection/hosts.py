@@ -45,6 +45,11 @@ def is_literal(name: str) -> bool:
     return True
 
 
+def is_loopback(name: str) -> bool:
+    """Return whether a name leads to the browser's own machine, whatever a name server says."""
+    return name == "localhost" or name.endswith(".localhost") or (is_literal(name) and ip_address(name).is_loopback)
+
+
 class AllowedHosts:
     """Refuses with 400 what asks for a host that is not the server's: in Host, or in X-Forwarded-Host, whoever sent it.
 

@@ -5,7 +5,10 @@ One page serves all boards: the name of its frame says which board it shows (`st
 
 from __future__ import annotations
 
+import base64
 import gzip
+import hashlib
+import re
 import zlib
 from dataclasses import dataclass
 from functools import cache
@@ -30,11 +33,15 @@ STYLE = (
 
 @dataclass(frozen=True)
 class ClientPage:
-    """The page as bytes, plain and gzipped, and its version, which changes with viser's and with the page's content."""
+    """The page as bytes, plain and gzipped, and its version, which changes with viser's and with the page's content.
+
+    script_hashes   of the scripts inside the page, as a Content-Security-Policy names them ("sha256-...")
+    """
 
     html: bytes
     zipped: bytes
     version: str
+    script_hashes: tuple[str, ...]
 
     @property
     def etag(self) -> str:
@@ -48,4 +55,10 @@ class ClientPage:
         scripts = "".join(f"<script>{path.read_text()}</script>" for path in SCRIPTS)
         head = f"<head><style>{STYLE}</style>{scripts}"
         html = CLIENT_PAGE.read_bytes().replace(b"<head>", head.encode(), 1)
-        return cls(html, gzip.compress(html, 9, mtime=0), f"{PROTOCOL}-{zlib.crc32(html):08x}")
+        hashes = tuple(_hash_of(found[1]) for found in re.finditer(rb"<script\b[^>]*>(.*?)</script>", html, re.DOTALL))
+        return cls(html, gzip.compress(html, 9, mtime=0), f"{PROTOCOL}-{zlib.crc32(html):08x}", hashes)
+
+
+def _hash_of(script: bytes) -> str:
+    """Return the hash of a script as a Content-Security-Policy names it."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}"

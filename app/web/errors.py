@@ -11,8 +11,8 @@ from starlette.exceptions import HTTPException
 
 from app.play.lobby import UnknownSessionError
 from app.play.validation import NO_BODY, describe_errors
+from app.protection.headers import headers_of
 from app.storage.store import StoreError
-from app.web.middleware import HEADERS
 from app.web.templates import environment, path_of, root_of
 
 TITLES = {
@@ -55,7 +55,7 @@ def answer(request: Request, status: int, detail: object, headers: Mapping[str, 
 
 def answer_refusal(request: Request, status: int, detail: str) -> Response:
     """Return the answer to a request that the middleware refuses; what it stands outside of sets no headers, so this does."""
-    return answer(request, status, detail, HEADERS)
+    return answer(request, status, detail, headers_of(request))
 
 
 def _sentence(text: str) -> str:
@@ -75,7 +75,7 @@ def _answer_bad_input(request: Request, error: Exception) -> Response:
 
 def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
-    return answer(request, 500, FAILED, {**HEADERS, "X-Request-ID": request.scope.get("request_id", "")})
+    return answer(request, 500, FAILED, {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")})
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:

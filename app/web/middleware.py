@@ -1,4 +1,4 @@
-"""What surrounds every answer: headers that keep a browser to our own files, and a limit on the size of a body."""
+"""What surrounds every request beside `app.protection`: a limit on the size of a body."""
 
 from __future__ import annotations
 
@@ -7,23 +7,12 @@ from typing import Any
 
 from fastapi import HTTPException, Request, Response
 from fastapi.routing import APIRoute
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.play.messages import MAX_MESSAGE_BYTES
 from app.web.access import services_of
-
-PAGE_CSP = (
-    "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self'; frame-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'self'; object-src 'none'"
-)
-HEADERS = {
-    "content-security-policy": PAGE_CSP,
-    "x-content-type-options": "nosniff",
-    "referrer-policy": "same-origin",
-    "cache-control": "no-cache",
-}
 
 
 class WaitingRoute(APIRoute):
@@ -39,8 +28,8 @@ class WaitingRoute(APIRoute):
         return handle_when_free
 
 
-class SecurityHeaders:
-    """Adds HEADERS where an answer has none of its own, and refuses bodies over MAX_MESSAGE_BYTES with 413."""
+class BodyLimit:
+    """Refuses bodies over MAX_MESSAGE_BYTES with 413."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -49,19 +38,11 @@ class SecurityHeaders:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-
-        async def send_guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in HEADERS.items():
-                    headers.setdefault(name, value)
-            await send(message)
-
         length = Headers(scope=scope).get("content-length", "0")
         if length.isdigit() and int(length) > MAX_MESSAGE_BYTES:
-            await JSONResponse({"detail": _too_large(int(length))}, 413)(scope, receive, send_guarded)
+            await JSONResponse({"detail": _too_large(int(length))}, 413)(scope, receive, send)
             return
-        await self._app(scope, _capped(receive), send_guarded)
+        await self._app(scope, _capped(receive), send)
 
 
 def _too_large(size: int) -> str:

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 
+from app.protection import NO_CACHE, page_policy
 from app.settings import STATIC
 from app.web import api_docs
-from app.web.middleware import PAGE_CSP
 from app.web.templates import environment, root_of
 
-ADMIN_CSP = PAGE_CSP.replace("frame-ancestors 'self'", "frame-ancestors 'none'")
+ADMIN_CSP = page_policy(framed="'none'")
 """The operator's page stands in no frame: nobody can be made to press a button that they do not see."""
 
 router = APIRouter(include_in_schema=False)
 admin_router = APIRouter(include_in_schema=False)
 """The operator's page, for a server that has one."""
 
-static_files = StaticFiles(directory=STATIC)
+
+class PageFiles(StaticFiles):
+    """The files of `static/`, which are the same for everybody."""
+
+    def file_response(self, *arguments: Any, **named: Any) -> Response:
+        """Return a file, or 304 where the browser has this version."""
+        response = super().file_response(*arguments, **named)
+        response.headers.update(NO_CACHE)
+        return response
+
+
+static_files = PageFiles(directory=STATIC)
 
 
 def page(request: Request, name: str, headers: dict[str, str] | None = None) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
     text = environment.get_template(f"{name}/index.html").render(root=root_of(request))
-    return HTMLResponse(text, headers=headers)
+    return HTMLResponse(text, headers=NO_CACHE if headers is None else headers)
 
 
 @router.get("/")
@@ -72,7 +85,7 @@ async def me_page(request: Request) -> Response:
 @router.get("/docs")
 async def docs_page(request: Request) -> Response:
     """Serve the documentation of the API."""
-    return HTMLResponse(api_docs.render_docs(request.app.openapi()))
+    return HTMLResponse(api_docs.render_docs(request.app.openapi()), headers=NO_CACHE)
 
 
 @admin_router.get("/admin")

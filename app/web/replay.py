@@ -10,7 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from app.protection import is_secure
+from app.protection import SHARED, is_secure
 from app.replay.animation import VideoMissingError
 from app.replay.episodes import UnknownReplayError
 from app.replay.files import MEDIA_TYPES, Format, offered
@@ -71,7 +71,7 @@ async def replay_file(request: Request, episode_id: str, form: Format, ghost: Po
         content = await replays.file(episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker)
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
-    headers = {"Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"'}
+    headers = {"Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"', **SHARED}
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 
 

@@ -6,16 +6,11 @@ from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from app.play.lobby import UnknownSessionError
+from app.protection import viewer_policy
 from app.viewer3d.client_page import ClientPage
 from app.viewer3d.view_options import ViewOptions
 from app.web.access import services_of, visible_session
 from app.web.sockets import UNKNOWN_SESSION
-
-VIEWER_CSP = (
-    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
-    "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; connect-src 'self' blob: data:; "
-    "frame-ancestors 'self'"
-)
 
 router = APIRouter(include_in_schema=False)
 
@@ -49,9 +44,7 @@ def client_response(request: Request, page: ClientPage, cache_control: str) -> R
         "ETag": page.etag,
         "Cache-Control": cache_control,
         "Vary": "Accept-Encoding",
-        "Content-Security-Policy": VIEWER_CSP,
-        "X-Content-Type-Options": "nosniff",
-        "Referrer-Policy": "same-origin",
+        "Content-Security-Policy": viewer_policy(page.script_hashes),
     }
     if request.headers.get("if-none-match") == page.etag:
         return Response(status_code=304, headers=headers)
