@@ -1,13 +1,26 @@
-"""Files and folders that appear whole or not at all: written under another name, then renamed."""
+"""Files and folders that appear whole or not at all: written under another name, then renamed. Cells of CSV files."""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+_FORMULA = re.compile(r"[=@＝＠\t\r\n]|[+＋－-](?![\w.-]*\Z)")
+"""How a text begins that a spreadsheet would run. A number with its sign is none, and neither is an id that begins with "-"."""
+
+
+def to_cell(value: Any) -> Any:
+    """Return a value as a cell of a CSV file: text that a spreadsheet would run as a formula begins with an apostrophe.
+
+    Numbers stay numbers. Spreadsheets hide the apostrophe; a program that wants the text itself reads the JSON Lines, the
+    Parquet or the database beside the CSV, where nothing is changed.
+    """
+    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
 
 
 @contextmanager

@@ -513,6 +513,7 @@ LIBRARIES: dict[str, set[str]] = {
     "marsexplorer.policies.frontier": {"numpy"},
     "marsexplorer.policies.guard": {"numpy"},
     "marsexplorer.policies.kernels": {"numpy"},
+    "marsexplorer.policies.loading": {"numpy"},
     "marsexplorer.policies.network": {"numpy", "onnx", "torch"},
     "marsexplorer.policies.planner": {"numpy"},
     "marsexplorer.policies.priced": {"numpy"},

@@ -307,7 +307,12 @@ def encode_history(episode_id: str, episode: Episode) -> str:
 
 
 def encode_thought(episode_id: str, step: int, probabilities: Sequence[float], value: float) -> str:
-    """Return a policy's thought about the frame of `step` as JSON text; a value that is no number becomes null."""
+    """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
+
+    "" where a probability is none: NaN is no JSON, and such a thought says nothing.
+    """
+    if not all(map(isfinite, probabilities)):
+        return ""
     thought = {
         "kind": "thought",
         "episode": episode_id,

@@ -19,6 +19,7 @@ from app.storage.connection import rows
 from app.storage.reader import record_of
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, replay
+from marsexplorer.files import to_cell
 
 TableRow = dict[str, Any]
 ROWS_PER_GROUP = 20_000
@@ -110,7 +111,9 @@ class CsvTable(TableFile):
 
     def add(self, row: TableRow) -> None:
         """Write a row."""
-        self._table.writerow({name: str(value).lower() if isinstance(value, bool) else value for name, value in row.items()})
+        self._table.writerow(
+            {name: str(value).lower() if isinstance(value, bool) else to_cell(value) for name, value in row.items()}
+        )
 
 
 class JsonLines(TableFile):

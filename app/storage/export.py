@@ -20,7 +20,7 @@ from app.storage.reader import Reader, Who, cells_of, config_of, now_ms
 from app.storage.resimulation import simulate
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
-from marsexplorer.files import write_whole
+from marsexplorer.files import to_cell, write_whole
 from marsexplorer.score import steps_to_target
 
 ExportTable = Literal["episodes", "steps"]
@@ -166,7 +166,7 @@ def _encoded(values: list[tuple[Any, ...]], fmt: ExportFormat) -> bytes:
     out = io.StringIO()
     if fmt == "csv":
         words = {True: "true", False: "false"}
-        plain = ([words[v] if isinstance(v, bool) else v for v in line] for line in values)
+        plain = ([words[v] if isinstance(v, bool) else to_cell(v) for v in line] for line in values)
         csv.writer(out, lineterminator="\n").writerows(plain)
         return out.getvalue().encode()
     names = EPISODE_COLUMNS if len(values[0]) == len(EPISODE_COLUMNS) else STEP_COLUMNS

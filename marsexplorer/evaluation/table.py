@@ -16,6 +16,7 @@ import numpy as np
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation.episodes import INFORMED, Result, horizon
 from marsexplorer.evaluation.intervals import Floats, t_interval, t_quantile
+from marsexplorer.files import to_cell
 
 RULES = ("frontier-cost", "frontier-utility")
 """The rule policies; the one of the fewest mean steps is the reference of the comparisons."""
@@ -117,7 +118,7 @@ class EvaluationTable:
             for against in ("rule", INFORMED):
                 found = self.compared(row, against)
                 cells += [getattr(found, name) if found else "" for name in fields]
-            writer.writerow(cells)
+            writer.writerow(map(to_cell, cells))
         return text.getvalue()
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from pathlib import Path
 
-from marsexplorer.config import MAX_RADIUS
+import numpy as np
+
+from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
 from marsexplorer.policies.base import Policy, PolicyNotFoundError
-from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, shipped
+from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
 from marsexplorer.policies.files.extras import check_extra
 from marsexplorer.policies.files.formats import PAPER_FORMAT, PAPER_NETWORK_FORMAT
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
@@ -66,7 +69,29 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
         return BUILT_IN[name][0](sensor_radius)
     path = find_file(name)
     loaders = {".zip": _load_sb3, ".onnx": _load_onnx}
-    return loaders.get(path.suffix, _load_safetensors)(path, sensor_radius)
+    policy = loaders.get(path.suffix, _load_safetensors)(path, sensor_radius)
+    if path not in shipped().values():  # tests try those
+        try_out(policy, path)
+    return policy
+
+
+def try_out(policy: Policy, path: Path) -> None:
+    """Let a policy of a file decide once; PolicyFileError where its probabilities or its value are no finite numbers.
+
+    Weights can be finite and their sums not: a file of such weights would play by chance, and its numbers are no JSON.
+    A value of NaN is that of a policy without one (`has_value`).
+    """
+    rows, cols = getattr(policy, "size", None) or (5, 5)
+    codes = np.full((rows, cols), UNKNOWN, np.uint8)
+    codes[:3, :3], codes[0, 0] = FREE, ROVER
+    with np.errstate(all="ignore"):
+        policy.reset(0)
+        policy.act(codes)
+        probabilities, value = getattr(policy, "thought", lambda: (np.zeros(4), math.nan))()
+    is_value = math.isfinite(value) or (math.isnan(value) and not getattr(policy, "has_value", False))
+    if not np.isfinite(probabilities).all() or not is_value:
+        raise refuse(path, "finite numbers from a first decision", "others")
+    policy.reset(0)
 
 
 def find_file(name: str) -> Path:

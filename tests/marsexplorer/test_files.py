@@ -1,6 +1,9 @@
+import re
+from pathlib import Path
+
 import pytest
 
-from marsexplorer.files import replace_whole, write_whole
+from marsexplorer.files import replace_whole, to_cell, write_whole
 
 
 def names(folder):
@@ -72,3 +75,37 @@ def test_a_folder_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(RuntimeError):
         fail()
     assert names(tmp_path) == []
+
+
+def test_a_spreadsheet_runs_no_cell():
+    for text in (
+        "=1+1",
+        "=cmd|' /C calc'!A0",
+        "+1+cmd|'x'!A",
+        "-2+3",
+        "@SUM(A1)",
+        "\t=1",
+        "\r=1",
+        "\n=1",
+        "＝1",
+        "-(1)",
+        "- 1",
+    ):
+        assert to_cell(text) == "'" + text
+
+
+def test_numbers_and_ids_are_cells_as_they_are():
+    for value in (-5, -0.5, 1e-9, None, True, "", "-5", "+1.5e-3", "-0.25", "-aB_9-x", "plain", "a=1", "'=1"):
+        assert to_cell(value) is value
+
+
+def test_every_module_that_writes_csv_writes_its_cells_this_way():
+    root = Path(__file__).parents[2]
+    writers = [path for top in ("app", "marsexplorer") for path in (root / top).rglob("*.py") if "csv." in path.read_text()]
+    writers = [path for path in writers if re.search(r"csv\.(Dict)?[wW]riter", path.read_text())]
+    assert len(writers) >= 6
+    assert [
+        str(path)
+        for path in writers
+        if "to_cell(" not in re.sub(r"import .*", "", path.read_text()) and "to_cell," not in path.read_text()
+    ] == []

@@ -126,10 +126,11 @@ def _uses(database: Path, name: str) -> dict[str, Use]:
 
 def _write_csv(path: Path, study: Study, rows: list[tuple[str, ...]]) -> None:
     """Write the table for its owner alone: whoever reads a link can take part with it."""
-    from marsexplorer.files import write_whole
+    from marsexplorer.files import to_cell, write_whole
 
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([("id", "state", "participant", "link"), *rows])
+    table = [("id", "state", "participant", "link"), *rows]
+    csv.writer(text, lineterminator="\n").writerows(map(to_cell, row) for row in table)
     try:
         with write_whole(path) as file:
             os.fchmod(file.fileno(), 0o600)

@@ -121,13 +121,16 @@ def _run(runs: list[SweepRun], out: Path, address: str) -> list[SweepResult]:
 
 
 def _csv(results: list[SweepResult]) -> str:
+    from marsexplorer.files import to_cell
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])
     for each in results:
         run = each.run
         where = (run.config["level"], run.config["rows"], run.config["cols"])
-        writer.writerow([run.name, run.recipe, *where, run.seed, run.steps, *_figures(each), each.error])
+        cells = (run.name, run.recipe, *where, run.seed, run.steps, *_figures(each), each.error)
+        writer.writerow(map(to_cell, cells))
     return text.getvalue()
 
 

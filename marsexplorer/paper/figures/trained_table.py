@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.files import write_whole
+from marsexplorer.files import to_cell, write_whole
 from marsexplorer.paper.figures.curves import NAMES, TITLES, Record, count_text, grouped
 
 MEASURES = ("score", "coverage", "completion", "steps", "ratio")
@@ -125,7 +125,7 @@ def write_table(rows: Sequence[Row], path: Path) -> list[Path]:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(flat[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(flat)
+    writer.writerows({name: to_cell(value) for name, value in row.items()} for row in flat)
     lines = "".join(json.dumps(line) + "\n" for line in flat)
     paths = []
     for suffix, content in ((".csv", text.getvalue()), (".jsonl", lines)):

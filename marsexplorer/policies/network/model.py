@@ -99,6 +99,8 @@ class NetworkPolicy:
     thought()  after `act`: probabilities float32[4] of the moves, and the value, as the network judged the last observation
     """
 
+    has_value = True
+
     def __init__(self, name: str, net: InfersLogits, sensor_radius: int) -> None:
         self.name = name
         self.net = net

@@ -64,7 +64,7 @@ class PaperNetworkPolicy:
         if self._has_probabilities:
             shares = np.exp(scores - scores.max())
         else:
-            shares = (np.arange(4) == scores.argmax()).astype(np.float32)
+            shares = np.where(np.isnan(scores).any(), np.float32(np.nan), np.arange(4) == scores.argmax())
         probabilities: NDArray[np.float32] = (shares / shares.sum()).astype(np.float32)
         self._thought = probabilities, value
         return probabilities

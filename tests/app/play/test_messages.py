@@ -1,6 +1,7 @@
 """Every message in both directions, and the sentence that each bad one gets."""
 
 import json
+from math import inf, nan
 
 import pytest
 from pydantic import ValidationError
@@ -13,6 +14,7 @@ from app.play.messages import (
     NewSession,
     encode_frame,
     encode_history,
+    encode_thought,
     parse_message,
 )
 from app.play.validation import describe_errors
@@ -20,6 +22,13 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
 ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
+
+
+def test_no_number_that_json_lacks_is_sent():
+    for value, kept in ((nan, None), (inf, None), (-inf, None), (1.5, 1.5)):
+        assert json.loads(encode_thought("e", 3, [0.25] * 4, value), parse_constant=pytest.fail)["value"] == kept
+    for probability in (nan, inf):
+        assert encode_thought("e", 3, [probability, 0.5, 0.5, 0.0], 1.0) == "", "no thought at all"
 
 
 def test_an_act_and_a_request_for_history_are_understood():

@@ -237,3 +237,23 @@ def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys
     assert left.value.code == 2
     assert "made for 6x7 and cannot play 9x9" in said
     assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("head", ["policy_head", "value_head"])
+def test_finite_weights_whose_sums_are_not_are_refused_at_load(head, tmp_path):
+    net = Net()
+    with torch.no_grad():
+        for layer in (getattr(net, head)[0], getattr(net, head)[2]):
+            layer.weight.fill_(3e38)
+            layer.bias.fill_(3e38)
+    save_network(net, tmp_path / "huge.safetensors", {"summary": "Overflows."})
+    with pytest.raises(PolicyFileError, match="finite numbers from a first decision"):
+        policies.load(tmp_path / "huge.safetensors")
+
+
+def test_other_makers_finite_weights_whose_sums_are_not_are_refused_too(tmp_path):
+    weights = files.flat_weights()
+    weights["mlp_extractor.policy_net.2.bias"][:], weights["action_net.weight"][:] = 50, 3e38
+    path = files.write_sb3(tmp_path / "huge.zip", weights)
+    with pytest.raises(PolicyFileError, match="finite numbers from a first decision"):
+        policies.load(path)
