@@ -17,6 +17,7 @@ candidate, which is none from then on; and there are finitely many candidates. A
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,33 +111,35 @@ TUNED = SizedRule(
 
 
 class RuleTables:
-    """What kernels look up of a rule on grids of one shape.
+    """What kernels look up of rules on grids of one shape.
 
     prices   `tables` of `prices`
-    bounds   int64[2]: the highest product of a price and a fade, and the limit
-    weights  float64[n + 1]: (way + offset)^-power, where a way of 0, which is none, counts as 1
+    highest  int64[cells of a window + 1, rules]: the highest that a view of so many cells counts
+    limits   int64[rules], the most that any view counts
+    weights  float64[n + 1, rules]: (way + offset)^-power, where a way of 0, which is none, counts as 1
     """
 
-    def __init__(self, rule: PricedRule, shape: tuple[int, ...], radius: int) -> None:
-        tables = PriceTables(rule.prices, radius)
+    def __init__(self, rules: Sequence[PricedRule], shape: tuple[int, ...], radius: int) -> None:
+        tables = PriceTables([rule.prices for rule in rules], radius)
         self.prices = tables.arrays
-        self.bounds = np.array([tables.highest, round(rule.limit * PRICE_UNIT * FADE_UNIT)])
-        self.weights = (np.maximum(np.arange(shape[0] * shape[1] + 1.0), 1.0) + rule.offset) ** -rule.power
+        self.limits: NDArray[np.int64] = np.array([round(rule.limit * PRICE_UNIT * FADE_UNIT) for rule in rules])
+        self.highest: NDArray[np.int64] = np.minimum(tables.highest, self.limits)
+        ways = np.maximum(np.arange(shape[0] * shape[1] + 1.0), 1.0)
+        self.weights: NDArray[np.float64] = np.stack([(ways + rule.offset) ** -rule.power for rule in rules], axis=1)
 
 
 @kernel
-def toward_most_priced(codes, visited, row, col, heading, board, tables, search, bounds, weights):
+def toward_most_priced(codes, visited, row, col, heading, board, tables, search, highest, limits, weights):
     """Return the first action of a shortest path to the candidate of the highest value, or -1 when there is none.
 
     codes, visited  uint8[rows, cols]; board and tables as in `prices`, the board up to date
     search          (scratch of `prices`; distance int32[n]; first_actions uint8[n]; queue int32[n])
-    bounds          (the highest product of a price and a fade, the limit), int64[2]
-    weights         float64[n + 1]: (way + offset)^-power
+    highest, limits, weights  of `RuleTables`, of one rule
     """
     rows, cols = codes.shape
     scratch, distance, first_actions, queue = search
     known, counts, view = board
-    highest, limit = bounds[0], bounds[1]
+    limit, totals = limits[0], scratch[3]
     forget_prices(scratch)
     distance[:] = UNREACHABLE
     start = row * cols + col
@@ -151,14 +154,15 @@ def toward_most_priced(codes, visited, row, col, heading, board, tables, search,
         c = cell - r * cols
 
         # 1. Cells come nearest first, so when the most that a view counts would not be enough, nothing farther is.
-        if limit * weights[moves] < best_value:
+        if limit * weights[moves, 0] < best_value:
             break
 
         # 2. Price what the cell is expected to show, unless the number of cells says already that it is not enough.
         if visited[r, c] == 0 and counts[SCREEN, cell] > 0:
             new = count_visible(view, r, c)
-            if new > 0 and min(new * highest, limit) * weights[moves] >= best_value:
-                value = min(sum_prices(r, c, rows, cols, board, tables, scratch), limit) * weights[moves]
+            if new > 0 and highest[new, 0] * weights[moves, 0] >= best_value:
+                sum_prices(r, c, rows, cols, board, tables, scratch)
+                value = min(totals[0], limit) * weights[moves, 0]
                 if value > best_value or (value == best_value and moves == best_moves and cell < best):
                     best, best_value, best_moves = cell, value, moves
 
@@ -218,12 +222,13 @@ class FrontierPriced:
         board, tables = self._board.board, self._tables
         update_board(codes, board, tables.prices[0], self._board.changed_columns)
         action = toward_most_priced(
-            codes, memory.visited, row, col, memory.heading, board, tables.prices, self._search, tables.bounds, tables.weights
-        )
+            codes, memory.visited, row, col, memory.heading, board, tables.prices, self._search,
+            tables.highest, tables.limits, tables.weights,
+        )  # fmt: skip
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         self._board, cells = PricedBoard(shape, self.sensor_radius), shape[0] * shape[1]
-        self._tables = RuleTables(self.rules.of(shape[0], shape[1], self.sensor_radius), shape, self.sensor_radius)
+        self._tables = RuleTables([self.rules.of(shape[0], shape[1], self.sensor_radius)], shape, self.sensor_radius)
         arrays = np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
         self._search = (self._board.scratch, *arrays)

@@ -19,15 +19,17 @@ from marsexplorer.world import Worlds, positions
 
 
 @kernel
-def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, search, bounds, weights, changed_columns):
+def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, search, rule, changed_columns):
     """Write the rule's action of every running world to headings, int64[num], which hold the last ones before.
 
     codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes uint8[num]
     visited  uint8[num, rows, cols], the rover's cell is added; kept: known, counts, unknown and blocked of each board
-    lidar    (sight, visible, stride, radius) of a `visibility` view; the rest as in `toward_most_priced`
+    lidar    (sight, visible, stride, radius) of a `visibility` view; rule: its (highest, limits, weights);
+             the rest as in `toward_most_priced`
     """
     known, counts, unknown, blocked = kept
     sight, visible, stride, radius = lidar
+    highest, limits, weights = rule
     for i in range(codes.shape[0]):
         if outcomes[i] != RUNNING:
             continue
@@ -36,7 +38,9 @@ def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, s
         visited[i, row, col] = 1
         board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
         update_board(codes[i], board, tables[0], changed_columns)
-        headings[i] = toward_most_priced(codes[i], visited[i], row, col, headings[i], board, tables, search, bounds, weights)
+        headings[i] = toward_most_priced(
+            codes[i], visited[i], row, col, headings[i], board, tables, search, highest, limits, weights
+        )
 
 
 class PricedEpisodes:
@@ -64,7 +68,7 @@ class PricedEpisodes:
     def play(self, rule: SizedRule) -> NDArray[np.int64]:
         """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
         worlds, shape, radius = self._worlds, (self.config.rows, self.config.cols), self.config.sensor_radius
-        tables = RuleTables(rule.of(*shape, radius), shape, radius)
+        tables = RuleTables([rule.of(*shape, radius)], shape, radius)
         worlds.put(self._all, self._begun)
         visited, headings = np.zeros_like(worlds.codes), np.full(worlds.num, EAST)
         while (worlds.outcomes == RUNNING).any():
@@ -72,7 +76,7 @@ class PricedEpisodes:
             cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
             decide_all(
                 worlds.codes, cells, worlds.outcomes, visited, headings, self._kept, self._lidar, tables.prices, self._search,
-                tables.bounds, tables.weights, self._changed_columns,
+                (tables.highest, tables.limits, tables.weights), self._changed_columns,
             )  # fmt: skip
             worlds.step(headings)
         return worlds.scalars[:, STEPS].astype(np.int64)

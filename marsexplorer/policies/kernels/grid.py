@@ -76,24 +76,48 @@ def search_breadth_first(is_open, rows, cols, distance, queue, sources):
 
 
 @kernel
-def find_first_actions(distance, queue, reached, rows, cols, first_actions):
-    """Write uint8[n] of the reached cells: the actions that begin a shortest path from the source, bit 1 << action each.
+def search_first_actions(is_open, rows, cols, start, distance, first_actions, queue):
+    """Search from one cell and find the moves that begin the shortest paths; return how many cells are reached.
 
-    distance, queue  as `search_breadth_first` leaves them from one source; the source itself gets 0
+    distance       int32[n], rewritten: moves from `start`, UNREACHABLE where there is no path, -1 where a cell is not open
+    first_actions  uint8[n], rewritten: the actions that begin a shortest path, bit 1 << action each; 0 where there is none
+    queue          int32[n + 1], as `search_breadth_first` leaves it
 
     A neighbour of the source is one move nearer to a cell than the source is when its bit is set, and one move farther when
     not: on a grid every cycle has an even number of moves. So one search gives the distances from all four neighbours.
     """
-    first_actions[queue[0]] = 0
-    for k in range(1, reached):
-        # Cells come nearest first, so those one move nearer to the source are done: their paths begin those of this cell.
-        cell = queue[k]
-        found, nearer = 0, distance[cell] - 1
+    for cell in range(rows * cols):
+        distance[cell] = UNREACHABLE if is_open[cell] else -1
+        first_actions[cell] = 0
+    distance[start], queue[0] = 0, start
+    head, reached, last_row = 0, 1, (rows - 1) * cols
+    while head < reached:
+        cell = queue[head]
+        head += 1
+        col = cell % cols
+        moves, found = distance[cell] + 1, first_actions[cell]
         for action in range(4):
-            near = neighbour(cell, action, rows, cols)
-            if near >= 0 and distance[near] == nearer:
-                found |= first_actions[near] if nearer > 0 else 1 << (action ^ 2)
-        first_actions[cell] = found
+            # 1. The four cells are those of `neighbour`, off the grid the cell itself, to which nothing is done.
+            near = cell
+            if action == 0:
+                near = cell - cols if cell >= cols else cell
+            elif action == 1:
+                near = cell + 1 if col < cols - 1 else cell
+            elif action == 2:
+                near = cell + cols if cell < last_row else cell
+            else:
+                near = cell - 1 if col > 0 else cell
+
+            # 2. Cells come nearest first, so what begins the paths to this one is complete and is handed on. There is no
+            #    branch here: which cells are new cannot be foreseen, and wrong guesses would take most of the time.
+            was = distance[near]
+            is_new = was == UNREACHABLE
+            distance[near] = moves if is_new else was
+            queue[reached] = near
+            reached += np.int64(is_new)
+            begins = np.uint8(1 << action) if moves == 1 else found
+            first_actions[near] |= begins if is_new or was == moves else np.uint8(0)
+    return reached
 
 
 @kernel

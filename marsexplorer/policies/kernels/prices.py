@@ -15,16 +15,21 @@ Kernels take, of one board, the tuples
              counts    int16[SQUARES, n], the unknown cells in each square round each cell
              view      of `visibility`, with the bitboards as they were kept
     tables   half_sides  int64[SQUARES], cells
-             closed      int32[SQUARES, most + 1], what a square adds to a price, by its number of unknown cells
-             pockets     int32[cells], what a region adds by its number of cells; regions of as many cells or more add nothing
-             fade        int32[2 radius + 1, 2 radius + 1], by the window cell
-    scratch  price     int32[n], 0 where a cell has not been priced since `forget_prices`
+             closed      int32[SQUARES, most + 1, rules], what a square adds to a price, by its number of unknown cells
+             pockets     int32[cells, rules], what a region adds by its number of cells; larger regions add nothing
+             fade        int32[2 radius + 1, 2 radius + 1, rules], by the window cell
+             rules       tuple of the numbers 0, 1, ... of the rules: its length is known when a kernel is compiled
+    scratch  price     int32[n, rules], 0 where a cell has not been priced since `forget_prices`
              region    int32[n], 0 where a region has not been measured since then
              queue     int32[n]
+             totals    int64[rules], see `sum_prices`
+
+Several rules, each with parameters of its own, price a view together: what is looked up of a cell is looked up once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,28 +77,40 @@ class PriceParameters:
 
 
 class PriceTables:
-    """What kernels look up of prices.
+    """What kernels look up of prices, for rules that price together.
 
     arrays    `tables` of the module's header
-    highest   the highest product of a price and a fade
+    highest   int64[cells of a window + 1, rules]: the highest that a view of so many cells can be priced
     """
 
-    def __init__(self, parameters: PriceParameters, radius: int) -> None:
-        scale = radius / TUNED_RADIUS
+    def __init__(self, parameters: Sequence[PriceParameters], radius: int) -> None:
+        scale, rules = radius / TUNED_RADIUS, len(parameters)
         half_sides = np.array([max(1, round(scale * half)) for half in (2, 6, 12)])
-        most = int(2 * half_sides[-1] + 1) ** 2
-        closed = np.zeros((SQUARES, most + 1), np.int32)
-        for k, (half, weight, power) in enumerate(zip(half_sides, parameters.weights, parameters.powers, strict=True)):
-            area = int(2 * half + 1) ** 2
-            closed[k, : area + 1] = np.rint(PRICE_UNIT * weight * (1 - np.arange(area + 1) / area) ** power)
-        # The longest region that still adds something: afterwards the term rounds to 0, so sizes need not be counted on.
-        cells = parameters.pocket_cells * scale**2
-        longest = max(0, int(cells * np.log(max(1.0, 2 * PRICE_UNIT * parameters.pocket))))
-        pockets = np.rint(PRICE_UNIT * parameters.pocket * np.exp(-np.arange(longest + 2) / cells)).astype(np.int32)
+        closed = np.zeros((SQUARES, int(2 * half_sides[-1] + 1) ** 2 + 1, rules), np.int32)
+        pockets = np.zeros((max(longest_pocket(each, scale) for each in parameters) + 2, rules), np.int32)
+        fade = np.zeros((2 * radius + 1, 2 * radius + 1, rules), np.int32)
         away = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1])
-        fade = np.rint(FADE_UNIT * np.exp(-parameters.fade / scale * np.maximum(away - 1, 0))).astype(np.int32)
-        self.arrays = (half_sides, closed, pockets, fade)
-        self.highest = int((PRICE_UNIT + closed.max(axis=1).sum() + pockets.max()) * fade.max())
+        self.highest: NDArray[np.int64] = np.zeros((fade[:, :, 0].size + 1, rules), np.int64)
+        for rule, own in enumerate(parameters):
+            for k, (half, weight, power) in enumerate(zip(half_sides, own.weights, own.powers, strict=True)):
+                area = int(2 * half + 1) ** 2
+                closed[k, : area + 1, rule] = np.rint(PRICE_UNIT * weight * (1 - np.arange(area + 1) / area) ** power)
+            sizes = np.arange(longest_pocket(own, scale) + 2)
+            pockets[: len(sizes), rule] = np.rint(PRICE_UNIT * own.pocket * np.exp(-sizes / (own.pocket_cells * scale**2)))
+            fade[:, :, rule] = np.rint(FADE_UNIT * np.exp(-own.fade / scale * np.maximum(away - 1, 0)))
+            # A view of so many cells is at most the nearest ones, each of the highest price.
+            price = PRICE_UNIT + int(closed[:, :, rule].max(axis=1).sum() + pockets[:, rule].max())
+            self.highest[1:, rule] = price * np.cumsum(np.sort(fade[:, :, rule], axis=None)[::-1].astype(np.int64))
+        self.arrays = (half_sides, closed, pockets, fade, tuple(range(rules)))
+
+
+def longest_pocket(parameters: PriceParameters, scale: float) -> int:
+    """Return the cells of the largest unknown region that still adds to a price; the term of larger ones rounds to 0.
+
+    scale  the sensor radius, in units of TUNED_RADIUS
+    """
+    reach = np.log(max(1.0, 2 * PRICE_UNIT * parameters.pocket))
+    return max(0, int(parameters.pocket_cells * scale**2 * reach))
 
 
 class PricedBoard:
@@ -111,9 +128,14 @@ class PricedBoard:
         self.scratch = price_scratch(rows * cols)
 
 
-def price_scratch(cells: int) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return `scratch` of the module's header for boards of so many cells."""
-    return np.zeros(cells, np.int32), np.zeros(cells, np.int32), np.zeros(cells, np.int32)
+PriceScratch = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]
+"""(price, region, queue, totals)."""
+
+
+def price_scratch(cells: int, rules: int = 1) -> PriceScratch:
+    """Return `scratch` of the module's header for boards of so many cells and so many rules."""
+    price, region, queue = np.zeros((cells, rules), np.int32), np.zeros(cells, np.int32), np.zeros(cells, np.int32)
+    return price, region, queue, np.zeros(rules, np.int64)
 
 
 @kernel
@@ -171,7 +193,7 @@ def update_board(codes, board, half_sides, changed_columns):
 @inlined
 def forget_prices(scratch):
     """Begin with the prices of a changed board."""
-    price, region, _ = scratch
+    price, region = scratch[0], scratch[1]
     price[:] = 0
     region[:] = 0
 
@@ -206,27 +228,38 @@ def measure_region(start, known, rows, cols, most, region, queue):
 
 @kernel
 def sum_prices(row, col, rows, cols, board, tables, scratch):
-    """Return the sum of faded prices of the cells that `count_visible` has just left in `visible`, looking from (row, col)."""
+    """Write totals: by each rule the sum of faded prices of the cells that `count_visible` has just left in `visible`.
+
+    row, col  where the look was made from
+    """
     known, counts, view = board
-    half_sides, closed, pockets, fade = tables
-    price, region, queue = scratch
+    _, closed, pockets, fade, rules = tables
+    price, region, queue, totals = scratch
     _, _, sight, visible, _, radius = view
-    lane, words = np.int64(sight[0]), np.int64(sight[1])
+    lane, side = np.int64(sight[0]), 2 * radius + 1
     per_word, most = 64 // lane, pockets.shape[0] - 1
-    total = np.int64(0)
-    for k in range(words):
-        bits = visible[k]
+    lane_mask = ~np.uint64(0) >> np.uint64(64 - lane)
+    totals[:] = 0
+    word, place = 0, 0
+    for i in range(side):
+        bits = (visible[word] >> np.uint64(place)) & lane_mask
+        word, place = (word + 1, 0) if place + lane == per_word * lane else (word, place + lane)
+        first = (row + i - radius) * cols + col - radius
         while bits != np.uint64(0):
-            at = np.int64(lowest(bits))
+            j = np.int64(lowest(bits))
             bits &= bits - np.uint64(1)
-            i, j = k * per_word + at // lane, at % lane
-            cell = (row + i - radius) * cols + col + j - radius
+            cell = first + j
             # A cell is seen from many others, so its price is kept until the board changes.
-            if price[cell] == 0:
+            if price[cell, 0] == 0:
                 size = region[cell] if region[cell] != 0 else measure_region(cell, known, rows, cols, most, region, queue)
-                found = PRICE_UNIT + pockets[size]
-                for square in range(half_sides.shape[0]):
-                    found += closed[square, counts[square, cell]]
-                price[cell] = found
-            total += np.int64(price[cell]) * fade[i, j]
-    return total
+                near, middle, far = counts[0, cell], counts[1, cell], counts[2, cell]
+                for rule in range(len(rules)):
+                    price[cell, rule] = (
+                        PRICE_UNIT
+                        + pockets[size, rule]
+                        + closed[0, near, rule]
+                        + closed[1, middle, rule]
+                        + closed[2, far, rule]
+                    )
+            for rule in range(len(rules)):
+                totals[rule] += np.int64(price[cell, rule]) * fade[i, j, rule]

@@ -29,10 +29,9 @@ from marsexplorer.policies.base import Memory
 from marsexplorer.policies.kernels.grid import (
     UNREACHABLE,
     completion_target,
-    find_first_actions,
     find_open_cells,
     neighbour,
-    search_breadth_first,
+    search_first_actions,
 )
 from marsexplorer.policies.kernels.prices import NO_CODE, update_board
 from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible
@@ -65,7 +64,7 @@ def update_new_cells(codes, board, half_sides, new_cells, changed_columns):
     """Bring what is kept of one board up to date with codes uint8[rows, cols]; return how many cells are unknown.
 
     board, half_sides, changed_columns  see `prices.update_board`
-    new_cells        int64[rows * cols], cells that a scan from each known free cell is expected to discover
+    new_cells        int32[rows * cols], cells that a scan from each known free cell is expected to discover
     """
     view = board[2]
     radius = view[5]
@@ -95,23 +94,22 @@ def draw_pictures(codes, row, col, new_cells, visited, distance, nearness, plane
         # 1. Begin as if everything were off the grid: blocked, nothing unknown, nothing new, nothing near.
         share = 255 // (size * size)
         top, left = row - side * size // 2, col - side * size // 2
-        for k in range(start, start + side * side):
-            planes[0, k] = planes[2, k] = planes[3, k] = 0
-            planes[1, k] = share * size * size
-        # 2. Let every cell of the grid that lies in the picture correct its block.
-        for r in range(max(top, 0), min(top + side * size, rows)):
-            across = start + (r - top) // size * side
-            for c in range(max(left, 0), min(left + side * size, cols)):
-                k, code, cell = across + (c - left) // size, codes[r, c], r * cols + c
-                if code == OBSTACLE:
-                    continue
-                planes[1, k] -= share
-                if code == UNKNOWN:
-                    planes[0, k] += share
-                elif distance[cell] != UNREACHABLE:
-                    if visited[cell] == 0:
-                        planes[2, k] = max(planes[2, k], min(255, new_cells[cell] * 5))
-                    planes[3, k] = max(planes[3, k], nearness[min(distance[cell], FARTHEST)])
+        for k in range(side * side):
+            first_row, first_col = top + k // side * size, left + k % side * size
+            unknown, blocked, newest, nearest = 0, size * size, 0, UNREACHABLE
+            # 2. Let every cell of the grid that lies in the block correct that.
+            for r in range(max(first_row, 0), min(first_row + size, rows)):
+                for c in range(max(first_col, 0), min(first_col + size, cols)):
+                    code, cell = codes[r, c], r * cols + c
+                    unknown += code == UNKNOWN
+                    blocked -= code != OBSTACLE
+                    if code != OBSTACLE and code != UNKNOWN and distance[cell] != UNREACHABLE:
+                        nearest = min(nearest, distance[cell])
+                        if visited[cell] == 0:
+                            newest = max(newest, new_cells[cell])
+            planes[0, start + k], planes[1, start + k] = unknown * share, blocked * share
+            planes[2, start + k] = min(255, newest * 5)
+            planes[3, start + k] = 0 if nearest == UNREACHABLE else nearness[min(nearest, FARTHEST)]
         start += side * side
 
 
@@ -142,7 +140,7 @@ def find_rule_goals(candidates, count, distance, new_cells, goals):
 def look_ahead(candidates, count, distance, first_actions, action, new_cells, discounts, features):
     """Write distance to the nearest new cells and the best discounted number of them, from the cell that a move leads to.
 
-    distance, first_actions  from the rover, see `grid.find_first_actions`: a candidate is one move nearer from there when the
+    distance, first_actions  from the rover, see `grid.search_first_actions`: a candidate is one move nearer from there when the
                              action begins a shortest path to it, else one farther
     discounts                float64[3, n + 1], what a new cell is worth by distance, at the three rates of DISCOUNTS
     """
@@ -191,14 +189,11 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
-        queue[0] = cell
-        reached, count = search_breadth_first(is_open, rows, cols, distance, queue, 1), 0
+        reached, count = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue), 0
         for k in range(reached):
             there = queue[k]
-            if visited[i, there] == 0 and new_cells[there] > 0:
-                candidates[count] = there
-                count += 1
-        find_first_actions(distance, queue, reached, rows, cols, first_actions)
+            candidates[count] = there
+            count += np.int64((visited[i, there] == 0) & (new_cells[there] > 0))
 
         # 3. The pictures, and where the three rules would go.
         draw_pictures(board, cell // cols, cell % cols, new_cells, visited[i], distance, nearness, planes[i])
@@ -249,7 +244,7 @@ class FeatureExtractor:
         self.size = (rows, cols)
         rules = PricedRuleTables(rows, cols, radius)
         half_sides = rules.half_sides if sees_prices else rules.half_sides[:0]
-        self._priced = (half_sides, rules.rules, rules.found)
+        self._priced = (half_sides, rules.arrays, rules.found)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, num_action_features(sees_prices)), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
@@ -258,7 +253,7 @@ class FeatureExtractor:
             np.full((num, cells), NO_CODE, np.uint8),
             np.zeros((num, words), np.uint64),
             np.zeros((num, words), np.uint64),
-            np.zeros((num, cells), np.int64),
+            np.zeros((num, cells), np.int32),
             np.zeros((num, len(half_sides), cells), np.int16),
         )
         self._scratch = (

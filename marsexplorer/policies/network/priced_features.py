@@ -18,17 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel
-from marsexplorer.policies.kernels.prices import (
-    FADE_UNIT,
-    PRICE_UNIT,
-    PriceParameters,
-    PriceTables,
-    forget_prices,
-    price_scratch,
-    sum_prices,
-)
+from marsexplorer.policies.kernels.prices import PriceParameters, forget_prices, price_scratch, sum_prices
 from marsexplorer.policies.kernels.visibility import count_visible
-from marsexplorer.policies.priced import PricedRule
+from marsexplorer.policies.priced import PricedRule, RuleTables
 
 RULES = (
     PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 300.0, 0.68, 1.345),
@@ -46,32 +38,25 @@ class PricedRuleTables:
     """What the kernels need of RULES on boards of one shape, for a sensor radius in cells.
 
     half_sides  int64[squares] of `prices`, the same for all rules
-    rules       for each rule: tables of `prices`; int64[2], the highest product of a price and a fade, and the limit of a view
-                in the same unit; float64[n + 1], the factor of a way of so many moves; scratch of `prices`
+    arrays      tables and scratch of `prices`; highest, limits and weights of `RuleTables`
     found       float64[rules]: the highest value by each rule; float64[rules, 4], int64[rules, 4]: by each action the highest
                 value, and the way to its cell
     """
 
     def __init__(self, rows: int, cols: int, radius: int) -> None:
-        tables = [PriceTables(rule.prices, radius) for rule in RULES]
-        self.half_sides: NDArray[np.int64] = tables[0].arrays[0]
-        self.rules = tuple(
-            (
-                table.arrays,
-                np.array([table.highest, round(rule.limit * PRICE_UNIT * FADE_UNIT)]),
-                (np.maximum(np.arange(rows * cols + 1.0), 1.0) + rule.offset) ** -rule.power,
-                price_scratch(rows * cols),
-            )
-            for rule, table in zip(RULES, tables, strict=True)
-        )
-        count = len(RULES)
+        tables, count = RuleTables(RULES, (rows, cols), radius), len(RULES)
+        self.half_sides: NDArray[np.int64] = tables.prices[0]
+        self.arrays = (tables.prices, price_scratch(rows * cols, count), tables.highest, tables.limits, tables.weights)
         self.found = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
 
 
 @inlined
-def can_count(limit, rule, moves, best):
-    """Return whether a view priced at `limit` in a distance of so many moves has a share of the highest value that counts."""
-    return min(limit, rule[1][1]) * rule[2][moves] >= LEAST_SHARE * best
+def look_and_price(cell, board, rows, cols, tables, scratch):
+    """Write what a look from a cell is worth by each rule to the totals of scratch, see `prices.sum_prices`."""
+    row = cell // cols
+    col = cell - row * cols
+    count_visible(board[2], row, col)
+    sum_prices(row, col, rows, cols, board, tables, scratch)
 
 
 @kernel
@@ -83,37 +68,50 @@ def value_actions(candidates, count, distance, first_actions, new_cells, shape, 
     board                                                  of `prices`, up to date
     """
     best, values, ways = found
+    tables, scratch, highest, limits, weights = rules
+    totals = scratch[3]
     rows, cols = shape
     best[:], values[:], ways[:] = 0.0, 0.0, 0
-    for k in range(len(rules)):
-        forget_prices(rules[k][3])
+    forget_prices(scratch)
+
+    # 1. Price by each rule the candidate that could be worth most, so that most others need not be priced: candidates come
+    #    nearest first, and where no view, however rich, could be worth more, nothing farther can.
+    for k in range(len(best)):
+        most, richest = 0.0, -1
+        for i in range(count):
+            moves = distance[candidates[i]]
+            if limits[k] * weights[moves, k] <= most:
+                break
+            value = highest[new_cells[candidates[i]], k] * weights[moves, k]
+            if moves > 0 and value > most:
+                most, richest = value, candidates[i]
+        if richest >= 0:
+            look_and_price(richest, board, rows, cols, tables, scratch)
+            for rule in range(len(best)):
+                best[rule] = max(best[rule], min(totals[rule], limits[rule]) * weights[distance[richest], rule])
+
     for i in range(count):
         cell = candidates[i]
         moves = distance[cell]
         if moves == 0:
             continue
 
-        # 1. Candidates come nearest first: where no view, however rich, would count any more, nothing farther does.
-        is_in_reach, is_seen = False, False
-        for k in range(len(rules)):
-            is_in_reach = is_in_reach or can_count(rules[k][1][1], rules[k], moves, best[k])
+        # 2. What is surely below the shares that count is not priced.
+        is_in_reach, can_count = False, False
+        for k in range(len(best)):
+            least = LEAST_SHARE * best[k]
+            is_in_reach = is_in_reach or limits[k] * weights[moves, k] >= least
+            can_count = can_count or highest[new_cells[cell], k] * weights[moves, k] >= least
         if not is_in_reach:
             break
+        if not can_count:
+            continue
 
-        # 2. Price the view by each rule by which the number of its cells may be enough, and look only once.
-        row = cell // cols
-        col = cell - row * cols
-        for k in range(len(rules)):
-            tables, bounds, weights, scratch = rules[k]
-            if not can_count(new_cells[cell] * bounds[0], rules[k], moves, best[k]):
-                continue
-            if not is_seen:
-                count_visible(board[2], row, col)
-                is_seen = True
-            value = min(sum_prices(row, col, rows, cols, board, tables, scratch), bounds[1]) * weights[moves]
+        # 3. Every action that begins a shortest path has the value.
+        look_and_price(cell, board, rows, cols, tables, scratch)
+        for k in range(len(best)):
+            value = min(totals[k], limits[k]) * weights[moves, k]
             best[k] = max(best[k], value)
-
-            # 3. Every action that begins a shortest path has it.
             for action in range(4):
                 if first_actions[cell] >> action & 1 and value > values[k, action]:
                     values[k, action], ways[k, action] = value, moves

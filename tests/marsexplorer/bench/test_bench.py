@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from marsexplorer import compiled
-from marsexplorer.bench import core, figures, peers, start
+from marsexplorer.bench import core, decisions, figures, peers, start
 from marsexplorer.config import EnvConfig
 
 SMALL = EnvConfig.of("random", (5, 7))
@@ -120,6 +120,12 @@ def test_compiling_for_long_is_said_once(capsys, monkeypatch):
         for _ in range(2):
             notice.on_end(None)
     assert capsys.readouterr().err.splitlines() == [compiled.NOTICE]
+
+
+def test_a_move_of_a_network_takes_less_in_a_stack_than_alone_and_a_rule_has_no_stack():
+    alone, together = decisions.decide("ppo-priced", 12)
+    assert 0 < together.value < alone.value
+    assert [figure.name for figure in decisions.decide("frontier-priced", 12)] == ["frontier-priced, a move alone, 12x12"]
 
 
 def test_json_carries_every_figure():

@@ -79,7 +79,7 @@ def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
 def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radius, seed):
     """Boards may follow each other in any order: also one on which less is known than on the one before."""
     rng = np.random.default_rng(seed)
-    half_sides = PriceTables(TUNED.small.prices, radius).arrays[0]
+    half_sides = PriceTables([TUNED.small.prices], radius).arrays[0]
     kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
     for _ in range(4):
         codes = np.where(rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols)), before % 4).astype(np.uint8)

@@ -61,9 +61,10 @@ def literal_values(grid, visited, rover, rule):
     return found
 
 
-def test_the_numbers_are_those_of_the_definition():
+@pytest.mark.parametrize("steps", [9, 30, 60])
+def test_the_numbers_are_those_of_the_definition(steps):
     rows, cols = 13, 18
-    episode = explored(rows, cols, 9)
+    episode = explored(rows, cols, steps)
     grid, visited = episode.codes.tolist(), set(episode.path)
     moves = numbers(episode.codes, episode.position, episode.path)
     assert np.array_equal(moves[:, :ACTION_FEATURES], numbers(episode.codes, episode.position, episode.path, False))

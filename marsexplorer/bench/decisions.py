@@ -1,0 +1,66 @@
+"""CPU time that policies take to decide a move, alone and, for networks, in a stack of boards."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from marsexplorer import policies
+from marsexplorer.bench.figures import Figure
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.rollouts import GreedyRollouts
+from marsexplorer.policies.network.model import NetworkPolicy
+
+STACK = 32
+"""Boards that a network decides together."""
+
+
+def time_alone(name: str, config: EnvConfig, seed: int = 0) -> float:
+    """Return the mean CPU time of a move in ms, over a whole episode on the terrain of a seed; moves to warm up come before."""
+    policy = policies.load(name, config.sensor_radius)
+    spent, moves = 0.0, 0
+    for is_measured in (False, True):
+        episode = Episode.begin(config, seed=seed)
+        policy.reset(seed)
+        while not episode.ended and (is_measured or episode.steps < 50):
+            began = time.process_time()
+            action = policy.act(episode.codes)
+            if is_measured:
+                spent, moves = spent + time.process_time() - began, moves + 1
+            episode.step(action)
+    return 1e3 * spent / moves
+
+
+def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
+    """Return the mean CPU time of a move in ms for each of STACK boards, as long as all play; None for what is no network."""
+    policy = policies.load(name, config.sensor_radius)
+    if not isinstance(policy, NetworkPolicy):
+        return None
+    rollouts, spent, rounds = GreedyRollouts(config, STACK, policy.net.sees_prices), 0.0, 0
+    rollouts.worlds.start(np.arange(seed, seed + STACK))
+    rollouts.step(rollouts.decide(policy.net).actions)
+    while rollouts.running.all():
+        began = time.process_time()
+        decisions = rollouts.decide(policy.net)
+        spent, rounds = spent + time.process_time() - began, rounds + 1
+        rollouts.step(decisions.actions)
+    return 1e3 * spent / (rounds * STACK)
+
+
+def decide(name: str, side: int) -> list[Figure]:
+    """Return the figures of one policy on level random, `side` cells a side."""
+    config, at = EnvConfig.of("random", side), f"{side}x{side}"
+    figures = [Figure("decisions", f"{name}, a move alone, {at}", time_alone(name, config), "CPU ms")]
+    in_stack = time_in_stack(name, config)
+    if in_stack is not None:
+        figures.append(Figure("decisions", f"{name}, a move of {STACK} together, {at}", in_stack, "CPU ms"))
+    return figures
+
+
+def measures(names: Sequence[str], sides: Sequence[int]) -> list[Callable[[], list[Figure]]]:
+    """Return what measures these policies on these sizes, in that order."""
+    return [partial(decide, name, side) for name in names for side in sides]
