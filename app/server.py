@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from app.admin.health import Health
 from app.admin.login import AdminLogin
 from app.admin.services import AdminServices
+from app.backup.rotation import Backups
 from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
 from app.monitoring.event_loop import measure_lag
@@ -89,6 +90,8 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [part.sweep() for part in (lobby, page_boards)]
+                if (backups := _backups(settings, store)) is not None:
+                    running.append(backups.run())
                 sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]
                 store.refuse_when_locked()
                 t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
@@ -172,6 +175,18 @@ def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
     metrics.add_gauge("database_bytes", "Size of the database without its log.", health.database_bytes)
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
+
+
+def _backups(settings: Settings, store: Store) -> Backups | None:
+    """Return the backups that the settings ask for, None where they ask for none; the metrics hold them in either case."""
+    backups = None
+    if settings.backup_every is not None:
+        folder = settings.backup_to or store.path.with_name("backups")
+        backups = Backups(store.path, folder, 60 * settings.backup_every, settings.backup_keep)
+    metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
+    metrics.add_gauge("backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s())
+    metrics.add_gauge("backup_failures", "Backups that could not be made.", lambda: 0 if backups is None else backups.failures)
+    return backups
 
 
 @contextmanager

@@ -73,6 +73,9 @@ class Settings(BaseSettings):
     metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
     metrics_host  where that listener is; nobody but this machine reaches the default
     log_format   "text", or "json" for one object a line on stderr
+    backup_every  minutes between backups that the server makes by itself; None: it makes none
+    backup_to    the folder that they are kept in; None: `backups`, beside the database
+    backup_keep  how many of them stay
     idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
     abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
     """
@@ -95,5 +98,8 @@ class Settings(BaseSettings):
     metrics_port: int | None = Field(default=None, ge=0, le=65535)
     metrics_host: str = "127.0.0.1"
     log_format: Literal["text", "json"] = "text"
+    backup_every: float | None = Field(default=None, gt=0)
+    backup_to: Path | None = None
+    backup_keep: int = Field(default=48, ge=1)
     idle_s: float = Field(default=600.0, gt=0)
     abandon_after_s: float = Field(default=1800.0, gt=0)

@@ -17,10 +17,12 @@ PACKAGES = ("marsexplorer", "app")
 ALLOWED: dict[str, set[str]] = {
     "app": set(),
     "app.admin": {"app.play", "app.settings", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
+    "app.backup": {"app.database_file", "app.storage"},
     "app.cli": set(),
     "app.cli.__main__": {"app.cli.main"},
     "app.cli.console": {"app.settings", "app.study", "marsexplorer.config"},
     "app.cli.database": {
+        "app.backup",
         "app.cli.console",
         "app.moves",
         "app.release",
@@ -156,6 +158,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "app.server": {
         "app.admin",
+        "app.backup",
         "app.daily",
         "app.leaderboard",
         "app.monitoring",

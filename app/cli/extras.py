@@ -64,6 +64,8 @@ EXTRA_OF_COMMAND = {
     "import": "export",
     "merge": "play",
     "forget": "study",
+    "backup": "study",
+    "restore": "study",
 }
 """Command -> the extra that brings all it needs."""
 

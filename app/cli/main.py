@@ -46,6 +46,8 @@ COMMANDS = {
     "import": "Write the episodes of a released bundle into a database.",
     "merge": "Join the databases of several servers.",
     "forget": "Erase a participant from a database.",
+    "backup": "Copy the database into one verified file while people play.",
+    "restore": "Put a backup in the place of the database.",
 }
 """Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module."""
 
@@ -55,6 +57,8 @@ _MODULES = {
     "verify": "database.verify",
     "merge": "database.merge",
     "forget": "database.forget",
+    "backup": "database.backup",
+    "restore": "database.restore",
     "evaluate": "training.evaluate",
     "leaderboard": "training.leaderboard",
     "train": "training.train",

@@ -29,6 +29,9 @@ from marsexplorer.policies.files.card import of_paper
     help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
 @click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
+@click.option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup every so many minutes.")
+@click.option("--backup-to", type=PATH, metavar="DIR", help="Keep them there.  [default: backups, beside the database]")
+@click.option("--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]")
 @click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
 @click.option(
     "--metrics-port", type=click.IntRange(0, 65535), help="Serve metrics to Prometheus on this port too; 0: a free one."

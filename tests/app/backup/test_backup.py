@@ -1,0 +1,235 @@
+"""Backups while people play, in rotation, and put back: what was committed before a backup is in it."""
+
+import json
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing
+
+import pytest
+
+from app.backup import copying
+from app.backup.copying import back_up
+from app.backup.restoring import restore
+from app.backup.rotation import Backups, StoppedError
+from app.cli.main import main
+from app.storage.checks import quick_check
+from app.storage.database import StoreError
+from app.storage.store import Store
+from app.study.verification import verify_database
+from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
+from tests.support.servers import eventually
+
+
+@pytest.fixture
+def database(tmp_path):
+    """A database with two finished episodes and none open."""
+    with closing(Store(tmp_path / "play.db")) as store:
+        play(store, seed=1)
+        play(store, seed=2)
+    return tmp_path / "play.db"
+
+
+def steps_in(path):
+    with closing(sqlite3.connect(path)) as db:
+        return db.execute("SELECT count(*) FROM steps").fetchone()[0]
+
+
+def damage(path, page=None):
+    """Overwrite a page in the middle of the file."""
+    pages = path.stat().st_size // 4096
+    with path.open("r+b") as file:
+        file.seek(4096 * (pages // 2 if page is None else page))
+        file.write(b"\x77" * 4096)
+
+
+def test_a_backup_holds_every_step_that_was_committed_before_it(tmp_path):
+    path = tmp_path / "play.db"
+    with closing(Store(path)) as store:
+        row, episode = open_episode(store, add_session(store), seed=4, config=SMALL)
+        for number, move in enumerate(free_moves(episode)[:3]):
+            add_steps(store, row, episode, [move])
+            copy = tmp_path / f"copy-{number}.db"
+            assert back_up(path, copy) == copy.stat().st_size
+            assert steps_in(copy) == number + 1
+        assert sorted(each.name for each in tmp_path.glob("copy*")) == ["copy-0.db", "copy-1.db", "copy-2.db"]
+    assert quick_check(tmp_path / "copy-2.db") == "ok"
+
+
+def test_a_backup_is_of_one_moment_while_a_server_writes(tmp_path, monkeypatch):
+    monkeypatch.setattr(copying, "PAGES", 1)
+    path, copy = tmp_path / "play.db", tmp_path / "copy.db"
+    with closing(Store(path)) as store:
+        for seed in range(12):
+            play(store, seed=seed)
+        before = steps_in(path)
+        seeds = iter(range(100, 10_000))
+        back_up(path, copy, lambda done, total: play(store, seed=next(seeds)) if done < total else None)
+        assert steps_in(path) > before
+    assert steps_in(copy) == before
+
+
+def test_a_backup_that_is_not_whole_gets_no_name(database, tmp_path):
+    damage(database)
+    with pytest.raises(StoreError, match="damaged"):
+        back_up(database, tmp_path / "copy.db")
+    assert not list(tmp_path.glob("copy*"))
+
+
+def test_a_backup_overwrites_nothing_and_leaves_nothing_when_it_is_ended(database, tmp_path):
+    with pytest.raises(StoreError, match="exists already"):
+        back_up(database, database)
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        back_up(database, tmp_path / "copy.db", stop)
+    assert not list(tmp_path.glob("copy*"))
+
+
+LIMITED = """import resource, signal, sys
+from pathlib import Path
+from app.backup.copying import back_up
+from app.storage.database import StoreError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
+try:
+    back_up(Path(sys.argv[1]), Path(sys.argv[2]))
+except StoreError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_ends_a_backup_in_one_sentence(database, tmp_path):
+    command = [sys.executable, "-c", LIMITED, str(database), str(tmp_path / "copy.db"), str(8 * 4096)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert said.stdout.startswith(f"cannot copy {database}")
+    assert said.stderr == ""
+    assert not list(tmp_path.glob("copy*"))
+
+
+def test_the_newest_backups_stay_and_other_files_are_left_alone(database, tmp_path):
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    others = ["play-notes.db", "other-20200101T000000Z.db", "play-20200101T000000Z.db.partial"]
+    for name in [*others, *(f"play-2020010{day}T000000Z.db" for day in range(1, 6))]:
+        (folder / name).write_bytes(b"")
+    backups = Backups(database, folder, 60, 3)
+    made = backups.make()
+    assert backups.existing() == [folder / "play-20200104T000000Z.db", folder / "play-20200105T000000Z.db", made]
+    assert all((folder / name).exists() for name in others)
+    assert 0 <= backups.age_s() < 60
+
+
+def test_a_backup_under_way_is_given_up_when_the_server_ends(database, tmp_path):
+    backups = Backups(database, tmp_path / "backups", 60, 3)
+    backups._stopped.set()
+    with pytest.raises(StoppedError):
+        backups.make()
+    assert backups.existing() == []
+
+
+def test_a_server_makes_backups_by_itself_and_says_how_old_the_newest_is(serve, tmp_path):
+    server = serve(backup_every=0.002, backup_to=tmp_path / "kept", backup_keep=2)
+    client = server.client()
+    begun = client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
+    act = {"kind": "act", "episode": begun["frame"]["episode"], "step": 0, "action": "south"}
+    client.post(f"/api/sessions/{begun['session']}/act", json=act).raise_for_status()
+    found = eventually(lambda: [path for path in (tmp_path / "kept").glob("playground-*Z.db") if steps_in(path) == 1])
+    assert quick_check(found[-1]) == "ok"
+
+
+def test_a_restored_backup_is_the_database_and_what_stood_there_stays(database, tmp_path):
+    copy = tmp_path / "copy.db"
+    back_up(database, copy)
+    with closing(Store(database)) as store:
+        play(store, seed=3)
+        shutil.copytree(tmp_path, tmp_path / "crashed")  # as a kill would leave it: the newest steps are in the log
+    crashed = tmp_path / "crashed" / "play.db"
+    after, before = steps_in(database), steps_in(copy)
+    kept = restore(copy, crashed, "now")
+    assert steps_in(crashed) == before, "the log of the former database must not meet the restored one"
+    assert kept == crashed.with_name("play.db.before-now")
+    assert steps_in(kept) == after > before
+    assert not verify_database(crashed).findings
+
+
+def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server_runs(database, tmp_path):
+    copy = tmp_path / "copy.db"
+    back_up(database, copy)
+    with closing(Store(database)), pytest.raises(StoreError, match="in use by another server"):
+        restore(copy, database, "now")
+    before = database.read_bytes()
+    damage(copy)
+    with pytest.raises(StoreError, match="damaged"):
+        restore(copy, database, "now")
+    with closing(sqlite3.connect(database)) as db:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    assert database.read_bytes() == before
+    assert not list(tmp_path.glob("*before-now*"))
+    for wrong, sentence in ((tmp_path / "none.db", "no backup at"), (database, "is the database itself")):
+        with pytest.raises(StoreError, match=sentence):
+            restore(wrong, database, "now")
+
+
+def test_the_commands_say_what_they_did(database, tmp_path, capsys):
+    for args in (["backup", "b.db"], ["restore", "b.db", "--yes"]):
+        with pytest.raises(SystemExit) as left:
+            main([args[0], str(tmp_path / args[1]), *args[2:], "--database", str(database)])
+        assert left.value.code == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "verified" in said[0]
+    assert f"what stood there is {database}.before-" in said[1]
+
+
+@pytest.mark.long
+def test_a_restore_drill(spawn, tmp_path):
+    """Play, back up while playing, kill, lose the database, restore the newest backup, go on, and verify everything."""
+    path, folder = tmp_path / "playground.db", tmp_path / "kept"
+    server = spawn(backup_every=0.02, backup_to=str(folder), backup_keep=3)
+    client, stop, acknowledged = server.client(), threading.Event(), []
+
+    def keep_playing():
+        while not stop.is_set():
+            begun = client.post("/api/sessions", json={"size": [9, 13]}).json()
+            for step in range(20):
+                act = {
+                    "kind": "act",
+                    "episode": begun["frame"]["episode"],
+                    "step": step,
+                    "action": ("south", "north")[step % 2],
+                }
+                answer = client.post(f"/api/sessions/{begun['session']}/act", json=act)
+                if answer.status_code != 200 or answer.json()["outcome"]:
+                    break
+                acknowledged.append((time.time(), act["episode"], step, begun["session"]))
+                time.sleep(0.01)
+
+    player = threading.Thread(target=keep_playing)
+    player.start()
+    time.sleep(8)
+    stop.set()
+    player.join()
+    server.kill()
+    os.unlink(path)  # noqa: PTH108
+    newest = sorted(folder.glob("playground-*Z.db"))[-1]
+    made_at = newest.stat().st_mtime
+    command = [sys.executable, "-m", "app.cli", "restore", str(newest), "--database", str(path), "--yes"]
+    subprocess.run(command, check=True)
+    with closing(sqlite3.connect(path)) as db:
+        there = {tuple(row) for row in db.execute("SELECT episode_id, step FROM steps")}
+    before = [each for each in acknowledged if each[0] < made_at - 2]
+    assert len(before) > 100
+    assert all((episode, step) in there for _, episode, step, _ in before)
+    assert not verify_database(path).findings
+    server = spawn()
+    frame = server.client().get(f"/api/sessions/{before[-1][3]}").json()
+    assert frame["step"] > before[-1][2], json.dumps(frame)
+    server.close()
+    made, kept, due = len(acknowledged), len(there), len(before)
+    print(f"\n{made} moves acknowledged, {kept} in the newest backup, all {due} that were made 2 s before it or earlier")
