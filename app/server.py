@@ -35,7 +35,7 @@ from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
-from app.protection import AllowedHosts, ForwardedHeaders, OwnPages, SecurityHeaders, own_names
+from app.protection import Admission, AllowedHosts, ForwardedHeaders, OwnPages, Protection, SecurityHeaders, own_names
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -78,6 +78,7 @@ def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
 
 def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
+    protection = Protection(settings.limits, settings.trusted_proxies, metrics.count_refusal)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -86,7 +87,8 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store, metrics) as store:
-            async with aclosing(_services(settings, store, offered, prepared.sources or Sources(), login)) as services:
+            made = _services(settings, protection, store, offered, prepared.sources or Sources(), login)
+            async with aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [part.sweep() for part in (lobby, page_boards)]
@@ -107,7 +109,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    _add_protection(app, settings, metrics)
+    _add_protection(app, settings, metrics, protection)
     add_error_handlers(app)
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
@@ -118,10 +120,12 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     return app
 
 
-def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
+def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection) -> None:
     """Put the middleware around the app; what is added last sees a request first."""
+    app.state.protection = protection  # for uvicorn's protocols as well
     app.add_middleware(NotedRoute)
     app.add_middleware(BodyLimit)
+    app.add_middleware(Admission, protection=protection, answer=answer_refusal)
     app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)
@@ -140,7 +144,12 @@ def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterat
 
 
 def _services(
-    settings: Settings, store: Store, offered: tuple[PolicyCatalogue, MapCatalogue], sources: Sources, login: AdminLogin | None
+    settings: Settings,
+    protection: Protection,
+    store: Store,
+    offered: tuple[PolicyCatalogue, MapCatalogue],
+    sources: Sources,
+    login: AdminLogin | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
     policies, maps = offered
@@ -163,6 +172,7 @@ def _services(
         regrets=Regrets(store.path),
         replays=Replays(store.path, policies.offers()),
         health=health,
+        protection=protection,
         admin=None if login is None else AdminServices(login, progress, settings.studies, health),
     )
 

@@ -14,6 +14,7 @@ from app.play.lobby import Lobby
 from app.play.player_tokens import PlayerTokens
 from app.play.ranked import PageBoards
 from app.play.spectators import Spectators
+from app.protection import Protection
 from app.replay.service import Replays
 from app.storage.store import Store
 from app.study.debrief import Debriefs
@@ -39,6 +40,7 @@ class Services:
     regrets        where moves were lost in finished episodes
     replays        finished episodes as they went, and policies on their terrains
     health         the state of the disk and the database
+    protection     what one client may ask, and what was refused
     admin          the operator's part; None on a server without an operator's page
     """
 
@@ -56,6 +58,7 @@ class Services:
     regrets: Regrets
     replays: Replays
     health: Health
+    protection: Protection
     admin: AdminServices | None = None
 
     async def aclose(self) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, SecretStr
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from marsexplorer.maps import CELL_M
@@ -54,6 +55,73 @@ def _checked_proxy(proxy: str) -> str:
     return str(network)
 
 
+def read_bucket(text: str) -> tuple[int, float]:
+    """Return how many may come at once and how many a second after that; ValueError when a text like `20+2/s` says neither."""
+    found = re.fullmatch(r"\s*([0-9]+)\s*\+\s*([0-9]+(?:\.[0-9]+)?)\s*/\s*s\s*", text)
+    burst, rate = (int(found[1]), float(found[2])) if found else (0, 0.0)
+    if burst < 1 or rate <= 0:
+        raise ValueError(f"expected BURST+RATE/s, how many at once and how many a second after that, like 20+2/s; got {text!r}")
+    return burst, rate
+
+
+def _checked_bucket(text: str) -> str:
+    read_bucket(text)
+    return text
+
+
+def _checked_rate(text: str) -> str:
+    """Return a rate in the words of the library `limits`; ValueError for anything else."""
+    if not all(re.fullmatch(r"\s*[1-9][0-9]*/(second|minute|hour|day)\s*", each) for each in text.split(";")):
+        raise ValueError(f"expected how many in which time, like 150/minute or 150/minute; 2000/hour; got {text!r}")
+    return text
+
+
+Bucket = Annotated[str, AfterValidator(_checked_bucket)]
+Rate = Annotated[str, AfterValidator(_checked_rate)]
+
+
+class Limits(BaseModel):
+    """What one client may ask of a server, frozen; `MARS_LIMITS__ACTS=50+10/s` in the environment changes one of them.
+
+    A classroom of 100 people behind one address stays below all of them.
+
+    connections, connections_per_address  TCP connections that may be open
+    opened           connections that one address may open
+    sockets, sockets_per_address          websockets that may be open
+    pings, messages  of any one websocket, before the application sees them; beyond, it is closed with 1008
+    acts             moves over one socket; beyond, they wait
+    events, histories, expectations       messages of those kinds over one socket; beyond, they wait, then it is closed
+    bad_messages, refused_acts            beyond, the socket is closed
+    joins_per_address, joins_per_player   new and resumed participations
+    sessions_per_address, sessions_per_player  new boards, attempts at the daily terrain among them
+    episodes_per_address, episodes_per_player  next episodes
+    token            whoever sends it in the header X-Mars-Token is not limited in joins, boards, episodes and sockets
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    connections: int = Field(default=4000, ge=1)
+    connections_per_address: int = Field(default=1000, ge=1)
+    opened: Bucket = "1000+25/s"
+    sockets: int = Field(default=2000, ge=1)
+    sockets_per_address: int = Field(default=500, ge=1)
+    pings: Bucket = "20+2/s"
+    messages: Bucket = "10000+2000/s"
+    acts: Bucket = "500+100/s"
+    events: Bucket = "60+30/s"
+    histories: Bucket = "20+10/s"
+    expectations: Bucket = "30+20/s"
+    bad_messages: Bucket = "20+1/s"
+    refused_acts: Bucket = "50+10/s"
+    joins_per_address: Rate = "300/minute; 2000/hour"
+    joins_per_player: Rate = "30/minute"
+    sessions_per_address: Rate = "300/minute; 6000/hour"
+    sessions_per_player: Rate = "60/minute"
+    episodes_per_address: Rate = "1200/minute"
+    episodes_per_player: Rate = "120/minute"
+    token: SecretStr | None = Field(default=None, min_length=16)
+
+
 class Settings(BaseSettings):
     """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
 
@@ -78,9 +146,10 @@ class Settings(BaseSettings):
     backup_keep  how many of them stay
     idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
     abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
+    limits       what one client may ask of the server
     """
 
-    model_config = SettingsConfigDict(env_prefix="MARS_", frozen=True, extra="forbid")
+    model_config = SettingsConfigDict(env_prefix="MARS_", env_nested_delimiter="__", frozen=True, extra="forbid")
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
@@ -103,3 +172,4 @@ class Settings(BaseSettings):
     backup_keep: int = Field(default=48, ge=1)
     idle_s: float = Field(default=600.0, gt=0)
     abandon_after_s: float = Field(default=1800.0, gt=0)
+    limits: Limits = Limits()

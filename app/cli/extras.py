@@ -12,7 +12,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "networks": ("torch", "safetensors"),
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "websockets", "sqlite_utils",
-        "pydantic_settings", "pydantic", "itsdangerous", "secure", "jinja2", "click", "rich", "scipy",
+        "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
         "prometheus_client", "pythonjsonlogger",
     ),
     "train": ("tensorboardX", "matplotlib", "cmaes", "click", "rich", "scipy"),

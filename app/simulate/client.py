@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import ssl
 from functools import cache
 from typing import Any
@@ -20,6 +21,8 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidMes
 from websockets.typing import Origin
 
 COOKIE_NAME = "mars_player"
+TOKEN_VARIABLE = "MARS_LIMITS__TOKEN"
+"""The variable that holds the server's token, with which a server does not limit how many players join and play."""
 ANSWER_TIMEOUT_S = 20.0
 """The time that one answer may take."""
 SERVER_AWAY_STATUSES = (502, 503, 504)
@@ -44,6 +47,12 @@ def _certificates() -> ssl.SSLContext:
     return httpx.create_ssl_context(trust_env=False)
 
 
+def _token() -> dict[str, str]:
+    """Return the header that says that this server's operator lets these players in."""
+    token = os.environ.get(TOKEN_VARIABLE)
+    return {"X-Mars-Token": token} if token else {}
+
+
 class Page:
     """One browser tab: an HTTP client with the player's cookie, and at most one socket; ValueError for no http address."""
 
@@ -54,7 +63,7 @@ class Page:
             raise ValueError(f"an address must be like http://127.0.0.1:8000, got {url!r}")
         self._origin = f"{parts.scheme}://{parts.netloc}"
         self._http = httpx.AsyncClient(
-            timeout=ANSWER_TIMEOUT_S, trust_env=False, verify=_certificates(), headers={"Origin": self._origin}
+            timeout=ANSWER_TIMEOUT_S, trust_env=False, verify=_certificates(), headers={"Origin": self._origin, **_token()}
         )
         if cookie is not None:
             self._http.headers["Cookie"] = f"{COOKIE_NAME}={cookie}"
@@ -98,7 +107,7 @@ class Page:
     async def connect(self, path: str, cookie: str | None = None) -> ClientConnection:
         """Open and return a further socket of this page (or with another's cookie)."""
         url = "ws" + self.url.removeprefix("http") + f"/{path}"
-        headers = {"Cookie": f"{COOKIE_NAME}={cookie or self.cookie}"}
+        headers = {"Cookie": f"{COOKIE_NAME}={cookie or self.cookie}", **_token()}
         try:
             return await open_websocket(
                 url, origin=Origin(self._origin), additional_headers=headers, proxy=None, compression=None, max_size=None,

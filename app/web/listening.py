@@ -9,8 +9,13 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
+from app.protection import limited_protocols
+
 BACKLOG = 2048
 """Connections that may wait to be accepted."""
+
+ACCEPTED_AT_ONCE = 50
+"""Connections that are accepted in one turn of the event loop."""
 
 
 class ServerError(RuntimeError):
@@ -42,9 +47,11 @@ def address_of(sock: socket.socket) -> str:
 
 
 def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
-    """Return uvicorn's configuration for the app, with some options changed."""
+    """Return uvicorn's configuration for the app, with its limits and some options changed."""
+    http, ws = limited_protocols(app.state.protection)
     options: dict[str, Any] = {
-        "ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
+        "http": http, "ws": ws, "backlog": ACCEPTED_AT_ONCE,
+        "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
         "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
         "proxy_headers": False,  # `app.protection` reads them
     }  # fmt: skip
@@ -61,5 +68,7 @@ class AnnouncingServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start serving, then print the address."""
         await super().startup(sockets)
+        for sock in sockets or ():
+            sock.listen(BACKLOG)  # asyncio has made it as small as what it accepts at once
         if self.started:
             print(f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True)

@@ -26,7 +26,7 @@ from app.play.messages import (
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
-from app.protection import has_own_origin
+from app.protection import POLICY_VIOLATION, TooManyMessagesError, has_own_origin
 from app.storage.store import StoreError
 from app.web.access import is_owner, may_control, services_of, visible_session
 
@@ -47,7 +47,10 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
             await websocket.send_text(encode_error(str(error)))
             await websocket.close(UNKNOWN_SESSION, "unknown session")
             return
-        await PlaySocket(websocket, session).serve()
+        try:
+            await PlaySocket(websocket, session).serve()
+        except TooManyMessagesError as error:
+            await websocket.close(POLICY_VIOLATION, str(error))
 
 
 class PlaySocket:
@@ -58,6 +61,7 @@ class PlaySocket:
         self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
         self._may_control = may_control(websocket, session)
         self._expected = ExpectedDiscoveries()
+        self._budget = services_of(websocket).protection.socket_budget()
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
@@ -102,6 +106,7 @@ class PlaySocket:
             text = message.get("text")
             if text is None:
                 size = len(message.get("bytes") or b"")
+                self._budget.spend("bad")
                 answer: str | None = encode_error(f"a message must be JSON in a text frame, got {size} binary bytes")
             else:
                 answer = await self._answer(text)
@@ -110,6 +115,7 @@ class PlaySocket:
                     WebSocketDisconnect, RuntimeError
                 ):  # whoever has gone: what they had sent counts still
                     await self._websocket.send_text(answer)
+            await asyncio.sleep(self._budget.take_delay_s())  # at least a turn of the event loop: others have messages too
 
     async def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer.
@@ -119,6 +125,7 @@ class PlaySocket:
         session, writes = self._session, self._session.writes
         try:
             message = parse_message(text)
+            self._budget.spend(message.kind)
             if isinstance(message, Events):
                 return (await self._keep(message)).model_dump_json()
             if isinstance(message, Act):
@@ -131,9 +138,12 @@ class PlaySocket:
             return encode_history(session.current.id, session.episode)
         except RefusedError as refusal:
             self._count_refusal("not_current")
+            self._budget.spend("refused")
             return encode_refused(str(refusal), session.frame)
         except (BadMessageError, PermissionError, StoreError) as error:
             self._count_refusal("not_written" if isinstance(error, StoreError) else "bad_message")
+            if isinstance(error, BadMessageError):
+                self._budget.spend("bad")
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:

@@ -62,6 +62,9 @@ def simulate(
       marsexplorer simulate --study pilot --state pilot.json               Ctrl-C, and the same command goes on
       marsexplorer simulate --study load --players 100 --speed 1           load: moves per second and round trips at the end
 
+    A server limits how many join and play from one address. With MARS_LIMITS__TOKEN set to the same text for the server
+    and for this command, it does not limit these players.
+
     Exit code 1 when the server allowed something it must refuse, showed a ranked score, or lost a move.
     """
     import asyncio

@@ -1,0 +1,136 @@
+"""Rates of what costs the most: joining studies, beginning boards and episodes, opening sockets; sockets have caps as well.
+
+The rates are counted by the library `limits`, for each address (behind a named proxy the address that it reports) and for each
+player's cookie. Whoever sends the operator's token is not limited: that is how `marsexplorer simulate` plays a whole study.
+"""
+
+from __future__ import annotations
+
+import hmac
+import math
+import re
+import time
+from http.cookies import CookieError, SimpleCookie
+from typing import Literal, get_args
+
+from limits import parse_many
+from limits.storage import MemoryStorage
+from limits.strategies import MovingWindowRateLimiter
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.protection.addresses import client_address
+from app.protection.protocols import RETRY_AFTER_S
+from app.protection.refusals import Answer, refuse
+from app.protection.service import Protection
+from app.settings import Limits
+
+Action = Literal["join", "session", "episode"]
+By = Literal["address", "player"]
+
+TOKEN_HEADER = "x-mars-token"
+"""The header that holds the operator's token, `limits.token`."""
+
+COOKIE = "mars_player"
+_PATHS: dict[Action, re.Pattern[str]] = {
+    "join": re.compile(r"/api/studies/[^/]+/join"),
+    "session": re.compile(r"/api/(sessions|daily)"),
+    "episode": re.compile(r"/api/(sessions|studies)/[^/]+/(episodes|next)"),
+}
+"""The POST requests of each action, by the end of their path."""
+
+WHAT: dict[Action, str] = {"join": "joins of a study", "session": "new boards", "episode": "new episodes"}
+WHERE: dict[By, str] = {"address": "this network", "player": "this browser"}
+
+
+class Rates:
+    """How often each action was done of late, by address and by player."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limiter = MovingWindowRateLimiter(MemoryStorage())
+        self._rates = {
+            (action, by): parse_many(getattr(limits, f"{action}s_per_{by}"))
+            for action in get_args(Action)
+            for by in get_args(By)
+        }
+
+    def refusal(self, action: Action, keys: dict[By, str]) -> tuple[str, int] | None:
+        """Count an action, and return None, or why it is refused and for how many seconds."""
+        asked = [(by, rate, (action, by, key)) for by, key in keys.items() for rate in self._rates[action, by]]
+        for by, rate, key in asked:
+            if not self._limiter.test(rate, *key):
+                wait_s = max(1, math.ceil(self._limiter.get_window_stats(rate, *key).reset_time - time.time()))
+                return f"too many {WHAT[action]} from {WHERE[by]} ({rate} at most): try again in {wait_s} s", wait_s
+        for _, rate, key in asked:
+            self._limiter.hit(rate, *key)
+        return None
+
+
+class Admission:
+    """Refuses actions beyond their rates with 429, and sockets beyond their caps with 503; both say when to come back."""
+
+    def __init__(self, app: ASGIApp, protection: Protection, answer: Answer) -> None:
+        self._app, self._protection, self._answer = app, protection, answer
+        self._rates = Rates(protection.limits)
+        token = protection.limits.token
+        self._token = b"" if token is None else token.get_secret_value().encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await self._admit_socket(scope, receive, send)
+            return
+        action = _action_of(scope) if scope["type"] == "http" else None
+        if action is not None and not self._has_token(scope):
+            keys: dict[By, str] = {"address": client_address(HTTPConnection(scope))}
+            if player := _player_of(scope):
+                keys["player"] = player
+            if (refusal := self._rates.refusal(action, keys)) is not None:
+                self._protection.count_refusal(f"rate_{action}")
+                await self._refuse(scope, receive, send, 429, *refusal)
+                return
+        await self._app(scope, receive, send)
+
+    async def _admit_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        key = None if self._has_token(scope) else client_address(HTTPConnection(scope))
+        sockets = self._protection.sockets
+        if not sockets.take(key):
+            self._protection.count_refusal("sockets")
+            detail = "too many sockets are open; close some pages, or wait half a minute"
+            await self._refuse(scope, receive, send, 503, detail, RETRY_AFTER_S)
+            return
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            sockets.give_back(key)
+
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send, status: int, detail: str, wait_s: int) -> None:
+        async def send_with_wait(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                MutableHeaders(scope=message)["retry-after"] = str(wait_s)
+            await send(message)
+
+        await refuse(scope, receive, send_with_wait, status, detail, self._answer)
+
+    def _has_token(self, scope: Scope) -> bool:
+        given = Headers(scope=scope).get(TOKEN_HEADER)
+        return bool(self._token) and given is not None and hmac.compare_digest(given.encode(), self._token)
+
+
+def _action_of(scope: Scope) -> Action | None:
+    """Return which action a request asks for; None for any other."""
+    if scope["method"] != "POST":
+        return None
+    path = scope["path"].rstrip("/")
+    return next(
+        (action for action, ends in _PATHS.items() if (at := path.rfind("/api/")) >= 0 and ends.fullmatch(path, at)), None
+    )
+
+
+def _player_of(scope: Scope) -> str | None:
+    """Return the player's cookie as it came: whoever forges many is still one address."""
+    try:
+        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return None
+    return found.value if found is not None else None

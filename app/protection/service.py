@@ -1,0 +1,57 @@
+"""The limits of one server and what they have refused: one object that the protocols, the middleware and the sockets share."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
+
+from app.protection.buckets import BucketSize
+from app.protection.connections import Connections, Slots
+from app.protection.socket_budget import SocketBudget
+from app.settings import Limits
+
+
+class Protection:
+    """What one server counts and limits; it lives as long as its app.
+
+    refusals     how often something was refused, by reason; `count` is called with each reason as well
+    connections  the TCP connections
+    sockets      the websockets among them, by the address that a named proxy reports
+    """
+
+    def __init__(
+        self, limits: Limits, trusted_proxies: Sequence[str] = (), count: Callable[[str], None] = lambda reason: None
+    ) -> None:
+        self.limits, self._count = limits, count
+        self.refusals: Counter[str] = Counter()
+        self.bucket_sizes = {name: BucketSize.parse(getattr(limits, name)) for name in BUCKETS}
+        named = ProxyHeadersMiddleware(None, list(trusted_proxies)).trusted_hosts  # type: ignore[arg-type]
+        slots = Slots(limits.connections, limits.connections_per_address)
+        self.connections = Connections(slots, self.bucket_sizes["opened"], named.__contains__)
+        self.sockets = Slots(limits.sockets, limits.sockets_per_address)
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a refusal; reasons are few words of the code, never a stranger's."""
+        self.refusals[reason] += 1
+        self._count(reason)
+
+    def socket_budget(self) -> SocketBudget:
+        """Return full buckets for the messages of one play socket."""
+        sizes = self.bucket_sizes
+        return SocketBudget(
+            {
+                "act": sizes["acts"],
+                "events": sizes["events"],
+                "history": sizes["histories"],
+                "expected": sizes["expectations"],
+                "bad": sizes["bad_messages"],
+                "refused": sizes["refused_acts"],
+            },
+            self.count_refusal,
+        )
+
+
+BUCKETS = ("opened", "pings", "messages", "acts", "events", "histories", "expectations", "bad_messages", "refused_acts")
+"""The settings that are sizes of token buckets."""

@@ -1,0 +1,61 @@
+"""What one socket may ask of the server: a bucket for each kind of message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+from app.protection.buckets import BucketSize, TokenBucket
+
+Kind = Literal["act", "events", "history", "expected", "bad", "refused"]
+"""Kinds of messages: those a page sends, those that are none of ours, and acts that do not answer the current frame."""
+
+POLICY_VIOLATION = 1008
+"""The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
+
+CLOSED_AT_ONCE = frozenset({"bad", "refused"})
+"""Kinds that nobody needs: beyond its bucket the socket is closed. With the others a socket is slowed down to the rate."""
+
+PATIENCE = 100
+"""Slowed messages of one kind in a row after which the socket is closed. Acts have none: a script that waits for each frame
+before it moves is slowed down for ever and closed never."""
+
+
+class TooManyMessagesError(Exception):
+    """A socket was sent more than it may be; the text says what and how many, for its close frame (at most 123 bytes)."""
+
+
+class SocketBudget:
+    """The buckets of one socket.
+
+    delay_s  how long to wait before the next message is read
+    """
+
+    def __init__(self, sizes: dict[Kind, BucketSize], count_refusal: Callable[[str], None]) -> None:
+        self._sizes, self._count_refusal = sizes, count_refusal
+        self._buckets: dict[Kind, TokenBucket] = {}
+        self._slowed: dict[Kind, int] = {}
+        self.delay_s = 0.0
+
+    def spend(self, kind: Kind) -> None:
+        """Take a token for a message that came; TooManyMessagesError when the socket is to be closed."""
+        bucket = self._buckets.get(kind)
+        if bucket is None:
+            bucket = self._buckets[kind] = TokenBucket(self._sizes[kind])
+        missing_s = bucket.take()
+        if not missing_s:
+            self._slowed[kind] = 0
+            return
+        self._slowed[kind] = slowed = self._slowed.get(kind, 0) + 1
+        if kind in CLOSED_AT_ONCE or (slowed > PATIENCE and kind != "act"):
+            self._count_refusal(f"messages_{kind}")
+            size = self._sizes[kind]
+            raise TooManyMessagesError(
+                f"too many messages ({kind}): {size.burst} at once and {size.rate:g} a second are answered"
+            )
+        self.delay_s = max(self.delay_s, missing_s)
+
+    def take_delay_s(self) -> float:
+        """Return how long to wait before the next message is read, and forget it."""
+        delay_s, self.delay_s = self.delay_s, 0.0
+        return delay_s

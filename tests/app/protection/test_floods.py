@@ -1,0 +1,149 @@
+"""Floods over one socket: each is slowed down or ends with close code 1008, and nobody else notices."""
+
+import json
+import struct
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from app.protection.buckets import BucketSize, TokenBucket
+from app.protection.socket_budget import PATIENCE
+from app.settings import Limits
+from tests.support.servers import eventually
+
+
+def masked(opcode, payload):
+    """A final frame of a client, masked with zeros."""
+    length = bytes([128 | len(payload)]) if len(payload) < 126 else bytes([128 | 126]) + struct.pack("!H", len(payload))
+    return bytes([128 | opcode]) + length + bytes(4) + payload
+
+
+PING = masked(9, b"")
+
+
+def text(message):
+    return masked(1, message.encode() if isinstance(message, str) else json.dumps(message).encode())
+
+
+def begin(server):
+    client = server.client()
+    return client, client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
+
+
+def flood(server, begun, data, times):
+    """Send bytes over a new socket, many times at once, and return the code and the words that it is closed with."""
+    with server.socket(begun["session"]) as socket:
+        socket.receive("frame")
+        try:
+            for _ in range(times):
+                socket.connection.socket.sendall(data)
+        except OSError:
+            pass  # it is closed already
+        return why_closed(socket)
+
+
+def why_closed(socket):
+    """Read until a socket is closed, and return the code and the words."""
+    try:
+        while True:
+            socket.receive()
+    except ConnectionClosed as closed:
+        return closed.rcvd.code, closed.rcvd.reason
+
+
+def test_a_bucket_gives_its_burst_at_once_and_its_rate_after_that():
+    now = [0.0]
+    bucket = TokenBucket(BucketSize.parse("3+2/s"), lambda: now[0])
+    assert [bucket.take() for _ in range(5)] == [0, 0, 0, 0.5, 1.0]
+    now[0] = 1.0
+    assert bucket.take() == 0.5
+    now[0] = 60.0
+    assert bucket.is_full
+    assert [bucket.take() for _ in range(4)] == [0, 0, 0, 0.5]
+
+
+@pytest.mark.parametrize(
+    "written", ["", "20", "20+/s", "0+1/s", "20+0/s", "20+0.0/s", "-1+2/s", "20+2/minute", "a+b/s", "1e3+1/s"]
+)
+def test_a_size_that_is_none_is_refused_in_words(written):
+    with pytest.raises(ValueError, match="expected BURST"):
+        BucketSize.parse(written)
+    with pytest.raises(ValueError, match="pings"):
+        Limits(pings=written)
+
+
+def test_pings_never_reach_the_application_and_too_many_close_the_socket(server):
+    _, begun = begin(server)
+    assert flood(server, begun, PING * 500, 20) == (1008, "too many pings")
+    assert server.services.protection.refusals["socket_pings"] == 1
+
+
+def test_a_page_that_pings_as_browsers_and_libraries_do_stays(server):
+    _, begun = begin(server)
+    with server.socket(begun["session"]) as socket:
+        for _ in range(15):
+            assert socket.connection.ping().wait(20)
+        socket.act(socket.receive("frame"), "south")
+        assert socket.frame_after(0)["step"] == 1
+
+
+@pytest.mark.parametrize(
+    ("message", "kind"),
+    [
+        ("nonsense", "bad"),
+        ({"kind": "act", "episode": "other", "step": 0, "action": "north"}, "refused"),
+    ],
+)
+def test_messages_that_nobody_needs_close_the_socket(server, message, kind):
+    _, begun = begin(server)
+    code, reason = flood(server, begun, text(message) * 20, 20)
+    assert (code, f"({kind})" in reason) == (1008, True)
+    assert server.services.protection.refusals[f"messages_{kind}"] == 1
+
+
+def test_binary_messages_close_the_socket(server):
+    _, begun = begin(server)
+    assert flood(server, begun, masked(2, b"x") * 50, 2)[0] == 1008
+
+
+@pytest.mark.parametrize("kind", ["history", "expected"])
+def test_requests_are_slowed_down_and_a_flood_of_them_closes_the_socket(serve, kind):
+    server = serve(limits=Limits(histories="5+100/s", expectations="5+100/s"))
+    _, begun = begin(server)
+    code, reason = flood(server, begun, text({"kind": kind}), PATIENCE + 200)
+    assert (code, f"({kind})" in reason) == (1008, True)
+
+
+def test_messages_of_any_kind_have_a_limit_on_every_socket(serve):
+    server = serve(limits=Limits(messages="50+1/s"))
+    client, begun = begin(server)
+    watch = begun["watch"]
+    with server.socket(watch, client, path="/ws/watch/") as socket:
+        socket.receive("frame")
+        socket.connection.socket.sendall(text("ignored") * 60)
+        assert why_closed(socket) == (1008, "too many messages")
+
+
+def test_a_script_that_waits_for_each_frame_is_slowed_down_and_never_closed(serve):
+    server = serve(limits=Limits(acts="1+1000/s"))
+    client, begun = begin(server)
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for move in range(2 * PATIENCE):
+            socket.act(frame, "east" if move % 2 == 0 else "west")
+            frame = socket.frame_after(frame["step"])
+            if frame["outcome"]:
+                begun = client.post(f"/api/sessions/{begun['session']}/episodes", json={"seed": 5}).json()
+                frame = socket.receive("frame")
+                while frame["step"] or frame["outcome"]:
+                    frame = socket.receive("frame")
+
+
+def test_a_flood_leaves_the_board_as_it_was_and_the_player_comes_back(server):
+    client, begun = begin(server)
+    assert flood(server, begun, text("nonsense") * 100, 1)[0] == 1008
+    with server.socket(begun["session"], client) as socket:
+        assert socket.receive("frame") == begun["frame"]
+        socket.act(begun["frame"], "south")
+        assert socket.frame_after(0)["step"] == 1
+    eventually(lambda: server.services.protection.sockets.open == 0)
