@@ -60,7 +60,8 @@ class Result:
     seed         of the terrain, and of the policy's own draws
     score        normalized (section 3.2); total is the return
     steps        moves made; steps_to_99 is `max_steps` for any outcome but `explored`
-    coverage     discovered cells over all cells at the end, 0..1
+    cells        that count on the terrain: all, or those that can be discovered (`EnvConfig.discoverable_only`)
+    coverage     discovered cells over `cells` at the end, 0..1
     auc          mean coverage after 1, 2, ... `horizon(config)` moves, 0..1
     trace        the course of the episode, None unless it was asked for
     """
@@ -78,6 +79,7 @@ class Result:
     steps_to_99: int
     coverage: float
     auc: float
+    cells: int
     trace: EpisodeTrace | None = None
 
 
@@ -96,14 +98,14 @@ def horizon(config: EnvConfig) -> int:
     return max(1, config.n // 4)
 
 
-def area_under_coverage(config: EnvConfig, discovered: Sequence[int]) -> float:
+def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int) -> float:
     """Return the mean coverage after 1..horizon moves, 0..1; after the last move coverage stays as it is.
 
-    discovered  cells known after 0, 1, 2, ... moves
+    discovered  cells known after 0, 1, 2, ... moves; cells: that count, at least one (`Episode.cells`)
     """
     moves = horizon(config)
     within = discovered[1 : moves + 1]
-    return (sum(within) + discovered[-1] * (moves - len(within))) / (moves * config.n)
+    return (sum(within) + discovered[-1] * (moves - len(within))) / (moves * cells)
 
 
 def play_chunk(chunk: EpisodeChunk) -> list[Result]:
@@ -158,7 +160,8 @@ def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) ->
         steps=episode.steps,
         steps_to_99=steps_to_target(config, episode.outcome, episode.steps),
         coverage=episode.coverage,
-        auc=area_under_coverage(config, episode.discoveries),
+        auc=area_under_coverage(config, episode.discoveries, episode.cells),
+        cells=episode.cells,
         trace=_trace(episode) if traces else None,
     )
 

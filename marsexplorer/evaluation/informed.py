@@ -1,8 +1,9 @@
 """The informed planner: a long search on the true map, as a bound to compare policies with. It is not a policy.
 
-It looks for the shortest walk from the start that discovers the target. The length of the walk that it finds is an upper bound
-of the optimum. The search knows where the obstacles are before the rover sees them, so no policy can be expected to reach this
-length; the ratio of a policy's steps to it says how much could be saved by knowing the map.
+It looks for the shortest walk from the start that discovers beta of the cells that count (`world.cells_that_count`). The length
+of the walk that it finds is an upper bound of the optimum. The search knows where the obstacles are before the rover sees them,
+so no policy can be expected to reach this length; the ratio of a policy's steps to it says how much could be saved by knowing
+the map.
 
 The tour is improved by simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983, "Optimization by simulated annealing") of its
 length + MISSING_CELL_COST x (cells short of the target). `tours.change_tour` lists the changes that are tried. The budget is a
@@ -16,11 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig
+from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig, fewest_cells
 from marsexplorer.evaluation.annealing import anneal
 from marsexplorer.evaluation.tours import NO_PATH, fill_distances, fill_views, walk_tour
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
+from marsexplorer.world import cells_that_count
 
 MAX_CELLS = 128 * 128
 """Distances between all pairs of cells are held: half a gigabyte for so many."""
@@ -51,12 +53,14 @@ def check_size(config: EnvConfig) -> None:
 class KnownTerrain:
     """A terrain whose map is known: neighbours, distances and views of its cells, as `tours` describes them."""
 
-    def __init__(self, config: EnvConfig, terrain: NDArray[np.bool_]) -> None:
+    def __init__(self, config: EnvConfig, terrain: NDArray[np.bool_], start: tuple[int, int] = (0, 0)) -> None:
         check_size(config)
+        self.start = start[0] * config.cols + start[1]
+        self.target = fewest_cells(cells_that_count(config, terrain, start), config.beta)
         n, self.words = config.n, (config.n + 63) // 64
         neighbours, distance = np.zeros((n, 4), np.int32), np.zeros((n, n), np.uint16)
         fill_distances(terrain, neighbours, distance, np.zeros(n, np.int32))
-        self.free = np.flatnonzero(distance[0] != NO_PATH).astype(np.int32)
+        self.free = np.flatnonzero(distance[self.start] != NO_PATH).astype(np.int32)
         obstacles, unknown = (VisibilityMap(terrain.shape, config.sensor_radius) for _ in range(2))
         obstacles.fill(np.where(terrain, np.uint8(OBSTACLE), np.uint8(FREE)))
         unknown.fill(np.full(terrain.shape, UNKNOWN, np.uint8))
@@ -68,25 +72,29 @@ class KnownTerrain:
 
 
 def informed_actions(
-    config: EnvConfig, terrain: NDArray[np.bool_], seed: int, annealing: AnnealingConfig | None = None
+    config: EnvConfig,
+    terrain: NDArray[np.bool_],
+    seed: int,
+    annealing: AnnealingConfig | None = None,
+    start: tuple[int, int] = (0, 0),
 ) -> bytes:
-    """Return the actions (codes 0..3) of the shortest walk found from (0, 0) that discovers the target.
+    """Return the actions (codes 0..3) of the shortest walk found that discovers beta of the cells that count.
 
-    terrain  bool[rows, cols], True where blocked
+    terrain  bool[rows, cols], True where blocked; start: (row, col) of a free cell
     seed     of the search's own random numbers
 
     ValueError when no walk was found: on a solvable terrain that takes a budget of very few changes.
     """
-    displacements = np.diff(min(informed_paths(config, terrain, seed, annealing or AnnealingConfig()), key=len))
+    displacements = np.diff(min(informed_paths(config, terrain, seed, annealing or AnnealingConfig(), start), key=len))
     actions = {-config.cols: 0, 1: 1, config.cols: 2, -1: 3}
     return bytes(actions[int(displacement)] for displacement in displacements)
 
 
 def informed_paths(
-    config: EnvConfig, terrain: NDArray[np.bool_], seed: int, annealing: AnnealingConfig
+    config: EnvConfig, terrain: NDArray[np.bool_], seed: int, annealing: AnnealingConfig, start: tuple[int, int] = (0, 0)
 ) -> list[NDArray[np.int32]]:
     """Return the cells of the best walk of each annealing that found one; the arguments and errors are as above."""
-    known = KnownTerrain(config, np.ascontiguousarray(terrain))
+    known = KnownTerrain(config, np.ascontiguousarray(terrain), start)
     paths = [_anneal_path(config, known, mix(seed ^ mix(run)), annealing) for run in range(annealing.runs)]
     found = [path for path in paths if path is not None]
     if not found:
@@ -96,7 +104,7 @@ def informed_paths(
 
 def _anneal_path(config: EnvConfig, known: KnownTerrain, seed: int, annealing: AnnealingConfig) -> NDArray[np.int32] | None:
     """Return the cells of one annealing's best walk up to where the target is reached, or None when it never is."""
-    start, capacity = 0, 32 + config.n // 8
+    start, capacity = known.start, 32 + config.n // 8
     points, tie_breaks = np.zeros((3, capacity), np.int32), np.zeros((3, capacity), np.int8)
     shown, around = np.zeros((2, capacity, known.words), np.uint64), np.zeros((2, capacity + 1, known.words), np.uint64)
     moves, last = np.zeros((2, 2, capacity), np.int64)
@@ -105,10 +113,10 @@ def _anneal_path(config: EnvConfig, known: KnownTerrain, seed: int, annealing: A
     state = np.array([seed], np.uint64)
     legs, proposed = (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
     tours = points, tie_breaks
-    count = anneal(start, config.target, schedule, known.arrays, known.free, config.n, tours, legs, proposed, covered, state)
+    count = anneal(start, known.target, schedule, known.arrays, known.free, config.n, tours, legs, proposed, covered, state)
     if count < 0:
         return None
     length = walk_tour(start, points[2], tie_breaks[2], count, known.arrays, covered[0], path)
     views = np.bitwise_or.accumulate(known.views[path[: length + 1]], axis=0)
     discovered = np.bitwise_count(views).sum(axis=1, dtype=np.int64)
-    return path[: int(np.argmax(discovered >= config.target)) + 1].copy()
+    return path[: int(np.argmax(discovered >= known.target)) + 1].copy()

@@ -44,7 +44,7 @@ def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
     axes = figure.add_subplot()
     moves = _shown_moves([result for results in groups.values() for result in results])
     for number, (policy, results) in enumerate(groups.items()):
-        curves = 100 * coverage_curves(results, moves) / config.n
+        curves = 100 * coverage_curves(results, moves)
         steps, colour = np.arange(moves + 1), PLOT_COLOURS[number % len(PLOT_COLOURS)]
         low, high = np.percentile(curves, (5, 95), axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
@@ -88,13 +88,14 @@ def _shown_moves(results: Sequence[Result]) -> int:
     return max(1, ends[min(len(ends) - 1, int(SHOWN_SHARE * len(ends)))])
 
 
-def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.int64]:
-    """Return cells discovered after 0..moves moves, int64[episodes, moves + 1]; a curve stays level after its episode."""
-    curves = np.zeros((len(results), moves + 1), np.int64)
+def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.float64]:
+    """Return coverage (0..1) after 0..moves moves, float64[episodes, moves + 1]; a curve stays level after its episode."""
+    curves = np.zeros((len(results), moves + 1))
     for curve, result in zip(curves, results, strict=True):
         own = _trace(result).discovered[: moves + 1]
         curve[: len(own)] = own
         curve[len(own) :] = own[-1]
+        curve /= result.cells
     return curves
 
 

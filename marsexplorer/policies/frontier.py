@@ -7,8 +7,10 @@ candidate, since a good view of a frontier need not be on it.
 
 Both rules plan anew after every move and still never wander for ever: while nothing new is seen the candidates stay as
 they are, and each move either takes one of them off the list by standing on it, or brings the nearest (the best) one
-nearer. And they end only when all is seen that can be: whatever cell a reachable cell can see, one of its free
-neighbours is a candidate (radius 2 or more: sight passes corners).
+nearer. And they end only when all is seen that can be. The frontier cells of `frontier-cost` may come to an end before that:
+where sight passes a corner that the rover cannot, free cells out of reach lie behind it, and what borders on them alone. Then
+it takes every candidate. On solvable terrains of the paper, whose free cells are all within reach, that is never needed from
+radius 2 on.
 """
 
 from __future__ import annotations
@@ -37,22 +39,24 @@ def toward_nearest(codes, visited, row, col, heading, view, scratch):
     fill_bitboards(codes, view)
     find_open_cells(codes, False, is_open)
 
-    # 1. Every candidate becomes a source: an unvisited frontier cell that shows something.
-    sources = 0
-    for cell in range(rows * cols):
-        if is_open[cell]:
-            r = cell // cols
-            c = cell - r * cols
-            is_new = visited[r, c] == 0 and is_frontier(codes, r, c)
-            if is_new and count_visible(view, r, c) > 0:
-                queue[sources] = cell
-                sources += 1
-    if sources == 0:
-        return -1
-
-    # 2. One search from all of them gives the rover's distance to the nearest; step to a cell that is one move nearer.
-    search_breadth_first(is_open, rows, cols, distance, queue, sources)
-    return step_nearer(distance, row * cols + col, heading, rows, cols)
+    # 1. Every candidate becomes a source: an unvisited frontier cell that shows something. One search from all of them gives
+    #    the rover's distance to the nearest; step to a cell that is one move nearer.
+    # 2. Where none is within reach, every unvisited cell that shows something becomes a source.
+    for with_others in (False, True):
+        sources = 0
+        for cell in range(rows * cols):
+            if is_open[cell]:
+                r = cell // cols
+                c = cell - r * cols
+                is_new = visited[r, c] == 0 and (with_others or is_frontier(codes, r, c))
+                if is_new and count_visible(view, r, c) > 0:
+                    queue[sources] = cell
+                    sources += 1
+        search_breadth_first(is_open, rows, cols, distance, queue, sources)
+        action = step_nearer(distance, row * cols + col, heading, rows, cols)
+        if action >= 0:
+            return action
+    return -1
 
 
 @kernel

@@ -5,8 +5,12 @@ import hashlib
 import numpy as np
 import pytest
 
+from marsexplorer import policies
 from marsexplorer.config import MAX_SEED, EnvConfig, fewest_cells
 from marsexplorer.episode import Episode, replay
+from marsexplorer.evaluation import INFORMED, evaluate
+from marsexplorer.evaluation.informed import AnnealingConfig, informed_actions
+from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.rules import CELLS, ENOUGH
 from marsexplorer.terrain import generate, next_seed
 from marsexplorer.world import Worlds, cells_that_count
@@ -121,3 +125,48 @@ def test_a_given_map_has_no_seed_and_other_levels_no_other_target():
         EnvConfig.of("cave", discoverable_only=False)
     with pytest.raises(TypeError, match="discoverable_only must be True, False or None, got 1"):
         EnvConfig.of("random", discoverable_only=1)
+
+
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "frontier-priced"])
+def test_rules_see_all_that_can_be_seen_on_given_maps(name):
+    """Also what borders on free cells out of reach, which are seen past corners: no free cell within reach touches that."""
+    rng, policy = np.random.default_rng(5), policies.load(name, 5)
+    config = EnvConfig.of("map", (9, 13), sensor_radius=5, beta=1.0, max_steps=1000)
+    for _ in range(30):
+        terrain = rng.random((9, 13)) < rng.choice([0.2, 0.35, 0.5])
+        start = (int(rng.integers(9)), int(rng.integers(13)))
+        terrain[start] = False
+        if len(reference.reached_from(terrain, start)) == 1:
+            continue
+        episode = Episode.begin(config, terrain=terrain, start=start)
+        policy.reset(0)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        assert episode.outcome == "explored"
+
+
+@pytest.mark.parametrize("level", ["building", "cave"])
+def test_figures_are_shares_of_what_can_be_discovered(level):
+    config = EnvConfig.of(level, (15, 22))
+    table = evaluate(["frontier-utility", INFORMED], config, 2, 5, workers=1, traces=True)
+    for result in table.results:
+        episode = Episode.begin(config, seed=result.seed)
+        expected = len(discoverable(episode.terrain, (0, 0), 6))
+        assert result.cells == expected <= config.n - 9 * (level == "cave")
+        known, end = result.trace.discovered, fewest_cells(expected, 0.99)
+        assert known[-2] < end <= known[-1]
+        assert result.outcome == "explored"
+        assert result.coverage == known[-1] / expected
+        padded = [*known, *[known[-1]] * config.n][1 : config.n // 4 + 1]
+        assert result.auc == pytest.approx(np.mean(padded) / expected)
+        curve = coverage_curves([result], 500)[0]
+        assert curve[-1] == result.coverage
+        assert curve[0] == known[0] / expected
+
+
+def test_the_informed_search_begins_where_the_rover_does():
+    config = EnvConfig.of("map", (7, 12), sensor_radius=2, beta=1.0)
+    episode = Episode.begin(config, terrain=walled_in(), start=(3, 2))
+    for action in informed_actions(config, walled_in(), 1, AnnealingConfig(5_000, 1), start=(3, 2)):
+        episode.step(action)
+    assert (episode.outcome, episode.steps) == ("explored", 11)

@@ -82,7 +82,8 @@ def decide(grid, visited, rover, heading, radius, rule):
     reach = distances(grid, rover)
     discoveries = {cell: expected_discoveries(grid, *cell, radius) for cell in reach if cell not in visited}
     if rule == "cost":
-        goals = [cell for cell, new in discoveries.items() if new and touches_unknown(grid, cell)]
+        shows = [cell for cell, new in discoveries.items() if new]
+        goals = [cell for cell in shows if touches_unknown(grid, cell)] or shows
         nearest = min((reach[cell] for cell in goals), default=None)
         goals = [cell for cell in goals if reach[cell] == nearest]
     else:

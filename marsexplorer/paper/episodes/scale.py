@@ -46,7 +46,7 @@ class Coverage(Play):
         """Return the curve and what was reached when, JSON-ready."""
         config, stride = self.config, max(1, self.size // 21)
         moves = stride * -(-max((result.steps for result in results), default=0) // stride)
-        curves = coverage_curves(results, moves)[:, ::stride] / config.n
+        curves = coverage_curves(results, moves)[:, ::stride]
         by_seed = {result.seed: result for result in results}
         seeds = range(self.first_seed, self.first_seed + self.episodes)
         needed = {per_cent: cells_for(per_cent, config.n) for per_cent in PER_CENT}

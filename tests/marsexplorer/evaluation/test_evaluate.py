@@ -106,9 +106,9 @@ def test_explicit_seeds_are_played_as_given_and_traces_hold_the_path():
 def test_the_area_under_the_curve_is_the_mean_coverage_over_the_horizon():
     config = EnvConfig("random", 5, 8)
     assert horizon(config) == 10
-    assert area_under_coverage(config, [4, 8, 20]) == pytest.approx((8 + 9 * 20) / 10 / 40)
-    assert area_under_coverage(config, [4, *range(5, 40)]) == pytest.approx(sum(range(5, 15)) / 10 / 40)
-    assert area_under_coverage(config, [4]) == pytest.approx(0.1)
+    assert area_under_coverage(config, [4, 8, 20], 40) == pytest.approx((8 + 9 * 20) / 10 / 40)
+    assert area_under_coverage(config, [4, *range(5, 40)], 40) == pytest.approx(sum(range(5, 15)) / 10 / 40)
+    assert area_under_coverage(config, [4], 40) == pytest.approx(0.1)
 
 
 def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
