@@ -16,7 +16,7 @@ from typing import Any
 from fastapi import FastAPI
 
 from app.admin.health import Health
-from app.admin.login import AdminLogin
+from app.admin.login import AdminPassword
 from app.admin.services import AdminServices
 from app.backup.rotation import Backups
 from app.daily.policies import DailyPolicies
@@ -72,11 +72,10 @@ class Prepared:
 
 def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
     """Return the app: pages, API, sockets and 3-D view on one database; ValueError when the admin password is too short."""
-    login = AdminLogin.of(settings)
-    return _app_of(settings, prepared or Prepared(), login)
+    return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
 
 
-def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) -> FastAPI:
+def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | None) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
     protection = Protection(settings.limits, settings.trusted_proxies, metrics.count_refusal)
 
@@ -87,7 +86,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store, metrics) as store:
-            made = _services(settings, protection, store, offered, prepared.sources or Sources(), login)
+            made = _services(settings, protection, store, offered, prepared.sources or Sources(), password)
             async with aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -114,7 +113,7 @@ def _app_of(settings: Settings, prepared: Prepared, login: AdminLogin | None) ->
     for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
     app.router.routes.extend(api.probes.routes)
-    if login is not None:
+    if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     app.mount("/static", pages.static_files, name="static")
     return app
@@ -149,7 +148,7 @@ def _services(
     store: Store,
     offered: tuple[PolicyCatalogue, MapCatalogue],
     sources: Sources,
-    login: AdminLogin | None,
+    password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
     policies, maps = offered
@@ -173,7 +172,7 @@ def _services(
         replays=Replays(store.path, policies.offers()),
         health=health,
         protection=protection,
-        admin=None if login is None else AdminServices(login, progress, settings.studies, health),
+        admin=None if password is None else AdminServices(password, progress, settings.studies, health),
     )
 
 
@@ -233,7 +232,7 @@ def _log_options(settings: Settings) -> dict[str, Any]:
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C; ServerError or StoreError, before anything starts, when the server cannot."""
     try:
-        login = AdminLogin.of(settings)
+        password = AdminPassword.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
     if settings.log_format == "json":
@@ -249,9 +248,9 @@ def run(settings: Settings) -> None:
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
         with closing(Store(settings.database, settings.durable, metrics)) as store:
-            app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), login)
-            if login is not None and login.drawn_password:
-                print(f"the operator's page is /admin, its password until the server stops: {login.drawn_password}", flush=True)
+            app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), password)
+            if password is not None and password.drawn:
+                print(f"the operator's page is /admin, its password until the server stops: {password.drawn}", flush=True)
             sys.setswitchinterval(0.001)  # a policy that decides in a thread lets a move through within a millisecond
             try:
                 AnnouncingServer(uvicorn_config(app, **_log_options(settings)), address_of(sock)).run(sockets=[sock])

@@ -16,7 +16,15 @@ PACKAGES = ("marsexplorer", "app")
 
 ALLOWED: dict[str, set[str]] = {
     "app": set(),
-    "app.admin": {"app.play", "app.settings", "app.statistics", "app.storage", "app.study", "marsexplorer.score"},
+    "app.admin": {
+        "app.operators",
+        "app.play",
+        "app.settings",
+        "app.statistics",
+        "app.storage",
+        "app.study",
+        "marsexplorer.score",
+    },
     "app.backup": {"app.database_file", "app.storage"},
     "app.cli": set(),
     "app.cli.__main__": {"app.cli.main"},
@@ -25,6 +33,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.backup",
         "app.cli.console",
         "app.moves",
+        "app.operators",
         "app.release",
         "app.replay",
         "app.storage",
@@ -114,6 +123,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies",
         "marsexplorer.score",
     },
+    "app.operators": {"app.storage"},
     "app.play": {
         "app.database_file",
         "app.storage",
@@ -238,6 +248,7 @@ ALLOWED: dict[str, set[str]] = {
         "app.daily",
         "app.leaderboard",
         "app.moves",
+        "app.operators",
         "app.play",
         "app.protection",
         "app.replay",
@@ -490,6 +501,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.leaderboard": {"numpy"},
     "app.monitoring": {"prometheus_client", "pythonjsonlogger", "starlette"},
     "app.moves": {"click", "numpy", "scipy"},
+    "app.operators": {"argon2", "pyotp"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
     "app.protection": {"limits", "secure", "starlette", "uvicorn"},
     "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},

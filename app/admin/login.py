@@ -1,104 +1,129 @@
-"""The operator's login: a password is exchanged for a signed token that lasts some hours, and wrong passwords are counted.
+"""The operator's login: a password is exchanged for a signed token that lasts some hours.
 
-The key that signs is drawn at each start, so a restart of the server logs everybody out.
+The password is the server's one, MARS_ADMIN_PASSWORD, or that of an operator with a name. The key that signs is drawn at each
+start, so a restart of the server logs everybody out.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import secrets
+import sqlite3
 import time
-from collections import deque
-from collections.abc import Callable
 
 from itsdangerous import BadSignature, TimestampSigner
 
+from app.operators.actions import ActionLog
+from app.operators.delays import Delays
+from app.operators.operators import PASSWORD_ALONE, Operator, Operators, check_password, is_password_of, list_operators
 from app.settings import Settings
+from app.storage.database import StoreError
 
 TOKEN_S = 8 * 3600
 """Seconds that a token is valid."""
 
-MIN_PASSWORD = 8
-"""Characters of a password, at least."""
-
-WINDOW_S = 60.0
-MAX_WRONG_FROM_ONE, MAX_WRONG_FROM_ALL = 5, 50
-"""Wrong passwords within WINDOW_S after which no more are checked: from one address, from all together."""
+REFUSED_EVERY_S = 60.0
+"""Seconds between two refused logins that are logged, so that guessing does not fill the disk."""
 
 
 class WrongPasswordError(Exception):
-    """The password is not the operator's."""
+    """Name, password and code are no operator's."""
 
 
-class TooManyAttemptsError(Exception):
-    """Too many wrong passwords; `wait_s` says when the next one is checked, in whole seconds."""
+class AdminPassword:
+    """The server's one password, or (None) none; `is_drawn` says that the server drew it itself, to be printed once."""
 
-    def __init__(self, wait_s: int) -> None:
-        super().__init__(f"too many wrong passwords: wait {wait_s} seconds, then try again")
-        self.wait_s = wait_s
-
-
-class AdminLogin:
-    """The login of one server; `clock` gives seconds that never go back.
-
-    drawn_password  the password when the server drew it itself, to be printed once; else None
-    """
-
-    def __init__(self, password: str, clock: Callable[[], float] = time.monotonic, drawn_password: str | None = None) -> None:
-        if len(password) < MIN_PASSWORD:
-            raise ValueError(f"the operator's password must have at least {MIN_PASSWORD} characters, got {len(password)}")
-        self.drawn_password = drawn_password
-        self._digest = _digest(password)
-        self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
-        self._clock = clock
-        self._wrong: deque[tuple[float, str]] = deque()
-        self._revoked: set[str] = set()
+    def __init__(self, password: str | None, is_drawn: bool = False) -> None:
+        if password is not None:
+            check_password(password)
+        self.drawn = password if is_drawn else None
+        self._digest = None if password is None else _digest(password)
 
     @classmethod
-    def of(cls, settings: Settings) -> AdminLogin | None:
-        """Return the login that the settings ask for, None for none; ValueError when the password is too short."""
+    def of(cls, settings: Settings) -> AdminPassword | None:
+        """Return what the settings ask for, None for no operator's page; ValueError when the password is too short.
+
+        The page is there with a password, with `--admin`, and where the database has named operators; then none is drawn.
+        """
         given = settings.admin_password.get_secret_value() if settings.admin_password else ""
         if given:
             return cls(given)
-        if not settings.admin:
-            return None
-        password = secrets.token_urlsafe(12)
-        return cls(password, drawn_password=password)
-
-    def issue(self, password: str, address: str) -> str:
-        """Return a token for the right password; WrongPasswordError or TooManyAttemptsError otherwise."""
-        self._check_attempts(address)
-        if not hmac.compare_digest(_digest(password), self._digest):
-            self._wrong.append((self._clock(), address))
-            raise WrongPasswordError("this is not the operator's password")
-        return self._signer.sign(secrets.token_hex(16)).decode()
-
-    def is_valid(self, token: str) -> bool:
-        """Return whether a token was issued here, has not expired and was not revoked."""
         try:
-            self._signer.unsign(token, max_age=TOKEN_S)
-        except (BadSignature, UnicodeError):
-            return False
-        return token not in self._revoked
+            has_operators = bool(list_operators(settings.database))
+        except (StoreError, sqlite3.Error):  # opening the store says what is wrong
+            has_operators = False
+        if has_operators:
+            return cls(None)
+        return cls(secrets.token_urlsafe(12), is_drawn=True) if settings.admin else None
+
+    def is_right(self, password: str) -> bool:
+        """Return whether this is the server's one password."""
+        return self._digest is not None and hmac.compare_digest(_digest(password), self._digest)
+
+
+class AdminLogin:
+    """The login of one server, with what it logs and how fast may be guessed."""
+
+    def __init__(self, password: AdminPassword, operators: Operators, log: ActionLog, delays: Delays | None = None) -> None:
+        self._password, self._operators, self._log, self._delays = password, operators, log, delays or Delays()
+        self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
+        self._revoked: set[str] = set()
+        self._checking = asyncio.Lock()  # a hash takes 64 MiB: one at a time
+        self._refused_at = -REFUSED_EVERY_S
+
+    async def issue(self, address: str, name: str, password: str, code: str = "") -> str:
+        """Return a token for the right name ("" for the server's one password), password and code.
+
+        WrongPasswordError or TooManyAttemptsError otherwise.
+        """
+        self._delays.begin_attempt(address)
+        who = await self._operator(name, password, code) if name else None
+        if who is None and (name or not self._password.is_right(password)):
+            await self._note_refused(name)
+            raise WrongPasswordError(
+                "this is no operator's name, password and code" if name else "this is not the operator's password"
+            )
+        self._delays.forgive(address)
+        await self._note(name or PASSWORD_ALONE, 200)
+        since = who.created_ms if who else 0
+        return self._signer.sign(f"{secrets.token_hex(16)}:{name}:{since}").decode()
+
+    def operator_of(self, token: str) -> str | None:
+        """Return whose token this is; None for one that was not issued here, has expired, or was revoked with its operator."""
+        try:
+            _, name, since = self._signer.unsign(token, max_age=TOKEN_S).decode().split(":")
+        except (BadSignature, ValueError):  # UnicodeError is a ValueError
+            return None
+        if token in self._revoked:
+            return None
+        if not name:
+            return PASSWORD_ALONE
+        found = self._operators.find(name)
+        return name if found is not None and str(found.created_ms) == since else None
 
     def revoke(self, token: str) -> None:
         """Make a token invalid."""
-        if self.is_valid(token):
+        if self.operator_of(token) is not None:
             self._revoked.add(token)
 
-    def _check_attempts(self, address: str) -> None:
-        now = self._clock()
-        while self._wrong and self._wrong[0][0] <= now - WINDOW_S:
-            self._wrong.popleft()
-        times = [at for at, other in self._wrong if other == address]
-        first: float | None = None
-        if len(times) >= MAX_WRONG_FROM_ONE:
-            first = times[-MAX_WRONG_FROM_ONE]
-        elif len(self._wrong) >= MAX_WRONG_FROM_ALL:
-            first = self._wrong[-MAX_WRONG_FROM_ALL][0]
-        if first is not None:
-            raise TooManyAttemptsError(max(1, round(first + WINDOW_S - now)))
+    async def _operator(self, name: str, password: str, code: str) -> Operator | None:
+        """Return the operator whose name, password and code these are."""
+        found = self._operators.find(name)
+        async with self._checking:
+            is_right = await asyncio.to_thread(is_password_of, found, password)
+        return found if found is not None and is_right and self._operators.use_code(found, code) else None
+
+    async def _note_refused(self, name: str) -> None:
+        """Log a refused login, at most one each minute, by the name if there is such an operator."""
+        if time.monotonic() - self._refused_at >= REFUSED_EVERY_S:
+            self._refused_at = time.monotonic()
+            known = PASSWORD_ALONE if not name else name if self._operators.find(name) else "unknown name"
+            await self._note(known, 401)
+
+    async def _note(self, who: str, status: int) -> None:
+        await self._log.end(await self._log.begin(who, "log_in", None), status)
 
 
 def _digest(password: str) -> bytes:

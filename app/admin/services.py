@@ -9,7 +9,9 @@ from typing import Any
 from app.admin import participants
 from app.admin.exports import Exports
 from app.admin.health import Health
-from app.admin.login import AdminLogin
+from app.admin.login import AdminLogin, AdminPassword
+from app.operators.actions import ActionLog
+from app.operators.operators import Operators
 from app.study.progress import ParticipantProgress
 from app.study.protocol import StudyError
 
@@ -20,9 +22,11 @@ class AdminServices:
     began  monotonic seconds of the server's start
     """
 
-    def __init__(self, login: AdminLogin, progress: ParticipantProgress, studies: Path, health: Health) -> None:
+    def __init__(self, password: AdminPassword, progress: ParticipantProgress, studies: Path, health: Health) -> None:
         database = progress.lobby.store.path
-        self.login, self.progress = login, progress
+        store = progress.lobby.store
+        self.actions, self.progress = ActionLog(store), progress
+        self.login = AdminLogin(password, Operators(store), self.actions)
         self.health, self.figures = health, participants.LiveFigures(database, progress.folder)
         self.exports = Exports(database, studies)
         self.began = time.monotonic()

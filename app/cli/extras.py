@@ -13,7 +13,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger",
+        "prometheus_client", "pythonjsonlogger", "argon2", "pyotp",
     ),
     "train": ("tensorboardX", "matplotlib", "cmaes", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),
@@ -66,6 +66,7 @@ EXTRA_OF_COMMAND = {
     "forget": "study",
     "backup": "study",
     "restore": "study",
+    "operator": "play",
 }
 """Command -> the extra that brings all it needs."""
 

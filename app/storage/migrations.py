@@ -271,6 +271,27 @@ def _create_event_batches(conn: sqlite3.Connection) -> None:
     )
 
 
+def _create_operator_tables(conn: sqlite3.Connection) -> None:
+    for statement in (
+        # operators who log in by name: the hash is argon2id's, last_code the newest period whose code of TOTP was used
+        """CREATE TABLE operators (
+            name TEXT PRIMARY KEY,
+            password_hash TEXT NOT NULL,
+            totp_secret TEXT,
+            last_code INTEGER NOT NULL,
+            created_ms INTEGER NOT NULL) STRICT""",
+        # what operators did; status is that of the answer, null until there is one
+        """CREATE TABLE operator_actions (
+            number INTEGER PRIMARY KEY,
+            at_ms INTEGER NOT NULL,
+            operator TEXT NOT NULL,
+            action TEXT NOT NULL,
+            study TEXT,
+            status INTEGER) STRICT""",
+    ):
+        conn.execute(statement)
+
+
 MIGRATIONS: tuple[Migration, ...] = (
     _create_tables,
     _create_indexes,
@@ -279,5 +300,6 @@ MIGRATIONS: tuple[Migration, ...] = (
     _add_attestation_and_chain,
     _create_daily_tables,
     _create_event_batches,
+    _create_operator_tables,
 )
 """Migration k (from 1) leads from schema k - 1 to schema k."""

@@ -41,7 +41,7 @@ def remember_player(response: Response, connection: HTTPConnection, player_id: s
 def is_operator(connection: HTTPConnection) -> bool:
     """Return whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
-    return admin is not None and admin.login.is_valid(cookies.admin_token(connection))
+    return admin is not None and admin.login.operator_of(cookies.admin_token(connection)) is not None
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:

@@ -9,19 +9,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import closing
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.admin import live_boards, participants
 from app.admin.exports import ExportKind, ExportRunningError
-from app.admin.login import TooManyAttemptsError, WrongPasswordError
+from app.admin.login import WrongPasswordError
 from app.admin.recruiting import recruiting
 from app.admin.services import AdminServices
+from app.operators.delays import TooManyAttemptsError
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
 from app.protection import client_address, has_own_origin
@@ -40,9 +42,11 @@ NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 
 
 class Login(Message):
-    """What the operator types."""
+    """What the operator types: name and code are left empty with the server's one password."""
 
-    password: str
+    name: str = Field(default="", max_length=64)
+    password: str = Field(max_length=1024)
+    code: str = Field(default="", max_length=16)
 
 
 class CloseStudy(Message):
@@ -110,14 +114,48 @@ def _study(admin: AdminServices, name: str) -> Study:
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
-router = APIRouter(include_in_schema=False, route_class=WaitingRoute)
+class LoggedRoute(WaitingRoute):
+    """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
+
+    The login logs itself, since only it knows who came.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the handler with its entry in the log around it."""
+        handler = super().get_route_handler()
+        if self.name == "login" or ((self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"):
+            return handler
+
+        async def logged(request: Request) -> Response:
+            admin = _admin_of(request)
+            who = admin.login.operator_of(cookies.admin_token(request))
+            if who is None:
+                return await handler(request)
+            number, status = await admin.actions.begin(who, self.name, request.path_params.get("name")), 500
+            try:
+                response = await handler(request)
+                status = response.status_code
+            except HTTPException as error:
+                status = error.status_code
+                raise
+            except RequestValidationError:
+                status = 422
+                raise
+            finally:
+                await admin.actions.end(number, status)
+            return response
+
+        return logged
+
+
+router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
 
 
 @router.post("/api/admin/login", dependencies=[Depends(check_page)])
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
     """Log in: set the operator's cookie for the right password."""
     try:
-        token = _admin_of(request).login.issue(given.password, client_address(request))
+        token = await _admin_of(request).login.issue(client_address(request), given.name.strip(), given.password, given.code)
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -135,14 +173,16 @@ async def logout(request: Request, response: Response) -> dict[str, Any]:
 
 
 @router.get("/api/admin/overview")
-async def overview(admin: Operator) -> dict[str, Any]:
-    """Return the studies, the boards being played and the server's health."""
+async def overview(request: Request, admin: Operator) -> dict[str, Any]:
+    """Return the studies, the boards being played, the server's health, and what operators did last."""
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
     return {
         "studies": await asyncio.to_thread(admin.studies),
         "boards": live_boards.list_boards(lobby, admin.progress.study_store),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
+        "operator": admin.login.operator_of(cookies.admin_token(request)),
+        "actions": admin.actions.newest(),
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
     }

@@ -10,7 +10,7 @@ import * as tables from "./tables.js";
 import { attention, exportText, summary } from "./words.js";
 
 /** @typedef {{name: string, title: string, status: string, error: string | null}} Listed */
-/** @typedef {{studies: Listed[], boards: import("./live.js").BoardInfo[], health: import("./words.js").Health, now_ms: number}} Overview */
+/** @typedef {{studies: Listed[], boards: import("./live.js").BoardInfo[], health: import("./words.js").Health, actions: import("./tables.js").Action[], operator: string, now_ms: number}} Overview */
 
 const EVERY_MS = 2000;
 const by = elementsOf(document);
@@ -84,6 +84,8 @@ function paint() {
   live.sync(boards);
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
+  tables.paintActions(by("actions", HTMLTableElement), overview.actions, overview.now_ms);
+  by("operator").textContent = `you are ${overview.operator}`;
   if (study) paintStudy(study, overview);
 }
 
@@ -149,8 +151,8 @@ by("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   by("wrong").textContent = "";
   try {
-    await request("admin/login", { password: password.value });
-    password.value = "";
+    await request("admin/login", { name: by("name", HTMLInputElement).value, password: password.value, code: by("totp", HTMLInputElement).value });
+    password.value = by("totp", HTMLInputElement).value = "";
     await load();
   } catch (error) {
     by("wrong").textContent = /** @type {Error} */ (error).message;

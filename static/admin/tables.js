@@ -7,6 +7,7 @@ import { ago, endings, flags, place, size, stageName } from "./words.js";
 /**
  * @typedef {import("./words.js").Study} Study
  * @typedef {import("./words.js").Interval} Interval
+ * @typedef {{at_ms: number, operator: string, action: string, study: string | null, status: number | null}} Action
  */
 
 /**
@@ -128,4 +129,17 @@ export function paintExport(place, text, state, study) {
     return create("a", `${name} (${size(bytes)})`, { href, download: name });
   });
   place.replaceChildren(`${text} `, ...links);
+}
+
+/**
+ * @param {HTMLTableElement} table
+ * @param {Action[]} actions the newest first
+ * @param {number} now_ms
+ */
+export function paintActions(table, actions, now_ms) {
+  table.tBodies[0].replaceChildren(...actions.map(({ at_ms, operator, action, study, status }) => {
+    const answer = status === null ? "not ended" : status < 300 ? "done" : `refused (${status})`;
+    const texts = [action.replaceAll("_", " "), study ?? "", answer].map((text) => create("td", text));
+    return create("tr", [create("th", operator, { scope: "row" }), ...texts, create("td", ago(now_ms - at_ms), { class: "number" })]);
+  }));
 }

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
-SCHEMAS = (1, 2, 3, 4, 5, 6)
+SCHEMAS = (1, 2, 3, 4, 5, 6, 7)
 
 
 def database(schema, folder):

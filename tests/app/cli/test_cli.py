@@ -102,7 +102,7 @@ def test_the_extras_are_those_of_the_package():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     del declared["audit"], declared["dev"], declared["docs"]  # no command needs them
     imported_as = {"pillow": "PIL", "pyyaml": "yaml", "pydantic-settings": "pydantic_settings", "sqlite-utils": "sqlite_utils"}
-    imported_as |= {"prometheus-client": "prometheus_client", "python-json-logger": "pythonjsonlogger"}
+    imported_as |= {"prometheus-client": "prometheus_client", "python-json-logger": "pythonjsonlogger", "argon2-cffi": "argon2"}
     assert set(declared) == set(EXTRAS)
     for extra, requirements in declared.items():
         names = [re.split(r"[<>=\[ ]", requirement)[0] for requirement in requirements]

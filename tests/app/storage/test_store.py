@@ -243,6 +243,9 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
         "chain_salts",
         "releases",
         "forgotten_people",
+        "event_batches",
+        "operators",
+        "operator_actions",
     }
     assert all("STRICT" in text for text in sql.values())
     pragma = {
