@@ -39,6 +39,8 @@ from app.protection import Admission, AllowedHosts, ForwardedHeaders, OwnPages, 
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
+from app.storage.checks import quick_check
+from app.storage.database import StoreError, damaged
 from app.storage.store import Store
 from app.storage.studies import StudyStore
 from app.study.debrief import Debriefs
@@ -138,7 +140,7 @@ def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterat
     if store is not None:
         yield store
         return
-    with closing(Store(settings.database, settings.durable, metrics)) as own:
+    with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as own:
         yield own
 
 
@@ -247,7 +249,11 @@ def run(settings: Settings) -> None:
         with _file_errors():
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
-        with closing(Store(settings.database, settings.durable, metrics)) as store:
+        with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as store:
+            if (found := quick_check(store.path)) != "ok":
+                raise StoreError(damaged(store.path, found))
+            if store.notice is not None:
+                print(f"{store.notice}; a power cut can do this, which --durable prevents", flush=True)
             app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), password)
             if password is not None and password.drawn:
                 print(f"the operator's page is /admin, its password until the server stops: {password.drawn}", flush=True)

@@ -141,6 +141,7 @@ class Settings(BaseSettings):
     metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
     metrics_host  where that listener is; nobody but this machine reaches the default
     log_format   "text", or "json" for one object a line on stderr
+    accept_loss  True starts with a database whose log is gone after a crash, without the moves that were in it
     backup_every  minutes between backups that the server makes by itself; None: it makes none
     backup_to    the folder that they are kept in; None: `backups`, beside the database
     backup_keep  how many of them stay
@@ -167,6 +168,7 @@ class Settings(BaseSettings):
     metrics_port: int | None = Field(default=None, ge=0, le=65535)
     metrics_host: str = "127.0.0.1"
     log_format: Literal["text", "json"] = "text"
+    accept_loss: bool = False
     backup_every: float | None = Field(default=None, gt=0)
     backup_to: Path | None = None
     backup_keep: int = Field(default=48, ge=1)

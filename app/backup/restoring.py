@@ -28,6 +28,7 @@ def restore(backup: Path, database: Path, stamp: str, advance: Advance | None = 
         back_up(backup, new, advance)
         kept = _set_aside(database, stamp) if database.exists() else None
         new.replace(database)
+        lock.clear_step()
         sync_folder(database.parent)
         return kept
     except OSError as error:

@@ -64,8 +64,8 @@ EXTRA_OF_COMMAND = {
     "import": "export",
     "merge": "play",
     "forget": "study",
-    "backup": "study",
-    "restore": "study",
+    "backup": "play",
+    "restore": "play",
     "operator": "play",
 }
 """Command -> the extra that brings all it needs."""

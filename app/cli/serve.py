@@ -29,6 +29,7 @@ from marsexplorer.policies.files.card import of_paper
     help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
 @click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
+@click.option("--accept-loss", is_flag=True, default=None, help="Start although the log of a killed server is gone.")
 @click.option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup every so many minutes.")
 @click.option("--backup-to", type=PATH, metavar="DIR", help="Keep them there.  [default: backups, beside the database]")
 @click.option("--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]")

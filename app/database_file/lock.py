@@ -13,6 +13,7 @@ import os
 import sys
 from pathlib import Path
 
+from app.database_file import last_step
 from app.database_file.errors import StoreError
 from app.database_file.in_use import Identity, close_when_unused, identity_of
 
@@ -57,6 +58,20 @@ class DatabaseLock:
             raise
         self._database = handle, identity
         _locked.add(identity)
+
+    def note_step(self, episode: str, step: int) -> None:
+        """Keep the last step that was committed in the lock file (`app.database_file.last_step`)."""
+        if self._lock_file is not None:
+            last_step.note_step(self._lock_file, episode, step)
+
+    def clear_step(self) -> None:
+        """Expect no step of the database at the next start."""
+        if self._lock_file is not None:
+            last_step.clear(self._lock_file)
+
+    def expected_step(self) -> tuple[str, int] | None:
+        """Return the episode and the step that the database must hold after a server that did not end by itself, else None."""
+        return None if self._lock_file is None else last_step.expected_step(self._lock_file)
 
     def close(self) -> None:
         """Leave the database to another server; a second call changes nothing."""

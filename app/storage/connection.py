@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.database_file.in_use import hold
-from app.storage.database import StoreError, open_read_only
+from app.storage.database import StoreError, damaged, open_read_only
 
 
 @contextmanager
@@ -27,7 +27,7 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
     except sqlite3.DatabaseError as error:
         if "malformed" not in str(error) and "not a database" not in str(error):
             raise
-        raise StoreError(f"the database {path} is damaged ({error}): restore it from a backup") from error
+        raise StoreError(damaged(path, str(error))) from error
     finally:
         db.close()
         release()

@@ -10,7 +10,7 @@ import os
 import sqlite3
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from app.database_file.errors import StoreError
@@ -38,7 +38,11 @@ APPLICATION_ID = 0x4D415253
 __all__ = [
     "APPLICATION_ID",
     "StoreError",
+    "check_last_step",
     "check_writable",
+    "damaged",
+    "holds_step",
+    "lost_steps",
     "migrate",
     "open_database",
     "open_read_only",
@@ -119,6 +123,40 @@ def check_writable(path: Path) -> None:
         raise StoreError(f"the database {path} is read-only: make it writable or give another --database")
 
 
+def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
+    """Check that a database holds the last step of a server that was killed, where its log is gone; StoreError otherwise.
+
+    expected  episode and step; None: nothing is known. Nothing is written, so that the log can still be put back.
+    """
+    if expected is None or Path(f"{os.path.realpath(path)}-wal").exists():
+        return
+    try:
+        with closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as conn:
+            if holds_step(conn, expected):
+                return
+    except sqlite3.Error:
+        if path.exists():
+            return  # damaged: whoever opens it says so
+    raise StoreError(
+        f"{lost_steps(path, expected)}. Its log {path.name}-wal is gone, and with it what was played last: put it back beside "
+        "the database before anything else opens it, restore a backup, or go on without those moves (serve --accept-loss)"
+    )
+
+
+def holds_step(conn: sqlite3.Connection, step: tuple[str, int]) -> bool:
+    """Return whether a database holds a step, given as episode and number."""
+    return conn.execute("SELECT 1 FROM steps WHERE episode_id = ? AND step = ?", step).fetchone() is not None
+
+
+def lost_steps(path: Path, step: tuple[str, int]) -> str:
+    """Return in words that a database lacks the last step which was recorded in it, without a full stop."""
+    episode, number = step
+    return (
+        f"the database {path} is older than it was when its server was killed: step {number} of the episode {episode}, the "
+        "last one that was recorded, is not in it"
+    )
+
+
 def open_database(path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS) -> Database:
     """Open the database for writing, recognised, migrated and in WAL mode; it is made when absent."""
     check_writable(path)
@@ -184,13 +222,21 @@ def _upgraded_copy(conn: sqlite3.Connection, path: Path) -> sqlite3.Connection:
     return copy
 
 
+def damaged(path: Path, found: str) -> str:
+    """Return one sentence for a database that is damaged, with the ways out."""
+    return (
+        f"the database {path} is damaged ({found}): restore it from a backup (marsexplorer restore), read out what can be read "
+        f"(marsexplorer recover {path} --out NEW), or give another --database"
+    )
+
+
 def _explain(path: Path, error: sqlite3.Error) -> str:
     """Return one sentence for an error of SQLite on opening."""
     text = str(error)
     if "readonly" in text:
         return f"the database {path} is read-only: make it writable or give another --database"
     if "malformed" in text or "not a database" in text or "no such table" in text:
-        return f"the database {path} is damaged ({text}): restore it from a backup or give another --database"
+        return damaged(path, text)
     if "locked" in text:
         return f"{path} is in use by another program: stop it or give another --database"
     return f"cannot open the database {path}: {text}"

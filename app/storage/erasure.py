@@ -72,6 +72,7 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 done = _erase_rows(conn, person)
             conn.execute("VACUUM")
+            lock.clear_step()  # it may be one of those that were erased
             conn.execute("PRAGMA locking_mode = NORMAL")
             conn.execute("PRAGMA journal_mode = WAL")
         finally:

@@ -24,7 +24,7 @@ from app.database_file.place import FilePlace, LostDatabaseError
 from app.database_file.write_queue import DatabaseLockedError, WriteQueue
 from app.monitoring.metrics import Metrics
 from app.storage import chain
-from app.storage.database import StoreError, check_writable, open_database, transaction
+from app.storage.database import StoreError, check_last_step, check_writable, holds_step, lost_steps, open_database, transaction
 from app.storage.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
@@ -142,13 +142,22 @@ _LATEST = f"""SELECT {_EPISODE} FROM sessions s
 
 
 class Store(Reader):
-    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions."""
+    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions.
 
-    def __init__(self, path: Path | str, durable: bool = False, metrics: Metrics | None = None) -> None:
+    accept_loss  open the database also when the log of a server that was killed is gone, with steps that were acknowledged
+    notice       one sentence when the last step that was committed before a crash is not there, else None
+    """
+
+    def __init__(
+        self, path: Path | str, durable: bool = False, metrics: Metrics | None = None, accept_loss: bool = False
+    ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
         check_writable(path)
         self._lock = take_lock(path)
         try:
+            expected = self._lock.expected_step()
+            if not accept_loss:
+                check_last_step(path, expected)
             super().__init__(open_database(path, durable), path)
         except BaseException:
             self._lock.close()
@@ -162,10 +171,15 @@ class Store(Reader):
         self._lost: str | None = None
         self.writes = WriteQueue(self._is_locked)
         self._conn: sqlite3.Connection = self._db.conn
+        self._step: tuple[str, int] | None = None
+        self.notice = None if expected is None or holds_step(self._conn, expected) else lost_steps(path, expected)
 
     def close(self) -> None:
         """Write everything to disk and leave the file to another server."""
+        ends_well = self.fault is None
         super().close()
+        if ends_well:
+            self._lock.clear_step()
         self._lock.close()
 
     @property
@@ -206,7 +220,7 @@ class Store(Reader):
         if self._conn.in_transaction:
             yield
             return
-        began = time.perf_counter()
+        began, self._step = time.perf_counter(), None
         try:
             with transaction(self._conn):
                 if self._lost is not None:
@@ -215,6 +229,8 @@ class Store(Reader):
                 self._place.check()  # now the write can still be taken back
             self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
             self.check_place()
+            if self._step is not None:
+                self._lock.note_step(*self._step)
             self.metrics.commit.observe(time.perf_counter() - began)
         except sqlite3.Error as error:
             if is_busy(error):
@@ -282,6 +298,7 @@ class Store(Reader):
         with self.transaction():
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
+            self._step = row.episode_id, row.step
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
             if row.driver != "human":

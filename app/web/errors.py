@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import sqlite3
 from collections.abc import Callable, Mapping
 
 from fastapi import FastAPI, Request
@@ -26,6 +28,11 @@ TITLES = {
 """Headings of the pages of errors by status."""
 
 FAILED = "The fault is the server's, and it has noted it. Try again in a moment."
+UNREADABLE = (
+    "the server's database cannot be read here: whoever runs the server finds the reason in its log, and `marsexplorer verify` "
+    "or `marsexplorer recover` says what is damaged"
+)
+_log = logging.getLogger(__name__)
 _PAGE = environment.get_template("error_page.html")
 
 
@@ -34,6 +41,7 @@ def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _answer_http_error)
     app.add_exception_handler(UnknownSessionError, _answer_with(404))
     app.add_exception_handler(StoreError, _answer_with(503))
+    app.add_exception_handler(sqlite3.DatabaseError, _answer_database_error)
     app.add_exception_handler(RequestValidationError, _answer_bad_input)
     app.add_exception_handler(Exception, _answer_failure)
 
@@ -71,6 +79,12 @@ def _answer_with(status: int) -> Callable[[Request, Exception], Response]:
 def _answer_bad_input(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     return answer(request, 422, describe_errors(error.errors()))
+
+
+def _answer_database_error(request: Request, error: Exception) -> Response:
+    """Answer a query that SQLite could not make: of a damaged page, say, or of a disk that cannot be read."""
+    _log.error("the database cannot be read: %s", error)
+    return answer(request, 503, UNREADABLE)
 
 
 def _answer_failure(request: Request, _: Exception) -> Response:

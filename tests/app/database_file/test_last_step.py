@@ -1,0 +1,97 @@
+"""A log that is missing after a crash: the next start notices, says so, and writes nothing that would prevent its return."""
+
+import shutil
+import subprocess
+import sys
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.storage.database import StoreError
+from app.storage.store import Store
+from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
+
+
+@pytest.fixture
+def crashed(tmp_path):
+    """The files of a server that was killed after three steps, and the episode."""
+    (tmp_path / "running").mkdir()
+    with closing(Store(tmp_path / "running" / "play.db")) as store:
+        row, episode = open_episode(store, add_session(store), seed=4, config=SMALL)
+        store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        add_steps(store, row, episode, free_moves(episode)[:3])
+        shutil.copytree(tmp_path / "running", tmp_path / "crashed")
+    return tmp_path / "crashed" / "play.db", row.id
+
+
+def log_of(path):
+    return path.with_name(path.name + "-wal")
+
+
+def test_a_log_that_is_there_is_read_and_nothing_is_said(crashed):
+    path, episode = crashed
+    with closing(Store(path)) as store:
+        assert store.notice is None
+        assert len(store.steps(episode)) == 3
+
+
+def test_a_log_that_is_gone_stops_the_start_until_it_is_put_back_or_its_loss_is_accepted(crashed):
+    path, episode = crashed
+    log_of(path).rename(path.with_name("found-later"))
+    before = path.read_bytes()
+    for _ in range(2):
+        with pytest.raises(StoreError, match=rf"step 2 of the episode {episode}.* play.db-wal is gone.*serve --accept-loss"):
+            Store(path)
+    assert path.read_bytes() == before
+    path.with_name("found-later").rename(log_of(path))
+    with closing(Store(path)) as store:
+        assert len(store.steps(episode)) == 3
+
+
+def test_the_loss_of_a_log_can_be_accepted_once_and_for_all(crashed):
+    path, episode = crashed
+    log_of(path).unlink()
+    with closing(Store(path, accept_loss=True)) as store:
+        assert "step 2 of the episode" in store.notice
+        assert store.steps(episode) == []
+    with closing(Store(path)) as store:
+        assert store.notice is None, "the server before this one has ended by itself"
+
+
+def test_a_log_that_was_cut_short_is_noticed(crashed):
+    path, _ = crashed
+    log_of(path).write_bytes(log_of(path).read_bytes()[:-4200])
+    with closing(Store(path)) as store:
+        assert "is older than it was when its server was killed" in store.notice
+
+
+def test_a_database_that_is_gone_after_a_crash_is_not_begun_anew(crashed):
+    path, _ = crashed
+    path.unlink()
+    log_of(path).unlink()
+    with pytest.raises(StoreError, match="is not in it"):
+        Store(path)
+    assert not path.exists()
+
+
+def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_running(tmp_path, serve, capsys):
+    server = serve()
+    store, path = server.services.store, tmp_path / "playground.db"
+    for seed in range(40):
+        play(store, seed=seed)
+    store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    (root,) = store.connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'steps'").fetchone()
+    damage = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
+    subprocess.run([sys.executable, "-c", damage, str(path), str(4096 * (root - 1))], check=True)
+    answer = server.client().get("/api/episodes")
+    assert answer.status_code == 503
+    assert "`marsexplorer recover`" in answer.json()["detail"]
+    server.stop()
+    with pytest.raises(SystemExit) as left:
+        main(["serve", "--port", "0", "--database", str(path)])
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert left.value.code == 1
+    assert f"the database {path} is damaged" in said
+    assert f"marsexplorer recover {path} --out NEW" in said
