@@ -41,7 +41,7 @@ class Where:
     type=click.Choice(["small", "full"]),
     default="small",
     show_default=True,
-    help="small does figure 4 in half an hour on two cores, full in a night.",
+    help="small does figure 4 in half an hour on two cores, full in some hours.",
 )
 @click.option("--algorithms", multiple=True, help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all four]")
 @click.option(
@@ -91,7 +91,7 @@ def paper(
     \b
     Examples:
       marsexplorer paper --figure 4                                      small: half an hour on two cores
-      marsexplorer paper --figure 4 --budget full --list                 what a night would do, and how long it takes
+      marsexplorer paper --figure 4 --budget full --list                 what that would do, and how long it takes
       marsexplorer paper --figure 4 --algorithms ppo --variants works --seeds 5
       marsexplorer paper --figure 5 --budget full --ray head:6379 --out /shared/paper
       marsexplorer paper --figure 4 --redraw data/paper --out pictures   the figures as shipped, in seconds

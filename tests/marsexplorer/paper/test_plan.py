@@ -21,17 +21,16 @@ def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
     assert len({job.name for job in jobs}) == 24
 
 
-def test_a_small_figure_4_takes_half_an_hour_of_two_cores_and_a_full_one_a_night():
+def test_a_small_figure_4_takes_half_an_hour_of_two_cores_and_a_full_one_some_hours():
     minutes = {budget: sum(job.forecast for job in plan(Request(("4",), budget), NOWHERE)) / 60 for budget in BUDGETS}
     assert 40 < minutes["small"] < 60
-    assert 5 * 60 < minutes["full"] < 20 * 60
+    assert 3 * 60 < minutes["full"] < 6 * 60
 
 
 def test_every_algorithm_has_about_the_same_cpu_time():
     for budget, most in (("small", 1.8), ("full", 1.2)):
-        for variant in ("paper", "works"):
-            seconds = [job.forecast for job in plan(Request(("4",), budget, variants=(variant,), seeds=1), NOWHERE)]
-            assert max(seconds) < most * min(seconds)
+        seconds = [job.forecast for job in plan(Request(("4",), budget, seeds=1), NOWHERE)]
+        assert max(seconds) < most * min(seconds)
 
 
 def test_figure_5_is_ppo_on_the_12_levels():
