@@ -155,7 +155,8 @@ def _services(
     """Return the services of an app; call it on the running loop."""
     policies, maps = offered
     folder, study_store = Folder(settings.studies), StudyStore(store)
-    lobby = Lobby(store, policies, sources, settings.idle_s, Participations(folder, study_store, sources).of_session, maps)
+    of_session = Participations(folder, study_store, sources).of_session
+    lobby = Lobby(store, policies, sources, settings.idle_s, of_session, maps, settings.limits.decision_s)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     _add_gauges(store.metrics, lobby, health)
     return Services(

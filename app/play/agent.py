@@ -5,17 +5,18 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.database_file.write_queue import LONGEST_PAUSE_S, DatabaseLockedError
-from app.play.decision_queue import DecisionQueue
-from app.play.messages import encode_thought
+from app.play.decision_queue import DecisionQueue, SlowDecisionError
+from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
 from app.play.session import Move, Session
-from app.storage.store import EpisodeRow
+from app.storage.store import EpisodeRow, StoreError
 from marsexplorer.policies import Policy
 
 DEFAULT_MOVES_PER_SECOND = 8.0
@@ -41,6 +42,7 @@ class Agent:
 
     def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy], decisions: DecisionQueue) -> None:
         self._session, self._player, self._load, self._decisions = session, player, load, decisions
+        self._owner = (player or session).row.player_id or session.id
         self._policy: Policy | None = None
         self._prepared_for: EpisodeRow | None = None
         self._decided: tuple[str, int, int] | None = None
@@ -75,10 +77,22 @@ class Agent:
                 self._move()
             except DatabaseLockedError:
                 await asyncio.sleep(LONGEST_PAUSE_S)
+            except SlowDecisionError as error:
+                self._give_up(error)
             except Exception as error:
                 _log.exception("the policy %s failed", self._session.row.driver_name)
                 self._single_moves, self._prepared_for, self._decided = 0, None, None
                 self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
+
+    def _give_up(self, error: SlowDecisionError) -> None:
+        """Pause the board and say why; its policy is still at work on that decision, so the next one is of a fresh copy."""
+        session = self._session
+        self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
+        if session.pace is not None:
+            with suppress(StoreError):
+                session.set_pace(Pace(mode="paused", moves_per_second=session.pace.moves_per_second))
+        name = session.row.driver_name
+        session.fail(f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again")
 
     def _delay(self) -> float | None:
         """Return seconds until the next move, 0 or less for now, None for not before something changes."""
@@ -118,7 +132,7 @@ class Agent:
         if policy is None or session.current.id != row.id:
             return
         step = session.episode.steps
-        action = await self._decisions.act(policy, session.episode.codes.copy())
+        action = await self._decisions.act(policy, session.episode.codes.copy(), self._owner)
         if session.current.id != row.id:
             return
         self._decided = (row.id, step, action)

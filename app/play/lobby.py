@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import partial
 
 from app.play.agent import DEFAULT_MOVES_PER_SECOND, Agent
-from app.play.decision_queue import DecisionQueue
+from app.play.decision_queue import DECISION_S, THREADS, DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.paired_board import BoardGroup
 from app.play.policy_catalogue import PolicyCatalogue
@@ -57,6 +57,7 @@ class Lobby:
         idle_s: float,
         participation_of: ParticipationOf = no_participation,
         maps: MapCatalogue | None = None,
+        decision_s: float = DECISION_S,
     ) -> None:
         self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
         self.watch_ids = WatchIds(store)
@@ -64,8 +65,8 @@ class Lobby:
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = asyncio.Lock()
-        self._thread = ThreadPoolExecutor(1, "policies")
-        self._decisions = DecisionQueue(self._thread)
+        self._thread = ThreadPoolExecutor(THREADS, "policies")
+        self._decisions = DecisionQueue(self._thread, decision_s)
         found = store.sessions_to_resume(sources.clock_ms())
         self._rivals = {each.session.rival_of: each.session.id for each in found if each.session.rival_of}
 

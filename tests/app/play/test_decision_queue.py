@@ -1,0 +1,111 @@
+"""Who is decided for first, and what becomes of a decision that takes too long."""
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from app.play.decision_queue import THREADS, DecisionQueue, SlowDecisionError
+from app.play.policy_catalogue import PolicyCatalogue
+from app.settings import Limits
+from tests.support.servers import eventually
+
+BOARD = np.zeros((3, 4), np.uint8)
+
+
+class Recorded:
+    """A policy that notes when it decides, and takes a while."""
+
+    name = "recorded"
+
+    def __init__(self, name, order, seconds=0.0, until=None):
+        self.who, self.order, self.seconds, self.until = name, order, seconds, until
+
+    def reset(self, seed):
+        pass
+
+    def act(self, observation):
+        self.order.append(self.who)
+        (self.until or threading.Event()).wait(60 if self.until else self.seconds)
+        return 1
+
+
+def decide(ask, **settings):
+    """Run `ask(decisions)` with a queue of its own."""
+
+    async def run():
+        return await ask(DecisionQueue(threads, **settings))
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        return asyncio.run(run())
+
+
+@pytest.mark.parametrize("owners", [["crowd"] * 30, [f"owner {number}" for number in range(30)]])
+def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners):
+    order = []
+
+    async def ask(decisions):
+        async def keep_asking(owner):
+            policy = Recorded("crowd", order, 0.005)
+            for _ in range(3):
+                await decisions.act(policy, BOARD, owner)
+
+        crowd = [asyncio.create_task(keep_asking(owner)) for owner in owners]
+        while order.count("crowd") < 30:  # each has had a decision, and asks for the next
+            await asyncio.sleep(0.001)
+        waits = []
+        for _ in range(3):
+            before = len(order)
+            await decisions.act(Recorded("alone", order), BOARD, "alone")
+            waits.append(order[before:].index("alone"))
+        await asyncio.gather(*crowd)
+        return waits
+
+    assert max(decide(ask)) <= 2
+
+
+def test_a_decision_that_takes_too_long_is_given_up_and_the_next_is_made_meanwhile():
+    order, release = [], threading.Event()
+
+    async def ask(decisions):
+        stuck = [asyncio.create_task(decisions.act(Recorded("stuck", order, until=release), BOARD, "one")) for _ in range(2)]
+        await asyncio.sleep(0.01)
+        quick = asyncio.create_task(decisions.act(Recorded("quick", order), BOARD, "two"))
+        found = await asyncio.gather(*stuck, quick, return_exceptions=True)
+        release.set()
+        return found
+
+    *stuck, quick = decide(ask, decision_s=0.1)
+    assert [str(each) for each in stuck] == ["a decision took longer than 0.1 s"] * 2
+    assert all(isinstance(each, SlowDecisionError) for each in stuck)
+    assert quick == 1
+
+
+class CatalogueWithSlow(PolicyCatalogue):
+    """A catalogue whose `random` is slow once."""
+
+    def __init__(self):
+        super().__init__()
+        self.release, self.loaded = threading.Event(), 0
+
+    def load(self, name):
+        self.loaded += 1
+        return Recorded("slow", [], until=self.release if self.loaded == 1 else None)
+
+
+def test_a_board_whose_policy_takes_too_long_says_so_pauses_and_can_go_on(serve):
+    catalogue = CatalogueWithSlow()
+    server = serve(policies=catalogue, limits=Limits(decision_s=0.2))
+    client = server.client()
+    begun = client.post("/api/sessions", json={"player": "random", "seed": 5}).json()
+    url = f"/api/sessions/{begun['session']}"
+    with server.socket(begun["session"], client) as watcher:
+        assert "a decision took longer than 0.2 s, so the policy 'random' is paused" in watcher.receive("error")["detail"]
+    with server.socket(begun["session"], client) as watcher:
+        assert watcher.receive("pace")["mode"] == "paused"
+    assert client.get(url).json()["step"] == 0
+    catalogue.release.set()
+    client.post(f"{url}/pace", json={"moves_per_second": 30})
+    eventually(lambda: client.get(url).json()["step"] > 0)
