@@ -162,7 +162,7 @@ def _services(
     return Services(
         store=store,
         lobby=lobby,
-        page_boards=PageBoards(lobby, settings.abandon_after_s),
+        page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),
         daily_policies=DailyPolicies(store.path.with_name(store.path.name + "-daily.json"), policies.offers()),

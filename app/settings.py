@@ -96,6 +96,7 @@ class Limits(BaseModel):
     sessions_per_address, sessions_per_player  new boards, attempts at the daily terrain among them
     episodes_per_address, episodes_per_player  next episodes
     decision_s       seconds that one decision of a policy may take; a board that takes longer is paused
+    unplayed_h       hours after which a board on which nobody has moved is deleted
     token            whoever sends it in the header X-Mars-Token is not limited in joins, boards, episodes and sockets
     """
 
@@ -121,6 +122,7 @@ class Limits(BaseModel):
     episodes_per_address: Rate = "1200/minute"
     episodes_per_player: Rate = "120/minute"
     decision_s: float = Field(default=10.0, gt=0)
+    unplayed_h: float = Field(default=24.0, gt=0)
     token: SecretStr | None = Field(default=None, min_length=16)
 
 

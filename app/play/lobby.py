@@ -190,6 +190,11 @@ class Lobby:
                 if all(board.channel.subscribers == 0 and board.touched < horizon for board in group.boards):
                     self._unload(group)
 
+    def forget(self, deleted: Sequence[str]) -> None:
+        """Forget which of some sessions, which are deleted, had rivals."""
+        for session_id in deleted:
+            self._rivals.pop(session_id, None)
+
     def close(self) -> None:
         """Unload everything and end the policies' thread."""
         for group in list(self._groups.values()):

@@ -23,7 +23,14 @@ from weakref import WeakValueDictionary
 from app.play.lobby import Lobby, UnknownSessionError
 from app.play.messages import NewEpisode, NewSession
 from app.play.session import HUMAN, RefusedError, Session
-from app.storage.playground import OpenRanked, newest_session, open_ranked, ranked_left_since, watchable_session
+from app.storage.playground import (
+    OpenRanked,
+    delete_unplayed,
+    newest_session,
+    open_ranked,
+    ranked_left_since,
+    watchable_session,
+)
 from app.storage.store import StoreError
 from marsexplorer.config import EnvConfig
 
@@ -34,10 +41,14 @@ _log = logging.getLogger(__name__)
 
 
 class PageBoards:
-    """Begins boards for the page's players; `abandon_after_s` is how long a ranked episode waits for its next move."""
+    """Begins boards for the page's players, and ends what is left.
 
-    def __init__(self, lobby: Lobby, abandon_after_s: float) -> None:
-        self._lobby, self._abandon_after_s = lobby, abandon_after_s
+    abandon_after_s  how long a ranked episode waits for its next move
+    unplayed_h       hours after which a board without a move is deleted
+    """
+
+    def __init__(self, lobby: Lobby, abandon_after_s: float, unplayed_h: float = 24.0) -> None:
+        self._lobby, self._abandon_after_s, self._unplayed_h = lobby, abandon_after_s, unplayed_h
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
 
     async def begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
@@ -108,6 +119,7 @@ class PageBoards:
         while True:
             try:
                 await self.abandon_left()
+                await self.delete_unplayed()
             except StoreError as error:
                 _log.warning("ranked episodes that were left stay open for now: %s", error)
             await asyncio.sleep(min(SWEEP_S, self._abandon_after_s / 4))
@@ -120,6 +132,16 @@ class PageBoards:
             if board is not None and board.current.id == row.episode_id:
                 with suppress(RefusedError):  # a move came meanwhile
                     board.abandon(row.episode_id, row.moves)
+
+    async def delete_unplayed(self) -> int:
+        """Delete boards that nobody has moved on for `unplayed_h` hours and that are not in memory; return how many."""
+        lobby, count = self._lobby, 0
+        before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
+        while deleted := delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None):
+            lobby.forget(deleted)
+            count += len(deleted)
+            await asyncio.sleep(0)  # others move between two transactions
+        return count
 
     async def _begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
         found = await self._open(player_id)

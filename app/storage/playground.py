@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import secrets
 import sqlite3
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -44,6 +45,23 @@ _WATCHABLE = """SELECT e.session_id, e.ended_ms FROM episodes e WHERE e.id = :ep
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
     AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id AND d.day >= :today
         AND d.player_id IS NOT :viewer)"""
+
+# Boards with their rival's: nothing has happened on either, and neither is the newest session.
+_UNPLAYED = """SELECT s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions r ON r.rival_of = s.id
+    WHERE s.created_ms < :before AND s.rival_of IS NULL
+    AND max(s.rowid, coalesce(r.rowid, 0)) < (SELECT max(rowid) FROM sessions)
+    AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
+    AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.session_id IN (s.id, r.id) AND (
+        e.ended_ms IS NOT NULL OR e.started_ms >= :before
+        OR EXISTS (SELECT 1 FROM steps t WHERE t.episode_id = e.id)
+        OR EXISTS (SELECT 1 FROM input_events v WHERE v.episode_id = e.id)
+        OR EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
+        OR EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id)))
+    LIMIT :most"""
+_WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
+    AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
+    AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
+    AND NOT EXISTS (SELECT 1 FROM daily_attempts WHERE player_id = ?1)"""
 
 
 @dataclass(frozen=True)
@@ -99,6 +117,31 @@ def newest_episode(store: Store, session_id: str) -> str | None:
 def sessions_after(store: Store, row: int) -> list[tuple[int, str]]:
     """Return (row number, id) of the sessions that were stored after the one with a row number, in that order."""
     return store.connection.execute("SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid", [row]).fetchall()
+
+
+def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool], most: int = 100) -> list[str]:
+    """Delete boards that were begun before a time and on which nobody has moved; return their sessions' ids, at most `most`.
+
+    A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
+    run and have neither a move nor an input event: the chain has no entry of them, so nothing that `verify` looks at changes.
+    A participant's board, an attempt at a daily terrain and a board that is `in_use` (asked with its id) stay, and so does the
+    newest session of all: its row number must not come again.
+    """
+    with store.transaction():
+        conn = store.connection
+        found = conn.execute(_UNPLAYED, {"before": before_ms, "most": most}).fetchall()
+        deleted, players = list[str](), set[str]()
+        for session_id, player_id, rival_id in found:
+            ids = [each for each in (rival_id, session_id) if each is not None]
+            if any(in_use(each) for each in ids):
+                continue
+            for each in ids:
+                conn.execute("DELETE FROM episodes WHERE session_id = ?", [each])
+                conn.execute("DELETE FROM sessions WHERE id = ?", [each])
+            deleted += ids
+            players |= {player_id} - {None}
+        conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
+    return deleted
 
 
 _SECRET = "daily_secret"

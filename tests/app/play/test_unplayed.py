@@ -1,0 +1,103 @@
+"""Boards on which nobody has moved leave the database after a day, and nothing else does."""
+
+import asyncio
+import sqlite3
+from contextlib import closing
+
+from app.play.lobby import Lobby
+from app.play.policy_catalogue import PolicyCatalogue
+from app.play.ranked import PageBoards
+from app.play.sources import Sources
+from app.storage import chain
+from app.storage.store import Store
+from app.study.verification import verify_database
+from tests.support.servers import eventually
+from tests.support.study import Person, freeze
+
+DAY_H = 24
+TABLES = ("players", "sessions", "episodes", "steps", "input_events", "participants", "daily_attempts")
+
+
+def ids(path):
+    with closing(sqlite3.connect(path)) as conn:
+        return {row[0] for row in conn.execute("SELECT id FROM sessions")}
+
+
+def counts(path):
+    with closing(sqlite3.connect(path)) as conn:
+        return {table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in TABLES}
+
+
+async def delete_later(path, hours):
+    """Delete what is unplayed some hours from now, on a server that has just started."""
+    with closing(Store(path)) as store:
+        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: Sources().clock_ms() + int(hours * 3_600_000)), 600.0)
+        head = chain.head(store.connection)
+        deleted = await PageBoards(lobby, 1e9, DAY_H).delete_unplayed()
+        assert chain.head(store.connection) == head
+        assert not lobby._rivals.keys() - ids(path)
+        lobby.close()
+    return deleted
+
+
+def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, tmp_path):
+    freeze(tmp_path / "studies")
+    server = serve()
+    path = tmp_path / "playground.db"
+    kept, gone = set(), set()
+
+    def begin(client=None, **body):
+        return (client or server.page()).post("/api/sessions", json={"size": 9, **body}).json()
+
+    for _ in range(3):
+        gone.add(begin()["session"])
+    begun = begin(rival="frontier-cost")
+    gone |= {begun["session"], begun["rival"]["session"]}
+    moved = server.page()
+    begun = begin(moved)
+    with server.socket(begun["session"], moved) as socket:
+        socket.act(socket.receive("frame"), "south", input="key")
+        socket.frame_after(0)
+    kept.add(begun["session"])
+    pressed = server.page()
+    begun = begin(pressed)
+    with server.socket(begun["session"], pressed) as socket:
+        socket.send({"kind": "events", "episode": begun["frame"]["episode"], "events": [{"kind": "blur", "client_ms": 1}]})
+        assert socket.receive("kept")["count"] == 1
+    kept.add(begun["session"])
+    ended = server.client()
+    begun = begin(ended)
+    ended.post(f"/api/sessions/{begun['session']}/episodes")
+    kept.add(begun["session"])
+    policy = begin(player="frontier-cost")
+    eventually(lambda: server.client().get(f"/api/sessions/{policy['session']}/history").status_code in (200, 404))
+    kept.add(server.page().post("/api/daily").json()["session"])
+    person = Person(server)
+    person.to_tutorial()
+    person.call("next")
+    kept.add(person.where["session"])
+    newest = begin()["session"]
+    server.stop()
+
+    before = counts(path)
+    assert asyncio.run(delete_later(path, DAY_H - 1)) == 0
+    assert counts(path) == before
+    assert asyncio.run(delete_later(path, DAY_H + 1)) >= len(gone)
+    left = ids(path)
+    assert not left & gone
+    assert kept | {newest} <= left
+    after = counts(path)
+    assert after["players"] < before["players"]
+    assert [after[table] for table in TABLES[3:]] == [before[table] for table in TABLES[3:]]
+    assert verify_database(path).findings == ()
+
+
+def test_a_board_that_is_open_stays_however_old_it_is(serve, tmp_path):
+    server = serve()
+    client = server.page()
+    begun = client.post("/api/sessions", json={"size": 9}).json()
+    server.page().post("/api/sessions", json={"size": 9})
+    server.clock.skipped_ms += 48 * 3_600_000
+    boards = server.services.page_boards
+    assert asyncio.run(boards.delete_unplayed()) == 0
+    assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
