@@ -1,4 +1,4 @@
-"""`python docs/make_pictures.py`: draw the pictures of docs/environment.md from the environment itself."""
+"""`python docs/make_pictures.py`: draw pictures of docs/environment.md and docs/results.md from the environment itself."""
 
 from __future__ import annotations
 
@@ -84,8 +84,21 @@ def lidar() -> Image.Image:
     )
 
 
+def building_and_cave() -> Image.Image:
+    """Return a building and a cave as `frontier-priced` has mapped them at the end, with its course."""
+    pictures = []
+    for level in ("building", "cave"):
+        episode, policy = Episode.begin(EnvConfig.of(level, 42), seed=1_000_000_000), policies.load("frontier-priced")
+        policy.reset(0)
+        while not episode.ended:
+            episode.step(policy.act(episode.codes))
+        pictures.append((f"{level}: {episode.steps} moves", picture_of(episode.codes, episode.path, 9)))
+    return side_by_side(pictures, 2)
+
+
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
-    for name, draw in (("episode", episode_in_four_moments), ("levels", levels), ("lidar", lidar)):
+    drawings = {"episode": episode_in_four_moments, "levels": levels, "lidar": lidar, "building_and_cave": building_and_cave}
+    for name, draw in drawings.items():
         draw().save(FOLDER / f"{name}.png", optimize=True)
         print(f"docs/pictures/{name}.png")

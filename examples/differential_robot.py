@@ -2,6 +2,7 @@
 
     pip install . matplotlib
     python examples/differential_robot.py --policy frontier-priced --out robot.png
+    python examples/differential_robot.py --map office.yaml
 
 The policy sees a grid of cells, and the robot moves in metres. Between them stand two functions: `cells_known` makes the grid
 of cells from the map that the laser has drawn, and `next_goal` asks the policy for a goal in metres. The rest is the robot:
@@ -26,6 +27,7 @@ from numba import njit
 from marsexplorer import policies
 from marsexplorer.config import FREE, OBSTACLE, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.maps import read_map
 from marsexplorer.observation import DISPLACEMENTS
 
 PIXELS_PER_CELL = 4
@@ -293,6 +295,7 @@ def main(arguments=None):
     """Explore a map, print what it took and write a picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--level", default="random", help="of the terrain, where no map is given")
+    parser.add_argument("--map", help="a map_server file (YAML) to explore instead of a level")
     parser.add_argument("--size", type=int, default=30, help="of the terrain: cells a side")
     parser.add_argument("--seed", type=int, default=1, help="of the terrain and of the noise")
     parser.add_argument("--cell", type=float, default=0.5, help="side of a cell in metres; the robot takes 0.8 of it")
@@ -301,7 +304,11 @@ def main(arguments=None):
     parser.add_argument("--out", default="robot.png", help="picture to write")
     given = parser.parse_args(arguments)
 
-    episode = Episode.begin(EnvConfig.of(given.level, given.size), seed=given.seed)
+    if given.map:
+        found = read_map(given.map, given.cell)
+        episode = Episode.begin(found.config(), terrain=found.terrain, start=found.start)
+    else:
+        episode = Episode.begin(EnvConfig.of(given.level, given.size), seed=given.seed)
     robot = Robot(radius_m=0.4 * given.cell, wheel_base_m=0.6 * given.cell, noise=given.noise)
     world = World(episode.terrain, episode.start, given.cell, robot, given.seed)
     policy = policies.load(given.policy)

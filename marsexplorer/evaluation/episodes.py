@@ -132,10 +132,10 @@ def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
     return episode
 
 
-def play_terrain(policy: Policy, record: Record) -> Episode:
-    """Play a policy on the terrain of a recorded episode to the end; the policy is reset with 0."""
+def play_terrain(policy: Policy, record: Record, seed: int = 0) -> Episode:
+    """Play a policy on the terrain of a recorded episode to the end; the policy is reset with `seed`."""
     episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-    policy.reset(0)
+    policy.reset(seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
     return episode

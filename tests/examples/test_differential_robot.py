@@ -10,6 +10,7 @@ import pytest
 
 from marsexplorer import policies
 from marsexplorer.config import FREE, OBSTACLE, ROVER, UNKNOWN
+from marsexplorer.maps import GridMap, write_map
 
 PATH = Path(__file__).parents[2] / "examples" / "differential_robot.py"
 CELL_M = 0.5
@@ -120,3 +121,9 @@ def test_the_command_prints_what_the_robot_did_and_writes_a_picture(robots, tmp_
     assert said.startswith("explored: ")
     assert " 0 collisions; " in said
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_explores_a_map_file(robots, tmp_path, capsys):
+    write_map(GridMap(TERRAIN, CELL_M, (0.0, 0.0, 0.0), (8, 0)), tmp_path / "rooms.yaml")
+    robots.main(["--map", str(tmp_path / "rooms.yaml"), "--out", str(tmp_path / "robot.png")])
+    assert capsys.readouterr().out.startswith(f"explored: {TERRAIN.size} of {TERRAIN.size} cells known")

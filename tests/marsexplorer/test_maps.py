@@ -1,5 +1,6 @@
 """Maps in the format of map_server: read as terrains, written, refused when they are malformed."""
 
+import json
 import math
 
 import gymnasium
@@ -8,7 +9,10 @@ import pytest
 from PIL import Image
 
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation import INFORMED
+from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
 from marsexplorer.maps import GridMap, MapFileError, read_map, write_map
+from marsexplorer.world import cells_that_count
 
 FIELDS = {
     "image": "hall.pgm", "resolution": 0.25, "origin": [-1.0, -2.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
@@ -152,3 +156,25 @@ def test_the_environment_plays_a_map(tmp_path):
         gymnasium.make("marsexplorer:MarsExplorer-v0", size=(6, 10)).reset(options={"map": found})
     with pytest.raises(ValueError, match=r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"):
         gymnasium.make("marsexplorer:MarsExplorer-v0", level="map", size=21).reset(options={"map": found})
+
+
+def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_starts():
+    maps = {}
+    for seed in (1, 2):
+        terrain = np.random.default_rng(seed).random((11, 17)) < 0.25
+        terrain[6:, 9:] = True  # solid: its inside cannot be seen
+        terrain[4, 6] = False
+        maps[f"hall{seed}"] = GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (4, 6))
+    found = evaluate_on_maps(["frontier-cost", "frontier-utility", INFORMED], maps)
+    assert [each.name for each in found] == ["hall1", "hall2"]
+    for each in found:
+        cost, utility, informed = each.results
+        terrain = maps[each.name].terrain
+        assert cost.cells == informed.cells == cells_that_count(maps[each.name].config(), terrain, (4, 6)) < terrain.size
+        assert {result.outcome for result in each.results} == {"explored"}
+        assert informed.steps <= min(cost.steps, utility.steps)
+        assert each.to_rule(cost) == cost.steps / min(cost.steps, utility.steps)
+        assert each.to_informed(cost) == cost.steps / informed.steps
+    document = json.loads(to_json(found))
+    assert [len(each["results"]) for each in document["maps"]] == [3, 3]
+    assert document["maps"][0]["start"] == [4, 6]

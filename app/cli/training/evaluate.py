@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING
 import click
 
 from app.cli.console import PATH, SizeType, check_more, env_config_of, interruptible, print_table, progress, reason
+from app.cli.training.evaluate_maps import evaluate_maps
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -48,6 +49,8 @@ class EvaluationRequest:
 @click.option("--json", "json_path", type=PATH, help="Also write everything, every episode included, to this file.")
 @click.option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
 @click.option("--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent.")
+@click.option("--map", "maps", type=PATH, multiple=True, help="Play on this map_server file (YAML) instead; repeatable.")
+@click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @click.option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
 @click.argument("more", nargs=-1, metavar="")
 def evaluate(
@@ -61,6 +64,8 @@ def evaluate(
     json_path: Path | None,
     csv_path: Path | None,
     plots: Path | None,
+    maps: tuple[Path, ...],
+    cell_m: float | None,
     ray: str | None,
 ) -> None:
     """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
@@ -70,17 +75,26 @@ def evaluate(
     table is the same for any number of them. The score hardly differs between good policies: ten steps change it by 0.004.
     docs/evaluation.md defines every figure.
 
+    With --map each policy plays one episode on each map, from the free cell nearest to the origin. What can be discovered from
+    there counts, and there are no intervals.
+
     \b
     Examples:
       marsexplorer evaluate --policy random --policy ppo
       marsexplorer evaluate --policy mine.safetensors --level all --informed --json result.json --csv result.csv
       marsexplorer evaluate --policy ppo --size 21 --size 42x84 --episodes 50 --plots pictures
       marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
+      marsexplorer evaluate --policy ppo-priced --map office.yaml --map garage.yaml
     """
     from marsexplorer.evaluation import INFORMED, RULES
 
     check_more(more, policies)
     names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
+    if maps:
+        if csv_path or plots or ray:
+            raise click.UsageError("--map takes no --csv, --plots or --ray; leave them out, or write --json")
+        evaluate_maps(list(names), maps, cell_m, json_path)
+        return
     configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
     if plots is not None:
         import marsexplorer.evaluation.plots  # noqa: F401 - whoever lacks its library learns so before any episode is played

@@ -13,6 +13,7 @@ import tomllib
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli.console import SizeType
@@ -20,6 +21,7 @@ from app.cli.extras import EXTRA_OF_COMMAND, EXTRAS, INCLUDED, missing_extra
 from app.cli.main import cli, main
 from app.settings import DEFAULT_DATABASE
 from app.storage.store import Store
+from marsexplorer.maps import GridMap, write_map
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S, eventually
 
@@ -140,6 +142,8 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         (["evaluate", "--policy", "ppo2"], 'no policy "ppo2"'),
         (["evaluate", "--policy", "gone.safetensors"], "no policy file at gone.safetensors"),
         (["evaluate", "random"], "--policy"),
+        (["evaluate", "--policy", "random", "--map", "gone.yaml"], "gone.yaml is no readable YAML file"),
+        (["evaluate", "--policy", "random", "--map", "gone.yaml", "--plots", "new"], "--map takes no --csv, --plots or --ray"),
         (["evaluate", "--policy", "random", "--informed", "--size", "200"], "up to 16384 cells, got 200x200"),
         (["serve", "--port", "70000"], "--port"),
         (["serve", "nonsense"], "unexpected argument 'nonsense'"),
@@ -354,3 +358,17 @@ def test_every_option_is_explained():
         assert command.name == name
         for option in command.params:
             assert option.param_type_name == "argument" or option.help, (command.name, option.name)
+
+
+def test_policies_are_evaluated_on_map_files(run, tmp_path):
+    terrain = np.zeros((6, 9), bool)
+    terrain[2, 1:8] = True
+    for name in ("hall", "shed"):
+        write_map(GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (0, 0)), tmp_path / f"{name}.yaml")
+    given = ["--map", tmp_path / "hall.yaml", "--map", tmp_path / "shed.yaml", "--json", tmp_path / "figures.json"]
+    code, out, _ = run("evaluate", "--policy", "frontier-priced", *given)
+    assert code == 0
+    assert "frontier-priced" in out
+    maps = json.loads((tmp_path / "figures.json").read_text())["maps"]
+    assert [each["name"] for each in maps] == ["hall", "shed"]
+    assert [each["policy"] for each in maps[1]["results"]] == ["frontier-priced", "frontier-cost", "frontier-utility"]

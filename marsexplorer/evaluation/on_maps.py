@@ -1,0 +1,85 @@
+"""Policies on given maps: one episode each, for a map has one terrain and one start. So there are no intervals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+from marsexplorer import policies as policy_files
+from marsexplorer.config import CORE_VERSION
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import INFORMED, Result, play_terrain, result_of
+from marsexplorer.evaluation.informed import check_size, informed_actions
+from marsexplorer.evaluation.table import RULES
+from marsexplorer.maps import GridMap
+
+
+@dataclass(frozen=True)
+class MapResults:
+    """What policies did on one map, in the order given; `to_reference` compares them.
+
+    name    of the map
+    start   (row, col)
+    """
+
+    name: str
+    start: tuple[int, int]
+    results: tuple[Result, ...]
+
+    def to_rule(self, result: Result) -> float | None:
+        """Return the steps to 99 % as a share of those of the better frontier rule, None where neither was played."""
+        rules = [each.steps_to_99 for each in self.results if each.policy in RULES]
+        return result.steps_to_99 / min(rules) if rules else None
+
+    def to_informed(self, result: Result) -> float | None:
+        """Return the steps to 99 % as a share of those of the search that is shown the map, None where it was not played."""
+        found = [each.steps_to_99 for each in self.results if each.policy == INFORMED]
+        return result.steps_to_99 / found[0] if found else None
+
+
+def evaluate_on_maps(policies: Sequence[str], maps: Mapping[str, GridMap], seed: int = 0) -> list[MapResults]:
+    """Play policies on maps and return what they did, map by map.
+
+    policies  names or paths; "informed" stands for the search that is shown the map
+    maps      by name
+    seed      of what a policy draws
+
+    ValueError for a map that is too large for the search, PolicyNotFoundError and PolicyFileError for policies that cannot be
+    loaded.
+    """
+    names = list(dict.fromkeys(policies))
+    for name in names:
+        if name == INFORMED:
+            for found in maps.values():
+                check_size(found.config())
+        else:
+            policy_files.load(name)
+    return [
+        MapResults(title, found.start, tuple(result_of(name, _play(name, found, seed), seed) for name in names))
+        for title, found in maps.items()
+    ]
+
+
+def to_json(found: Sequence[MapResults]) -> str:
+    """Return everything as JSON: core_version, and of each map its name, start and results."""
+    maps = [
+        {"name": each.name, "start": each.start, "results": [_without_trace(one) for one in each.results]} for each in found
+    ]
+    return json.dumps({"core_version": CORE_VERSION, "maps": maps}, indent=1)
+
+
+def _play(name: str, found: GridMap, seed: int) -> Episode:
+    config = found.config()
+    episode = Episode.begin(config, terrain=found.terrain, start=found.start)
+    if name != INFORMED:
+        return play_terrain(policy_files.load(name, config.sensor_radius), episode.record(), seed)
+    for action in informed_actions(config, found.terrain, seed, start=found.start):
+        episode.step(action)
+    return episode
+
+
+def _without_trace(result: Result) -> dict[str, object]:
+    fields = asdict(result)
+    del fields["trace"]
+    return fields
