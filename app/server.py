@@ -50,7 +50,7 @@ from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
 from app.web import admin, api, api_docs, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers, answer_refusal
-from app.web.listening import AnnouncingServer, ServerError, address_of, listen, uvicorn_config
+from app.web.listening import AnnouncingServer, ServerError, address_of, inherited_socket, listen, uvicorn_config
 from app.web.middleware import BodyLimit
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import t_quantile
@@ -241,7 +241,7 @@ def run(settings: Settings) -> None:
     if settings.log_format == "json":
         log_as_json()
     metrics = Metrics()
-    with listen(settings.host, settings.port) as sock, _metrics_served(settings, metrics):
+    with inherited_socket() or listen(settings.host, settings.port) as sock, _metrics_served(settings, metrics):
         with _file_errors():
             for path in settings.policies:
                 describe(str(path))

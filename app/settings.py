@@ -129,7 +129,7 @@ class Limits(BaseModel):
 class Settings(BaseSettings):
     """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
 
-    host, port   where to listen; port 0 takes a free one
+    host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
     database     the SQLite file; made on first start
     studies      the folder of studies; need not exist
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder

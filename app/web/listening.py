@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 from typing import Any
 
@@ -13,6 +14,9 @@ from app.protection import limited_protocols
 
 BACKLOG = 2048
 """Connections that may wait to be accepted."""
+
+FIRST_INHERITED_FD = 3
+"""The descriptor of the first socket that systemd passes on (sd_listen_fds(3))."""
 
 ACCEPTED_AT_ONCE = 50
 """Connections that are accepted in one turn of the event loop."""
@@ -37,6 +41,28 @@ def listen(host: str, port: int) -> socket.socket:
         option = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
         raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {option}") from error
     sock.set_inheritable(True)
+    return sock
+
+
+def inherited_socket() -> socket.socket | None:
+    """Return the listening socket that systemd (`marsexplorer.socket`) has passed on to this process; None when it has not.
+
+    It stays open while the server is started anew: who connects meanwhile waits, and nobody is refused. ServerError unless it
+    is one TCP socket.
+    """
+    if os.environ.get("LISTEN_PID") != str(os.getpid()):
+        return None
+    count = os.environ.get("LISTEN_FDS", "")
+    for name in ("LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"):
+        os.environ.pop(name, None)  # they are not for the processes that this one starts
+    if count != "1":
+        raise ServerError(
+            f"expected one socket from systemd, got {count or 'none'}: marsexplorer.socket needs one ListenStream"
+        )
+    sock = socket.socket(fileno=FIRST_INHERITED_FD)
+    if sock.family not in (socket.AF_INET, socket.AF_INET6):
+        sock.close()
+        raise ServerError("expected a TCP socket from systemd, got another kind: give ListenStream an address and a port")
     return sock
 
 

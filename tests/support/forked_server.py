@@ -16,6 +16,7 @@ import tempfile
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 
 ADDRESS = "MARS_TESTS_FORK_AT"
@@ -43,7 +44,9 @@ def main(listener):
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the forks that wait for servers
     while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
         answers = Connection(listener.accept()[0].detach())
-        request = answers.recv()
+        settings, log, environment = request = answers.recv()
+        if "LISTEN_FDS" in environment:
+            request = (settings, log, environment, recv_handle(answers))
         import tests.support.loaded_app  # noqa: F401
 
         if os.fork() == 0:
@@ -67,13 +70,16 @@ def serve_and_wait(answers, request):
     os._exit(0)
 
 
-def serve(settings, log, environment):
-    """Run a server whose output goes to the file `log`."""
+def serve(settings, log, environment, listening=None):
+    """Run a server whose output goes to the file `log`; `listening` is a socket's descriptor that it inherits."""
     from app.settings import Settings
     from tests.support.loaded_app import run
 
     os.environ.clear()
     os.environ.update(environment)
+    if listening is not None:
+        os.dup2(listening, 3)
+        os.environ["LISTEN_PID"] = str(os.getpid())
     with Path(log).open("ab") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
@@ -84,14 +90,16 @@ def serve(settings, log, environment):
 class ServerProcess:
     """A server's process, with the members of `subprocess.Popen` that the tests use; `stdout` reads what it printed."""
 
-    def __init__(self, settings, log):
+    def __init__(self, settings, log, listening=None):
         log.touch()
         self.stdout = log.open()
         self.returncode = None
         sock = socket.socket(socket.AF_UNIX)
         sock.connect(os.environ[ADDRESS])
         self._answers = Connection(sock.detach())
-        self._answers.send((settings, str(log), dict(os.environ)))
+        self._answers.send((settings, str(log), dict(os.environ) | ({} if listening is None else {"LISTEN_FDS": "1"})))
+        if listening is not None:
+            send_handle(self._answers, listening.fileno(), None)
         self.pid = self._answers.recv()
 
     def lines(self):

@@ -185,14 +185,17 @@ def server(serve):
 
 @pytest.fixture
 def spawn(tmp_path, tmp_path_factory):
-    """`spawn()` starts a server in a process of its own that can be killed; the same database every time."""
+    """`spawn()` starts a server in a process of its own that can be killed; the same database every time.
+
+    `listening` is a socket that it inherits as systemd would pass it on.
+    """
     from tests.support.forked_server import ServerProcess
 
     processes, logs = [], tmp_path_factory.mktemp("servers")
 
-    def start(**settings):
+    def start(listening=None, **settings):
         settings = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies"), "port": 0, **settings}
-        process = ServerProcess(settings, logs / f"{len(processes)}.log")
+        process = ServerProcess(settings, logs / f"{len(processes)}.log", listening)
         processes.append(process)
         said = []
         for line in process.lines():

@@ -1,0 +1,144 @@
+"""The shipped nginx file before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
+
+import re
+import shutil
+import ssl
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+from websockets.sync.client import connect
+
+from app.operators.delays import FREE_ATTEMPTS
+from tests.support.browser import free_port
+from tests.support.servers import PATIENCE_S, Socket, eventually
+
+CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
+AROUND = """daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
+events {{ worker_connections 256; }}
+http {{
+  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
+  uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s; access_log {folder}/access.log;
+  {site}
+}}
+"""
+
+
+@pytest.fixture
+def proxied(serve, tmp_path):
+    """A server behind the shipped file; only ports, paths and the name of the host are changed, and `changes` of the test."""
+    if shutil.which("nginx") is None or shutil.which("openssl") is None:
+        pytest.skip("NO NGINX OR OPENSSL: install them to run the proxy test")
+    running = []
+
+    def start(*changes):
+        folder, port, plain = tmp_path / "nginx", free_port(), free_port()
+        folder.mkdir()
+        server = serve(trusted_proxies=["127.0.0.1"], public_url=f"https://localhost:{port}", admin_password="red-planet-4")
+        certificate = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
+        files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
+        subprocess.run(["openssl", "req", *certificate, *files], check=True, capture_output=True)
+        site = CONFIG.read_text()
+        for was, now in (
+            ("/etc/letsencrypt/live/mars.example/fullchain.pem", f"{folder}/certificate.pem"),
+            ("/etc/letsencrypt/live/mars.example/privkey.pem", f"{folder}/key.pem"),
+            ("/var/log/nginx/marsexplorer.log", f"{folder}/site.log"),
+            ("listen 443 ssl", f"listen 127.0.0.1:{port} ssl"),
+            ("listen 80", f"listen 127.0.0.1:{plain}"),
+            ("server 127.0.0.1:8000", f"server 127.0.0.1:{server.port}"),
+            ("server_name mars.example", "server_name localhost"),
+            *changes,
+        ):
+            assert was in site, was
+            site = site.replace(was, now)
+        site = re.sub(r"listen \[::\].*", "", site)
+        (folder / "nginx.conf").write_text(AROUND.format(folder=folder, site=site))
+        running.append(subprocess.Popen(["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL))
+        eventually(lambda: (folder / "nginx.pid").exists())
+        server.public, server.plain, server.nginx = f"https://localhost:{port}", f"http://127.0.0.1:{plain}", folder
+        return server
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait()
+
+
+def browser(server, **headers):
+    return httpx.Client(
+        base_url=server.public, verify=False, trust_env=False, timeout=PATIENCE_S, headers={"Origin": server.public, **headers}
+    )
+
+
+def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
+    server = proxied()
+    with browser(server) as client:
+        page = client.get("/?PROLIFIC_PID=ada-5f1")
+        assert (page.status_code, "MarsExplorer" in page.text) == (200, True)
+        begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1})
+        assert "Secure" in begun.headers["set-cookie"], "the server knows that the browser speaks TLS"
+        assert begun.headers["strict-transport-security"]
+        session = begun.json()["session"]
+        trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+        cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
+        url = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
+        with connect(url, ssl=trusting, origin=server.public, additional_headers={"Cookie": cookie}, proxy=None) as connection:
+            board = Socket(connection)
+            board.act(board.receive("frame"), "east", input="key")
+            assert board.frame_after(0)["step"] == 1
+        assert client.get(f"/api/sessions/{session}").json()["step"] == 1
+        assert client.get("/readyz").status_code == 404
+        moved = httpx.get(f"{server.plain}/study/x?PROLIFIC_PID=ada-5f1", trust_env=False, verify=False)
+        assert (moved.status_code, moved.headers["location"][:8]) == (301, "https://")
+    logged = "".join(path.read_text() for path in server.nginx.glob("*.log"))
+    assert "ada-5f1" not in logged
+    assert session not in logged
+
+
+def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
+    server = proxied()
+    with browser(server) as client:
+        statuses = [
+            client.post(
+                "/api/admin/login", json={"password": "wrong-wrong"}, headers={"X-Forwarded-For": f"9.9.9.{number}"}
+            ).status_code
+            for number in range(FREE_ATTEMPTS + 1)
+        ]
+    assert statuses == [401] * FREE_ATTEMPTS + [429]
+
+
+def test_a_flood_from_one_address_is_limited(proxied):
+    """With smaller figures than the file's, so that the flood need not be so large."""
+    server = proxied(("rate=200r/s", "rate=1r/s"), ("burst=5000", "burst=20"), ("mars_connections 800", "mars_connections 8"))
+    with browser(server) as client:
+        statuses = [client.get("/healthz").status_code for _ in range(40)]
+    assert 20 <= statuses.count(200) < 30
+    assert statuses.count(429) == 40 - statuses.count(200)
+
+
+def test_connections_of_one_address_are_limited(proxied):
+    server = proxied(("mars_connections 800", "mars_connections 4"))
+
+    def watch(_):
+        trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+        url = server.public.replace("https", "wss")
+        try:
+            return connect(f"{url}/ws/sessions/{session}", ssl=trusting, proxy=None)
+        except Exception as error:
+            return error
+
+    with browser(server, Origin="") as client:
+        del client.headers["Origin"]
+        session = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
+    with ThreadPoolExecutor(8) as pool:
+        sockets = list(pool.map(watch, range(8)))
+    refused = [each for each in sockets if isinstance(each, Exception)]
+    assert len(refused) == 4
+    assert all("429" in str(each) for each in refused)
+    for each in sockets:
+        if not isinstance(each, Exception):
+            each.close()
