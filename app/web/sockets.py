@@ -50,7 +50,8 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
         try:
             await PlaySocket(websocket, session).serve()
         except TooManyMessagesError as error:
-            await websocket.close(POLICY_VIOLATION, str(error))
+            with contextlib.suppress(RuntimeError):  # whoever sent them may have gone already
+                await websocket.close(POLICY_VIOLATION, str(error))
 
 
 class PlaySocket:

@@ -1,0 +1,191 @@
+"""Nothing that a client sends makes a server error: every call of the API's description, every message of every socket.
+
+What is sent is drawn from the seed alone, so a finding is found again.
+"""
+
+import json
+import logging
+import random
+from collections import Counter
+from contextlib import suppress
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from app.settings import Limits
+from app.viewer3d.viser_transport import PROTOCOL
+from tests.support.servers import PATIENCE_S
+from tests.support.study import Person, freeze
+from tests.support.viewer3d import CAMERA
+
+CASES, MESSAGES, ON_ONE_SOCKET = 40, 1500, 50
+"""Cases of each call; messages to each socket, and those of them that one connection sends at most."""
+
+MEANT = (503,)
+"""Server statuses that are answers: too many ask at once."""
+
+WORDS = [None, True, -1, 0, 2**63, 1e308, -0.0, "", "\x00", "\ud800", "e" * 5000, [], {}, [[]], {"kind": "act"}, "NaN"]
+
+
+@pytest.fixture
+def faults(caplog):
+    """Return what the server has logged as an error of its own."""
+    caplog.set_level(logging.ERROR)
+    return lambda: [record.getMessage() + str(record.exc_info) for record in caplog.records if record.levelno >= logging.ERROR]
+
+
+NO_LIMIT = dict.fromkeys(("bad_messages", "refused_acts", "events", "histories", "expectations"), "1000000+1000000/s")
+"""Or the first bad messages would close each socket before the others on it are read."""
+
+
+@pytest.fixture(params=[{}, NO_LIMIT], ids=["limited", "unlimited"])
+def site(serve, tmp_path, request):
+    freeze(tmp_path / "studies", "small", warm_up=0)
+    return serve(admin_password="correct-horse", limits=Limits(**request.param))
+
+
+def real_ids(server):
+    """Return parameters that lead somewhere: a board, an ended episode, a study that the client takes part in."""
+    me = Person(server, client=server.page())
+    begun = me.client.post("/api/sessions", json={"size": 5, "seed": 3, "player": "random"}).json()
+    me.client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 8})
+    ids = {"session_id": begun["session"], "watch_id": begun["watch"], "episode_id": begun["frame"]["episode"], "name": "small"}
+    return me.client, {**ids, "day": me.client.get("/api/daily").json()["day"]}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("site", [{}], indirect=True)
+@pytest.mark.filterwarnings("ignore")  # of schemathesis and of what it stands on, not of ours
+def test_no_call_of_the_api_makes_a_server_error(site, faults):
+    import schemathesis
+
+    client, ids = real_ids(site)
+    schema = schemathesis.openapi.from_dict(client.get("/openapi.json").json())
+    operations = [found.ok() for found in schema.get_all_operations()]
+    assert len(operations) > 30
+    asked, errors = [], []
+    for operation in operations:
+        checks = settings(
+            max_examples=CASES, deadline=None, derandomize=True, database=None, phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+        )  # fmt: skip
+
+        @checks
+        @given(case=operation.as_strategy())
+        def call(case):
+            draw = random.Random(len(asked))
+            for name in set(case.path_parameters or {}) & set(ids):
+                if draw.random() < 0.7:
+                    case.path_parameters[name] = ids[name]
+            given = case.as_transport_kwargs(base_url=site.url)
+            given.pop("cookies", None)
+            with suppress(UnicodeError, ValueError):  # what no client can write into a header or an address
+                request = client.build_request(
+                    given["method"], given["url"], params=given.get("params"), headers=dict(given.get("headers") or {}),
+                    json=given.get("json"), content=given.get("data"),
+                )  # fmt: skip
+                answer = client.send(request)
+                asked.append(answer.status_code)
+                if answer.status_code >= 500 and answer.status_code not in MEANT:
+                    errors.append((answer.status_code, request.method, str(request.url)[:200], request.content[:200]))
+
+        call()
+    print(len(operations), "calls", sorted(Counter(asked).items()))
+    assert errors == []
+    assert faults() == []
+    assert {200, 201, 404, 422} <= set(asked)
+    assert len(asked) > 500
+
+
+def mutated(message, draw):
+    """Return a message, JSON or not, that differs from a good one in a few places."""
+    if draw.random() < 0.15:
+        return draw.randbytes(draw.randrange(200))
+    if draw.random() < 0.2:
+        text = list(json.dumps(message))
+        for _ in range(draw.randrange(1, 6)):
+            text[draw.randrange(len(text))] = draw.choice('{}[]",:\\\x00-.9eE\U0001f916')
+        return "".join(text)
+    message = json.loads(json.dumps(message))
+    for _ in range(draw.randrange(1, 4)):
+        place, key = draw.choice(list(places(message)))
+        what = draw.random()
+        if what < 0.2:
+            place.pop(key)
+        elif what < 0.3 and isinstance(place, dict):
+            place[draw.choice(["kind", "x", "episode", "step"])] = draw.choice(WORDS)
+        else:
+            place[key] = draw.choice(WORDS)
+        if not message:
+            return "{}"
+    if draw.random() < 0.1:
+        with suppress(UnicodeError, OverflowError):
+            return msgspec.msgpack.encode(message)
+    return json.dumps(message)
+
+
+def places(value):
+    """Yield (container, key) of everything inside a message."""
+    for key, each in list(value.items() if isinstance(value, dict) else enumerate(value)):
+        yield value, key
+        if isinstance(each, dict | list):
+            yield from places(each)
+
+
+def sockets(server):
+    """Yield a name, an address and its options for each socket, and good messages to begin from."""
+    page = server.page()
+    begun = page.post("/api/sessions", json={"size": 5, "seed": 3}).json()
+    policy = page.post("/api/sessions", json={"size": 5, "player": "random"}).json()
+    page.post("/api/admin/login", json={"password": "correct-horse"})
+    cookie = {"Cookie": "; ".join(f"{each.name}={each.value}" for each in page.cookies.jar)}
+    frame = begun["frame"]
+    event = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 5.0, "step": 0}
+    good = [
+        {"kind": "act", "episode": frame["episode"], "step": 0, "action": "east", "input": "key", "key_down_ms": 4.0},
+        {"kind": "events", "episode": frame["episode"], "events": [event, {**event, "kind": "keyup"}]},
+        {"kind": "history"},
+        {"kind": "expected"},
+    ]
+    for session in (begun["session"], policy["session"]):
+        yield f"/ws/sessions/{session}", {}, cookie, good
+    yield f"/ws/watch/{begun['watch']}", {}, cookie, good
+    yield f"/ws/admin/sessions/{begun['session']}", {}, cookie, good
+    yield f"/viewer/{begun['session']}", {"subprotocols": [PROTOCOL]}, cookie, [msgspec.msgpack.decode(CAMERA), *good]
+
+
+def talk(url, options, messages):
+    """Send messages over one connection for as long as it is open; return how many went, and the code it closed with."""
+    plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": None, "open_timeout": PATIENCE_S}
+    sent = 0
+    with connect(url, **plain, **options) as connection:
+        try:
+            for message in messages:
+                connection.send(message if isinstance(message, bytes) else message.encode("utf-8", "replace").decode())
+                sent += 1
+                with suppress(TimeoutError):
+                    while True:
+                        connection.recv(timeout=0)
+        except ConnectionClosed:
+            pass
+        connection.close()
+        return sent, connection.close_code
+
+
+@pytest.mark.long
+def test_no_message_to_any_socket_makes_a_server_error(site, faults):
+    draw = random.Random(15)
+    for path, rest, headers, good in sockets(site):
+        url, options = f"ws://127.0.0.1:{site.port}{path}", {"origin": site.url, "additional_headers": headers, **rest}
+        said = [
+            talk(url, options, [mutated(draw.choice(good), draw) for _ in range(ON_ONE_SOCKET)])
+            for _ in range(MESSAGES // ON_ONE_SOCKET)
+        ]
+        codes = Counter(code for _, code in said)
+        print(path, sum(sent for sent, _ in said), codes)
+        assert faults() == [], path
+        assert not {1006, 1011} & set(codes), "lost, or a server error"
+    assert site.client().post("/api/sessions").status_code == 201
