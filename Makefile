@@ -7,6 +7,8 @@ VENV    := .venv
 BIN     := $(VENV)/bin
 PLAY    := $(VENV)/.play
 DEV     := $(VENV)/.dev
+AUDIT   := $(VENV)/.audit
+SBOM    := dist/marsexplorer-playground.cdx.json
 # tianshou wants an older pandas than the rest, so the paper's experiments have an environment of their own
 PAPER   := .venv-paper
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
@@ -14,7 +16,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 PAPERINSTALL := $(PAPER)/bin/python $(PIP) --constraint constraints-paper.txt --editable
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long paper test-paper check format docs bench clean browser
+.PHONY: help play test test-long paper test-paper check format docs bench audit sbom clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -45,6 +47,14 @@ check: $(DEV) ## format, lint, types, layers and names
 	@sh tests/static/check_types.sh
 	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_names.py
 
+audit: $(AUDIT) ## known vulnerabilities in the packages of constraints.txt (asks an advisory service, so it is no part of `make check`)
+	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
+
+sbom: $(AUDIT) ## the packages of constraints.txt as a CycloneDX bill of materials, to publish beside a release
+	@mkdir -p dist
+	PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements constraints.txt --pyproject pyproject.toml --output-reproducible --of JSON -o $(SBOM)
+	@echo "$(SBOM) lists what is installed beside this release"
+
 format: $(DEV) ## reformat and mend what ruff can mend
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -69,6 +79,10 @@ $(DEV): pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing what tests and checks need into $(VENV): about 2 GB, some minutes when nothing has been downloaded before."
 	$(INSTALL) '.[dev]'
 	@touch $@ $(PLAY)
+
+$(AUDIT): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) '.[audit]'
+	@touch $@
 
 $(PAPER)/.paper: pyproject.toml constraints-paper.txt
 	@$(MAKE) --no-print-directory VENV=$(PAPER) $(PAPER)/bin/python

@@ -82,3 +82,14 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
 def test_every_document_is_in_the_sites_navigation():
     listed = set(re.findall(r"- ([\w]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
     assert {path.name for path in (ROOT / "docs").glob("*.md")} <= listed
+
+
+@pytest.mark.parametrize("page", ["security.md", "reliability.md"])
+def test_every_test_that_a_page_names_exists(page):
+    """A file of tests where a path stands, a test of that name somewhere where a name stands."""
+    words = set(re.findall(r"(?:tests/[\w/]+\.py|\btest_\w+\b(?!\.py))", (ROOT / "docs" / page).read_text()))
+    files = {word for word in words if word.endswith(".py")}
+    assert files
+    assert [path for path in sorted(files) if not (ROOT / path).is_file()] == []
+    written = "\n".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name in sorted(words - files) if not re.search(rf"def {name}\(", written)] == []
