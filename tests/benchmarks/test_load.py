@@ -107,3 +107,22 @@ def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
     assert len(wall) > 0.8 * PLAYERS * MOVES_PER_SECOND * SECONDS
     assert np.percentile(cpu, 99) < 5
     assert np.percentile(wall, 99) < 5, "measure while nothing else runs"
+
+
+def test_a_generator_that_is_starved_itself_reports_nothing(tmp_path, monkeypatch):
+    from tests.benchmarks import most_players
+
+    monkeypatch.setattr(most_players, "MOST_LAG_MS", -1.0)  # no timer is early
+    cores = os.sched_getaffinity(0)
+    server = most_players.Server(min(cores), str(tmp_path))
+    try:
+        with pytest.raises(most_players.StarvedError, match="this process was starved"):
+            most_players.measure(server, 2, 1)
+        monkeypatch.setattr(most_players, "MOST_LAG_MS", float("inf"))
+        level = most_players.measure(server, 2, 2)
+    finally:
+        server.process.kill()
+        server.process.wait()
+        server.process.stdout.close()
+    assert level.moves > 0
+    assert 0 < level.median_ms <= level.p99_ms

@@ -1,0 +1,89 @@
+"""Sessions that come and go leave the server's memory and its file descriptors as they were."""
+
+import os
+import random
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from tests.support.servers import eventually
+
+pytestmark = pytest.mark.long
+
+SOAK_MINUTES = float(os.environ.get("MARS_SOAK_MINUTES", "30"))
+GROWTH = 1.05
+"""Resident memory at the end, as a share of that at the beginning, at most."""
+
+UNLIMITED = {
+    "sessions_per_address": "1000000/minute",
+    "sessions_per_player": "1000000/minute",
+    "opened": "1000000+1000000/s",
+    "joins_per_address": "1000000/minute",
+}
+
+
+def state_of(server):
+    """Resident memory (MB) and open file descriptors of the server's process, once no session is in its memory."""
+    with server.client() as client:
+        eventually(lambda: client.get("/api/health").json()["sessions"] == 0)
+    time.sleep(6)  # connections that were kept open for another request end
+    status = Path(f"/proc/{server.process.pid}/status").read_text()
+    memory = int(status.split("VmRSS:")[1].split()[0]) / 1024
+    return memory, len(list(Path(f"/proc/{server.process.pid}/fd").iterdir()))
+
+
+def come_and_go(server, number):
+    """Begin a board, some with a rival, look at it, move, and leave, politely or not."""
+    chance = random.Random(number)
+    client = server.page()
+    body = {"size": chance.choice((9, 21)), **({"rival": "frontier-cost"} if number % 5 == 0 else {})}
+    begun = client.post("/api/sessions", json=body).json()
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for _ in range(3):
+            if frame["outcome"] is None:
+                socket.act(frame, chance.choice(("north", "east", "south", "west")), input="key")
+                frame = socket.frame_after(frame["step"])
+        if number % 3 == 0:
+            socket.connection.socket.shutdown(2)
+    if number % 7 == 0:
+        with server.socket(begun["watch"], path="/ws/watch/") as watcher:
+            watcher.receive("frame")
+    client.close()
+
+
+def begin(spawn):
+    """Start a server on which what happens once has happened: code compiled, caches filled, threads started."""
+    server = spawn(idle_s=1.0, limits=UNLIMITED)
+    for number in range(150):
+        come_and_go(server, number)
+    return server
+
+
+def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
+    server = begin(spawn)
+    before = state_of(server)
+    with ThreadPoolExecutor(8) as people:
+        list(people.map(lambda number: come_and_go(server, number), range(1000)))
+    after = state_of(server)
+    print(f"\n1,000 sessions: {before[0]:.1f} -> {after[0]:.1f} MB, {before[1]} -> {after[1]} descriptors")
+    assert after[0] <= GROWTH * before[0]
+    assert after[1] <= before[1]
+
+
+@pytest.mark.timeout(SOAK_MINUTES * 60 + 600)
+def test_a_soak_ends_at_the_memory_and_descriptors_it_began_with(spawn):
+    server = begin(spawn)
+    before, until, number = state_of(server), time.monotonic() + 60 * SOAK_MINUTES, 0
+    with ThreadPoolExecutor(4) as people:
+        while time.monotonic() < until:
+            list(people.map(lambda each: come_and_go(server, each), range(number, number + 8)))
+            number += 8
+            time.sleep(0.25)
+    after = state_of(server)
+    print(f"\n{SOAK_MINUTES:g} minutes, {number} sessions: {before[0]:.1f} -> {after[0]:.1f} MB,", end=" ")
+    print(f"{before[1]} -> {after[1]} descriptors")
+    assert after[0] <= GROWTH * before[0]
+    assert after[1] <= before[1]

@@ -1,0 +1,245 @@
+"""How many people may play at five moves a second before the server's 99th percentile passes 20 ms, on one core.
+
+    python -m tests.benchmarks.most_players [--seconds 10] [--most 900] [--bound 20]
+
+The server runs on one core. The players are simulated by this process on another one, which measures its own lag: how much
+later than due a timer of 10 ms is served. Where that is too much it could not tell a slow server from its own slowness, so it
+reports nothing of that number of players and ends with exit code 1.
+
+A move's time on the server is taken from the arrival of its message at the socket's protocol until it is handled: committed
+and its frame published. What waits in the kernel is not in it; the server's own lag, printed beside it, bounds that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import random
+import secrets
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import numpy as np
+from websockets.asyncio.client import connect
+
+MOVES_PER_SECOND = 5
+MOST_LAG_MS = 10.0
+"""The 99th percentile of the generator's own lag above which it reports nothing."""
+
+SERVER = """
+import asyncio, json, os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+from collections import deque
+from app.protection.protocols import LimitedWebSocket
+from app.settings import Settings
+from app import server
+
+moves, lags = [], []
+arrive, receive, made = LimitedWebSocket.send_receive_event_to_app, LimitedWebSocket.receive, LimitedWebSocket.connection_made
+
+def timed_made(self, transport):
+    self.arrived, self.is_handled = deque(), True
+    made(self, transport)
+
+def timed_arrival(self):
+    self.arrived.append(time.perf_counter())
+    arrive(self)
+
+async def timed_receive(self):
+    if not self.is_handled:  # the application comes for the next message: it has handled the one before
+        moves.append((time.perf_counter() - self.arrived.popleft()) * 1000)
+    message = await receive(self)
+    self.is_handled = message["type"] != "websocket.receive"
+    return message
+
+async def measure_lag():
+    while True:
+        due = time.perf_counter() + 0.01
+        await asyncio.sleep(0.01)
+        lags.append((time.perf_counter() - due) * 1000)
+        if os.path.exists(sys.argv[3]):
+            done = sys.argv[3] + ".json"
+            with open(done + ".new", "w") as file:
+                json.dump({"moves": moves, "lags": lags, "cpu_s": time.process_time()}, file)
+            os.rename(done + ".new", done)
+            os.remove(sys.argv[3])
+            moves.clear(), lags.clear()
+
+LimitedWebSocket.connection_made = timed_made
+LimitedWebSocket.send_receive_event_to_app, LimitedWebSocket.receive = timed_arrival, timed_receive
+services = server._services
+def with_lag(*given):
+    asyncio.get_running_loop().create_task(measure_lag())
+    return services(*given)
+server._services = with_lag
+server.run(Settings(database=sys.argv[2], port=0))
+"""
+
+
+class StarvedError(Exception):
+    """The generator was too slow itself; the text says by how much."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """What was measured with a number of players; times in ms, `cpu` as a share of one core."""
+
+    players: int
+    moves: int
+    median_ms: float
+    p99_ms: float
+    lag_p99_ms: float
+    trip_p99_ms: float
+    own_lag_p99_ms: float
+    cpu: float
+
+
+class Server:
+    """A server on one core, in a folder of its own."""
+
+    def __init__(self, core: int, folder: str) -> None:
+        self._asked, self.token = Path(folder) / "measure", secrets.token_hex(16)
+        limits = {"MARS_LIMITS__TOKEN": self.token, "MARS_LIMITS__OPENED": "1000000+1000000/s"}
+        caps = {f"MARS_LIMITS__{each}": "100000" for each in ("CONNECTIONS", "CONNECTIONS_PER_ADDRESS", "SOCKETS")}
+        command = [sys.executable, "-c", SERVER, str(core), str(Path(folder) / "playground.db"), str(self._asked)]
+        environment = {**os.environ, **limits, **caps}
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        assert self.process.stdout is not None
+        line = next(line for line in self.process.stdout if "is open at" in line)
+        self.url = "http://" + line.split("http://")[1].split()[0]
+
+    def measured(self) -> dict[str, list[float]]:
+        """Return the moves and lags since this was called last."""
+        done = self._asked.with_name("measure.json")
+        done.unlink(missing_ok=True)
+        self._asked.touch()
+        while not done.exists():
+            time.sleep(0.02)
+        found: dict[str, list[float]] = json.loads(done.read_text())
+        return found
+
+
+def next_action(grid: list[str], position: tuple[int, int], chance: random.Random) -> str:
+    """Return a way to a cell that is known to be free, at random; any way where there is none."""
+    row, col = position
+    ways = {"north": (row - 1, col), "east": (row, col + 1), "south": (row + 1, col), "west": (row, col - 1)}
+    inside = {way: at for way, at in ways.items() if 0 <= at[0] < len(grid) and 0 <= at[1] < len(grid[0])}
+    return chance.choice([way for way, (r, c) in inside.items() if grid[r][c] == "."] or list(inside))
+
+
+async def play(server: Server, begun: dict[str, str], until_s: float, trips: list[float]) -> None:
+    """Play at the pace; keep the round trip of each move in ms."""
+    chance = random.Random(begun["session"])
+    url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
+    async with connect(url, proxy=None, compression=None, additional_headers={"X-Mars-Token": server.token}) as socket:
+        frame = json.loads(await socket.recv())
+        due = time.monotonic() + chance.random() / MOVES_PER_SECOND
+        while due < until_s and not frame["outcome"]:
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            began, step = time.perf_counter(), frame["step"]
+            action = next_action(frame["grid"], frame["position"], chance)
+            await socket.send(json.dumps({"kind": "act", "episode": frame["episode"], "step": step, "action": action}))
+            while frame["step"] == step:
+                text = await socket.recv()
+                frame = json.loads(text) if text[9:14] == "frame" else frame
+            trips.append((time.perf_counter() - began) * 1000)
+            due = max(due + 1 / MOVES_PER_SECOND, time.monotonic())
+
+
+async def _lag(lags: list[float]) -> None:
+    while True:
+        due = time.perf_counter() + 0.01
+        await asyncio.sleep(0.01)
+        lags.append((time.perf_counter() - due) * 1000)
+
+
+async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float) -> tuple[list[float], list[float]]:
+    trips: list[float] = []
+    lags: list[float] = []
+    until_s = time.monotonic() + seconds + 2
+    players = [asyncio.create_task(play(server, begun, until_s, trips)) for begun in boards]
+    await asyncio.sleep(2)  # everybody has come
+    await asyncio.to_thread(server.measured)
+    trips.clear()
+    lag = asyncio.create_task(_lag(lags))
+    await asyncio.gather(*players)
+    lag.cancel()
+    return trips, lags
+
+
+def measure(server: Server, players: int, seconds: float) -> Level:
+    """Return what `players` people come to; StarvedError when this process was too slow to say."""
+    with httpx.Client(base_url=server.url, trust_env=False, headers={"X-Mars-Token": server.token}) as client:
+        boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
+        cpu = float(server.measured()["cpu_s"])  # type: ignore[arg-type]
+        trips, lags = asyncio.run(_campaign(server, boards, seconds))
+    own = float(np.percentile(lags, 99))
+    if own > MOST_LAG_MS:
+        raise StarvedError(
+            f"{players} players: this process was starved, its own timers were {own:.1f} ms late in one of a hundred cases "
+            f"(at most {MOST_LAG_MS:g}), so nothing is reported: let it run on a core that does nothing else"
+        )
+    found = server.measured()
+    used = (float(found["cpu_s"]) - cpu) / (seconds + 2)  # type: ignore[arg-type]
+    median, p99 = (float(np.percentile(found["moves"], p)) for p in (50, 99))
+    lag, trip = float(np.percentile(found["lags"], 99)), float(np.percentile(trips, 99))
+    return Level(players, len(found["moves"]), median, p99, lag, trip, own, used)
+
+
+def search(server: Server, most: int, seconds: float, bound_ms: float) -> int:
+    """Return the highest number of players, in steps of a tenth, whose p99 stays under the bound; print every level."""
+    names = "players", "moves", "server, median", "server, p99", "server's lag, p99", "round trip, p99", "own lag, p99", "core"
+    print("times in ms\n| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|", flush=True)
+    good, bad, players = 0, most + 1, min(50, most)
+    while bad - good > max(1, good // 10) and players < bad:
+        level = measure(server, players, seconds)
+        print(
+            f"| {level.players} | {level.moves:,} | {level.median_ms:.2f} | {level.p99_ms:.2f} | {level.lag_p99_ms:.2f} "
+            f"| {level.trip_p99_ms:.2f} | {level.own_lag_p99_ms:.2f} | {level.cpu:.0%} |",
+            flush=True,
+        )
+        if level.p99_ms < bound_ms and level.moves > 0.9 * players * MOVES_PER_SECOND * seconds:
+            good = players
+        else:
+            bad = players
+        players = min(2 * good, most) if bad > most else (good + bad) // 2
+        if players == good:
+            break
+    return good
+
+
+def main() -> None:
+    """Measure and print; exit code 1 when this process was starved."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each level")
+    parser.add_argument("--most", type=int, default=900, help="players at most")
+    parser.add_argument("--bound", type=float, default=20.0, help="ms that the 99th percentile stays under")
+    given = parser.parse_args()
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2:
+        sys.exit("two cores are needed: one for the server, one for the players")
+    os.sched_setaffinity(0, {cores[1]})
+    with tempfile.TemporaryDirectory() as folder:
+        server = Server(cores[0], folder)
+        try:
+            found = search(server, given.most, given.seconds, given.bound)
+        except StarvedError as error:
+            sys.exit(str(error))
+        finally:
+            server.process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                server.process.wait(10)
+            server.process.kill()
+    print(f"\n{found} players at {MOVES_PER_SECOND} moves a second: p99 under {given.bound:g} ms on one core of the server")
+
+
+if __name__ == "__main__":
+    main()
