@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from collections import Counter
 from collections.abc import Callable
 
@@ -9,6 +10,22 @@ from app.protection.buckets import BucketSize, TokenBucket
 
 MAX_BUCKETS = 10_000
 """Addresses whose rates are remembered; beyond it, those that would be as new are forgotten."""
+
+OTHER_FILES = 256
+"""File descriptors that a server needs besides its connections, at most."""
+
+
+def make_room(connections: int) -> int:
+    """Let this process open as many files as it takes, where the system allows it; return how many connections fit.
+
+    Beyond its limit of open files a server could accept nobody, nor tell anybody that it is full.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = connections + OTHER_FILES
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        soft = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    return connections if soft == resource.RLIM_INFINITY else max(1, min(connections, soft - OTHER_FILES))
 
 
 class Slots:

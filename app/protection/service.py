@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from app.protection.buckets import BucketSize
-from app.protection.connections import Connections, Slots
+from app.protection.connections import Connections, Slots, make_room
 from app.protection.socket_budget import SocketBudget
 from app.settings import Limits
 
@@ -28,7 +28,7 @@ class Protection:
         self.refusals: Counter[str] = Counter()
         self.bucket_sizes = {name: BucketSize.parse(getattr(limits, name)) for name in BUCKETS}
         named = ProxyHeadersMiddleware(None, list(trusted_proxies)).trusted_hosts  # type: ignore[arg-type]
-        slots = Slots(limits.connections, limits.connections_per_address)
+        slots = Slots(make_room(limits.connections), limits.connections_per_address)
         self.connections = Connections(slots, self.bucket_sizes["opened"], named.__contains__)
         self.sockets = Slots(limits.sockets, limits.sockets_per_address)
 

@@ -2,6 +2,8 @@
 
 import json
 import socket as sockets
+import subprocess
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -48,6 +50,15 @@ def test_connections_beyond_the_cap_get_503_and_a_time_to_return_and_everything_
     eventually(lambda: descriptors() <= before)
     assert server.client().get("/").status_code == 200
     assert server.services.protection.refusals["connections"] == 2
+
+
+def test_the_cap_on_connections_fits_the_files_that_the_server_may_open():
+    """In a process of its own: a limit that was lowered cannot be raised again."""
+    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (300, 400)); from app.protection.connections import make_room"
+    code += "; print(make_room(100), r.getrlimit(r.RLIMIT_NOFILE)[0], make_room(1000), r.getrlimit(r.RLIMIT_NOFILE)[0])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() == [
+        "100", "356", "144", "400",
+    ]  # fmt: skip
 
 
 def test_connections_in_total_have_a_cap_and_one_address_cannot_open_them_too_fast(serve):
