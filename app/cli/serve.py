@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from app.cli.console import PATH, check_more, settings_of
-from marsexplorer.policies.files.card import of_paper
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -74,6 +73,8 @@ def serve(
       marsexplorer serve --paper                          a2c-works, ppo-works, rainbow-works, sac-works too
       marsexplorer serve --map office.yaml --map garage.yaml
     """
+    from marsexplorer.policies.files.card import of_paper
+
     check_more(more, policies)
     of_the_paper = of_paper().values() if given.pop("paper") else ()
     flags = {name: value for name, value in given.items() if value is not None}
