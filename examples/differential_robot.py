@@ -184,20 +184,23 @@ def cells_known(drawn, position):
 
 
 def next_goal(policy, codes, cell_m):
-    """Return the policy's next goal as a cell and in metres."""
+    """Return the policy's next goal as a cell and in metres: the cell that it goes to, or that of its next move."""
     row, col = np.argwhere(codes == ROVER)[0]
     down, right = DISPLACEMENTS[policy.act(codes)]
-    goal = int(row + down), int(col + right)
+    goal = policies.goal_of(policy) or (int(row + down), int(col + right))
     return goal, metres_of(goal, len(codes), cell_m)
 
 
-def paths_from(codes, position):
-    """Return where each cell within reach over free cells is entered from: {cell: cell before}, breadth first."""
+def paths_from(codes, position, heading=(0, 1)):
+    """Return where each cell within reach over free cells is entered from: {cell: cell before}, breadth first.
+
+    Of several shortest paths it is one that begins straight on, `heading` being the last move (rows, cols): a turn takes time.
+    """
     rows, cols = codes.shape
     before, queue = {position: position}, deque([position])
     while queue:
         row, col = queue.popleft()
-        for down, right in DISPLACEMENTS:
+        for down, right in sorted(DISPLACEMENTS, key=lambda move: move != heading):
             cell = row + down, col + right
             if 0 <= cell[0] < rows and 0 <= cell[1] < cols and cell not in before and codes[cell] == FREE:
                 before[cell] = row, col
@@ -241,14 +244,16 @@ class Explorer:
 
     def explore(self, limit):
         """Explore until no free cell within reach borders on an unknown one, `limit` cells at most; return whether it is so."""
+        heading = 0, 1
         for _ in range(limit):
             position = cell_of(self.world.pose, self.rows, self.cell_m)
-            before = paths_from(self.codes, position)
+            before = paths_from(self.codes, position, heading)
             if not has_frontier(self.codes, before):
                 return True
             cell, _ = next_goal(self.policy, self.codes, self.cell_m)
             while before[cell] != position:  # the next cell of the path: on the way the map changes, and the goal may too
                 cell = before[cell]
+            heading = cell[0] - position[0], cell[1] - position[1]
             self._drive_to(metres_of(cell, self.rows, self.cell_m))
         return False
 

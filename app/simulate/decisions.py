@@ -40,13 +40,13 @@ def random_move(codes, row, col, wants_valid, state):
 
 @kernel
 def decide(
-    codes, visited, position, heading, is_running, slip, crash, stream, moves, state, actions, view, scratch,
+    codes, visited, position, heading, is_running, slip, crash, stream, moves, state, actions, view, scratch, goal,
 ):  # fmt: skip
     """Write the next action of every running board, and bring `visited` and `heading` up to date.
 
     codes uint8[num, rows, cols] · visited uint8[num, rows, cols] · position int64[num, 2] · heading, actions int64[num] ·
     slip, crash float64[num] · stream uint64[num] · moves int64[num], made so far ·
-    view (`visibility`) and scratch (`grid`) for one board
+    view (`visibility`), scratch (`grid`) and goal (`toward_nearest`) for one board
     """
     for i in range(codes.shape[0]):
         if not is_running[i]:
@@ -61,7 +61,7 @@ def decide(
         elif luck < crash[i] + slip[i]:
             action = random_move(codes[i], row, col, True, state)
         if action < 0:
-            action = toward_nearest(codes[i], visited[i], row, col, heading[i], view, scratch)
+            action = toward_nearest(codes[i], visited[i], row, col, heading[i], view, scratch, goal)
         if action < 0:
             action = max(np.int64(0), random_move(codes[i], row, col, True, state))
         heading[i] = action
@@ -80,7 +80,7 @@ class DecisionKernel:
         self.heading = np.full(num, EAST)
         self._actions = np.zeros(num, np.int64)
         self._state = np.zeros(1, np.uint64)
-        self._scratch = VisibilityMap(shape, radius).view, GridScratch(shape).arrays
+        self._scratch = VisibilityMap(shape, radius).view, GridScratch(shape).arrays, np.full(1, -1)
 
     def decide(
         self,

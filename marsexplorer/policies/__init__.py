@@ -4,7 +4,7 @@
 says in a sentence what a policy does. Networks need the extra `networks`; the rules do not.
 """
 
-from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError
+from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, goal_of
 from marsexplorer.policies.loading import describe, find_file, find_shipped, is_rule, load, names, policy_hash
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "describe",
     "find_file",
     "find_shipped",
+    "goal_of",
     "is_rule",
     "load",
     "names",

@@ -30,6 +30,21 @@ class Policy(Protocol):
         """Return an action 0..3 (north, east, south, west)."""
 
 
+def goal_of(policy: Policy) -> tuple[int, int] | None:
+    """Return the known free cell (row, col) that a policy's last action leads towards, None where it has none.
+
+    Rules have one as long as there is something to see. A network chooses moves and has none, unless its loop guard chose.
+    """
+    ask = getattr(policy, "goal", None)
+    found: tuple[int, int] | None = ask() if ask is not None else None
+    return found
+
+
+def cell_at(flat: int, cols: int) -> tuple[int, int] | None:
+    """Return (row, col) of a cell row * cols + col, None for a negative number."""
+    return divmod(flat, cols) if flat >= 0 else None
+
+
 class PolicyNotFoundError(LookupError):
     """No policy goes by this name and no file lies at this path."""
 

@@ -17,25 +17,35 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import kernel
 from marsexplorer.observation import valid_actions
-from marsexplorer.policies.base import Memory
-from marsexplorer.policies.kernels.grid import GridScratch, find_open_cells, is_frontier, search_breadth_first, step_nearer
+from marsexplorer.policies.base import Memory, cell_at
+from marsexplorer.policies.kernels.grid import (
+    GridScratch,
+    find_open_cells,
+    is_frontier,
+    neighbour,
+    search_breadth_first,
+    step_nearer,
+)
 from marsexplorer.policies.kernels.visibility import VisibilityMap, count_visible, fill_bitboards
 
 
 @kernel
-def toward_nearest(codes, visited, row, col, heading, view, scratch):
+def toward_nearest(codes, visited, row, col, heading, view, scratch, goal):
     """Return the first action of a shortest path to the nearest candidate, or -1 when there is none.
 
     codes, visited  uint8[rows, cols]; view and scratch as `visibility` and `grid` describe them
+    goal            int64[1], written: the candidate, row * cols + col; -1 when there is none
 
     Of several nearest candidates and paths, the one that begins straight on, then north, east, south, west.
     """
     rows, cols = codes.shape
     is_open, distance, queue = scratch
+    goal[0] = -1
     fill_bitboards(codes, view)
     find_open_cells(codes, False, is_open)
 
@@ -55,15 +65,21 @@ def toward_nearest(codes, visited, row, col, heading, view, scratch):
         search_breadth_first(is_open, rows, cols, distance, queue, sources)
         action = step_nearer(distance, row * cols + col, heading, rows, cols)
         if action >= 0:
+            # 3. The candidate is where going on like this ends.
+            goal[0], ahead = row * cols + col, action
+            while ahead >= 0:
+                goal[0] = neighbour(goal[0], ahead, rows, cols)
+                ahead = step_nearer(distance, goal[0], ahead, rows, cols)
             return action
     return -1
 
 
 @kernel
-def toward_best(codes, visited, row, col, heading, view, scratch):
+def toward_best(codes, visited, row, col, heading, view, scratch, goal):
     """Return the first action of a shortest path to the candidate with the most new cells per squared distance, or -1.
 
-    Ties go to the nearer, then to the northernmost, then to the westernmost candidate; the path begins as in `toward_nearest`.
+    Ties go to the nearer, then to the northernmost, then to the westernmost candidate; the path begins as in
+    `toward_nearest`, which says what the arguments are.
     """
     rows, cols = codes.shape
     is_open, distance, queue = scratch
@@ -87,6 +103,7 @@ def toward_best(codes, visited, row, col, heading, view, scratch):
         mine, theirs = new * best_distance * best_distance, best_new * moves * moves
         if mine > theirs or (mine == theirs and new > 0 and moves == best_distance and cell < best):
             best, best_new, best_distance = cell, new, moves
+    goal[0] = best
     if best < 0:
         return -1
 
@@ -106,11 +123,13 @@ class Frontier:
         self.sensor_radius = sensor_radius
         self.memory = Memory()
         self._arrays: tuple[VisibilityMap, GridScratch] | None = None
+        self._goal: NDArray[np.int64] = np.full(1, -1)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode; the rules draw nothing."""
         del seed
         self.memory.forget()
+        self._goal[0] = -1
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
@@ -124,8 +143,12 @@ class Frontier:
             self._arrays = VisibilityMap(codes.shape, self.sensor_radius), GridScratch(codes.shape)
         visibility, scratch = self._arrays
         row, col = memory.position
-        action = self.rule(codes, memory.visited, row, col, memory.heading, visibility.view, scratch.arrays)
+        action = self.rule(codes, memory.visited, row, col, memory.heading, visibility.view, scratch.arrays, self._goal)
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
+
+    def goal(self) -> tuple[int, int] | None:
+        """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
+        return cell_at(int(self._goal[0]), self._arrays[0].shape[1]) if self._arrays is not None else None
 
 
 class FrontierCost(Frontier):

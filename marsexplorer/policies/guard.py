@@ -65,6 +65,7 @@ class LoopGuard:
         self._steps_left: NDArray[np.int64] = np.zeros(1, np.int64)
         self._known_at_start: NDArray[np.int64] = np.full(1, -1)
         self.overruled = 0
+        self._is_guarded[0] = False
 
     def overrule(self, memory: Memory) -> int | None:
         """Return the action to take instead of the policy's, or None; call it once for every observation."""
@@ -79,3 +80,7 @@ class LoopGuard:
             return None
         self.overruled += 1
         return self._frontier.decide(memory)
+
+    def goal(self) -> tuple[int, int] | None:
+        """Return the cell (row, col) that the guard goes to, None where it did not choose the last action."""
+        return self._frontier.goal() if self._is_guarded[0] else None

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.observation import valid_actions
-from marsexplorer.policies.base import Memory
+from marsexplorer.policies.base import Memory, cell_at
 from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
 from marsexplorer.policies.kernels.prices import (
@@ -129,12 +129,13 @@ class RuleTables:
 
 
 @kernel
-def toward_most_priced(codes, visited, row, col, heading, board, tables, search, highest, limits, weights):
+def toward_most_priced(codes, visited, row, col, heading, board, tables, search, highest, limits, weights, goal):
     """Return the first action of a shortest path to the candidate of the highest value, or -1 when there is none.
 
     codes, visited  uint8[rows, cols]; board and tables as in `prices`, the board up to date
     search          (scratch of `prices`; distance int32[n]; first_actions uint8[n]; queue int32[n])
     highest, limits, weights  of `RuleTables`, of one rule
+    goal            int64[1], written: the candidate, row * cols + col; -1 when there is none
     """
     rows, cols = codes.shape
     scratch, distance, first_actions, queue = search
@@ -177,6 +178,7 @@ def toward_most_priced(codes, visited, row, col, heading, board, tables, search,
                 first_actions[near] = 1 << action if moves == 0 else first_actions[cell]
             elif distance[near] == moves + 1:
                 first_actions[near] |= first_actions[cell]
+    goal[0] = best
     if best < 0:
         return -1
     if first_actions[best] >> heading & 1:
@@ -200,12 +202,14 @@ class FrontierPriced:
         self.sensor_radius, self.rules = sensor_radius, rules
         self.memory, self.guard = Memory(), LoopGuard(sensor_radius)
         self._board: PricedBoard | None = None
+        self._goal: NDArray[np.int64] = np.full(1, -1)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode; the rule draws nothing."""
         del seed
         self.memory.forget()
         self.guard.reset()
+        self._goal[0] = -1
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
@@ -223,9 +227,13 @@ class FrontierPriced:
         update_board(codes, board, tables.prices[0], self._board.changed_columns)
         action = toward_most_priced(
             codes, memory.visited, row, col, memory.heading, board, tables.prices, self._search,
-            tables.highest, tables.limits, tables.weights,
+            tables.highest, tables.limits, tables.weights, self._goal,
         )  # fmt: skip
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
+
+    def goal(self) -> tuple[int, int] | None:
+        """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
+        return self.guard.goal() or (cell_at(int(self._goal[0]), self._board.shape[1]) if self._board is not None else None)
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         self._board, cells = PricedBoard(shape, self.sensor_radius), shape[0] * shape[1]

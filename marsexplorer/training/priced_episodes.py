@@ -24,12 +24,12 @@ def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, s
 
     codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes uint8[num]
     visited  uint8[num, rows, cols], the rover's cell is added; kept: known, counts, unknown and blocked of each board
-    lidar    (sight, visible, stride, radius) of a `visibility` view; rule: its (highest, limits, weights);
+    lidar    (sight, visible, stride, radius) of a `visibility` view; rule: its (highest, limits, weights), and goal;
              the rest as in `toward_most_priced`
     """
     known, counts, unknown, blocked = kept
     sight, visible, stride, radius = lidar
-    highest, limits, weights = rule
+    highest, limits, weights, goal = rule
     for i in range(codes.shape[0]):
         if outcomes[i] != RUNNING:
             continue
@@ -39,7 +39,7 @@ def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, s
         board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
         update_board(codes[i], board, tables[0], changed_columns)
         headings[i] = toward_most_priced(
-            codes[i], visited[i], row, col, headings[i], board, tables, search, highest, limits, weights
+            codes[i], visited[i], row, col, headings[i], board, tables, search, highest, limits, weights, goal
         )
 
 
@@ -63,7 +63,7 @@ class PricedEpisodes:
         )
         self._lidar = sight, np.zeros(int(sight[1]), np.uint64), row_words(config.cols, radius), radius
         self._search = price_scratch(cells), np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
-        self._changed_columns = np.zeros((config.rows, 2), np.int64)
+        self._changed_columns, self._goal = np.zeros((config.rows, 2), np.int64), np.zeros(1, np.int64)
 
     def play(self, rule: SizedRule) -> NDArray[np.int64]:
         """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
@@ -76,7 +76,7 @@ class PricedEpisodes:
             cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
             decide_all(
                 worlds.codes, cells, worlds.outcomes, visited, headings, self._kept, self._lidar, tables.prices, self._search,
-                (tables.highest, tables.limits, tables.weights), self._changed_columns,
+                (tables.highest, tables.limits, tables.weights, self._goal), self._changed_columns,
             )  # fmt: skip
             worlds.step(headings)
         return worlds.scalars[:, STEPS].astype(np.int64)

@@ -138,6 +138,10 @@ class NetworkPolicy:
         action = int(logits.argmax())
         return action if logits[action] > INVALID_LOGIT else next(iter(valid_actions(memory.codes, *memory.position)), 0)
 
+    def goal(self) -> tuple[int, int] | None:
+        """Return the cell (row, col) that the loop guard goes to; None where the network chose the last action."""
+        return self._guard.goal()
+
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value) of the last observation."""
         return self._thought

@@ -120,3 +120,32 @@ def test_every_terrain_is_explored(name, level):
         while not episode.ended:
             episode.step(policy.act(episode.codes))
         assert episode.outcome == "explored", seed
+
+
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "frontier-priced"])
+def test_a_rule_says_which_cell_it_goes_to(name):
+    policy, episode = policies.load(name, 3), Episode.begin(EnvConfig("random", 9, 13, sensor_radius=3), seed=5)
+    assert policies.goal_of(policy) is None
+    policy.reset(0)
+    while not episode.ended:
+        grid, rover, visited = episode.codes.tolist(), episode.position, set(episode.path)
+        reach = reference_frontier.distances(grid, rover)
+        episode.step(policy.act(episode.codes))
+        goal = policies.goal_of(policy)
+        assert reference_frontier.distances(grid, goal)[episode.position] == reach[goal] - 1
+        shows = [cell for cell in reach if cell not in visited and reference_frontier.expected_discoveries(grid, *cell, 3)]
+        assert goal in shows
+        if name == "frontier-cost":
+            assert reach[goal] == min(reach[cell] for cell in shows if reference_frontier.touches_unknown(grid, cell))
+    policy.act(np.where(episode.codes == 0, 1, episode.codes))  # nothing is left to see
+    assert policies.goal_of(policy) is None
+    policy.reset(0)
+    assert policies.goal_of(policy) is None
+
+
+def test_policies_that_choose_moves_have_no_goal():
+    for name in ("random", "ppo"):
+        policy, episode = policies.load(name), Episode.begin(EnvConfig("random", 9, 13), seed=5)
+        policy.reset(0)
+        policy.act(episode.codes)
+        assert policies.goal_of(policy) is None
