@@ -2,10 +2,16 @@
 
 import random
 import sqlite3
-from contextlib import ExitStack, closing
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack, closing, suppress
 
+import httpx
 import pytest
 
+from app.study.verification import verify_database
+from marsexplorer.config import ACTIONS
 from tests.support.servers import PATIENCE_S, eventually
 
 KINDS = ("human", "rival", "policy")
@@ -101,3 +107,58 @@ def test_a_kill_right_after_the_last_step_of_five_sessions_loses_and_doubles_not
 @pytest.mark.parametrize("point", range(50))
 def test_a_kill_right_after_a_step_of_one_session_loses_and_doubles_nothing(spawn, tmp_path, point):
     play_kill_and_check(spawn, tmp_path / "playground.db", random.Random(1000 + point), 1)
+
+
+def play_until(stop, answered, client, boards, acknowledged):
+    """Move one board after the other over HTTP, as fast as the answers come, and note each step that was answered."""
+    frames = {}
+    with suppress(httpx.TransportError):
+        while not stop.is_set():
+            for session in boards:
+                frame = frames.get(session) or client.get(f"/api/sessions/{session}").json()
+                if frame["outcome"]:
+                    begun = client.post(f"/api/sessions/{session}/episodes", json={"size": [9, 13]})
+                    frame = begun.json()["frame"]
+                step, action = frame["step"], ("south", "north")[frame["step"] % 2]
+                body = {"kind": "act", "episode": frame["episode"], "step": step, "action": action}
+                answer = client.post(f"/api/sessions/{session}/act", json=body)
+                assert answer.status_code == 200, answer.text
+                acknowledged[frame["episode"], step] = ACTIONS.index(action)
+                frames[session] = answer.json()
+                answered.set()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("campaign", range(10))
+def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_path, campaign):
+    """SIGKILL 0 to 150 ms after the first answer, wherever the server is then: ten campaigns are 1,000 kills."""
+    dice, path, acknowledged = random.Random(2000 + campaign), tmp_path / "playground.db", {}
+    boards = []
+    for kill in range(100):
+        server = spawn(limits={"sessions_per_address": "100000/minute", "episodes_per_address": "100000/minute"})
+        client = server.client()
+        if kill % 10 == 0:
+            body = [{}, {"rival": "frontier-cost"}, {}][kill // 10 % 3]
+            boards = [client.post("/api/sessions", json={**body, "size": [9, 13]}).json()["session"] for _ in range(3)]
+        stop, answered = threading.Event(), threading.Event()
+        player = threading.Thread(target=play_until, args=(stop, answered, client, boards, acknowledged))
+        player.start()
+        assert answered.wait(PATIENCE_S)
+        time.sleep(dice.uniform(0, 0.15))
+        server.process.kill()
+        stop.set()
+        player.join()
+        server.process.wait()
+        server.process.stdout.close()
+        server.close()
+    with closing(sqlite3.connect(path)) as db:
+        rows = db.execute("SELECT episode_id, step, action FROM steps ORDER BY episode_id, step").fetchall()
+    there = {(episode, step): action for episode, step, action in rows}
+    lost = [each for each, action in acknowledged.items() if there.get(each) != action]
+    counts = Counter(episode for episode, _ in there)
+    gaps = [episode for episode, count in counts.items() if (episode, count - 1) not in there]
+    doubled = len(rows) - len(there)
+    print(f"\n100 kills: {len(acknowledged)} moves acknowledged, {len(lost)} lost, {doubled} doubled, {len(gaps)} gaps")
+    assert (lost, gaps, doubled) == ([], [], 0)
+    assert len(acknowledged) >= 100
+    assert not verify_database(path).findings
