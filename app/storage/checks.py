@@ -189,8 +189,6 @@ def try_write(database: Path, timeout_s: float = 1.0) -> None:
     timeout_s  seconds to wait for another program that is writing. Call it in a thread: the disk may take as long as it likes.
     """
     try:
-        if not database.exists():
-            raise StoreError(f"the database {database} is gone: bring the file back, then start the server again")
         check_writable(database)
         # mode=rw: a file that was just deleted is not made again, as an empty one
         uri = database.resolve().as_uri() + "?mode=rw"

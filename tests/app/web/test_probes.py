@@ -37,6 +37,6 @@ def test_a_server_whose_database_was_deleted_is_not_ready_and_makes_no_empty_one
     client, path = server.client(), server.services.store.path
     path.rename(path.with_name("moved.db"))
     answer = client.get("/readyz")
-    assert (answer.status_code, "is gone" in answer.json()["detail"]) == (503, True)
+    assert (answer.status_code, "was deleted, moved or replaced" in answer.json()["detail"]) == (503, True)
     assert client.get("/healthz").status_code == 200
     assert not path.exists()
