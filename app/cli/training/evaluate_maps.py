@@ -53,7 +53,7 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
         try:
             maps[path.stem] = read_map(path, CELL_M if cell_m is None else cell_m)
         except MapFileError as error:
-            raise click.ClickException(str(error)) from error
+            raise click.UsageError(str(error)) from error
         except ModuleNotFoundError as error:
             raise click.ClickException(
                 "maps are read with the extra maps: pip install 'marsexplorer-playground[maps]'"

@@ -140,7 +140,7 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
 
 def test_an_unknown_policy_is_named_with_what_to_choose_instead(tmp_path):
     with pytest.raises(
-        policies.PolicyNotFoundError, match=r'no policy "ppo2" in data/policies; choose one of: .*random, or give'
+        policies.PolicyNotFoundError, match=r'no policy "ppo2" in data/policies; choose one of: .*sac-works, or give'
     ):
         policies.load("ppo2")
     with pytest.raises(policies.PolicyNotFoundError, match="no policy file at"):
