@@ -44,7 +44,8 @@ FLOODS = {
 @pytest.mark.parametrize("kind", FLOODS)
 def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, kind):
     server = spawn()
-    begun = server.client().post("/api/sessions", json={"size": 21}).json()
+    with server.client() as client:
+        begun = client.post("/api/sessions", json={"size": 21}).json()
     measure(server, 2)  # the first moves of a process take longer
     message, opcode = FLOODS[kind]
     script = FLOOD.replace("while message:", "while True:") if opcode == 9 else FLOOD
