@@ -1,4 +1,5 @@
-"""SQL stands in `app/storage`, in the release writer, `app/release`, and in `app/operators`, which has tables of its own."""
+"""SQL stands in `app/storage`, in the release writer, `app/release`, in `app/operators`, which has tables of its own, and in
+`app/backup`, which copies and reads out whole files."""
 
 import ast
 import re
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-SPEAKERS = ("app/storage", "app/release", "app/operators")
+SPEAKERS = ("app/storage", "app/release", "app/operators", "app/backup")
 STATEMENT = re.compile(
     r"""\s*(select\s.+\sfrom\s | select\s+1\b | insert\s+(or\s+\w+\s+)?into\s | update\s+(or\s+\w+\s+)?\w+\s+set\s
     | delete\s+from\s | (create|drop)\s+(unique\s+|temp\s+)?(table|index|view|trigger)\s | alter\s+table\s | pragma\s+\w
