@@ -8,6 +8,7 @@ from app.play.lobby import Lobby
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import Sources
+from app.settings import Limits
 from app.storage import chain
 from app.storage.store import Store
 from app.study.verification import verify_database
@@ -101,3 +102,10 @@ def test_a_board_that_is_open_stays_however_old_it_is(serve, tmp_path):
     boards = server.services.page_boards
     assert asyncio.run(boards.delete_unplayed()) == 0
     assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
+
+
+def test_a_running_server_deletes_them_by_itself(serve, tmp_path):
+    server = serve(limits=Limits(unplayed_h=0.0001), abandon_after_s=1.0, idle_s=0.2)
+    session = server.page().post("/api/sessions", json={"size": 9}).json()["session"]
+    server.page().post("/api/sessions", json={"size": 9})  # the newest of all stays
+    eventually(lambda: session not in ids(tmp_path / "playground.db"))
