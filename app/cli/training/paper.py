@@ -59,7 +59,12 @@ class Where:
 @click.option("--human-level", type=PATH, help="JSON of a closed study's report, for the line of people in figure 4.")
 @click.option("--list", "is_list", is_flag=True, help="List what there is to do, with forecasts, and do nothing.")
 @click.option("--draw", "is_draw", is_flag=True, help="Draw and tabulate what is finished in --out; train nothing.")
-@click.option("--export", type=PATH, help="Write what is finished in --out to small files in this folder; train nothing.")
+@click.option(
+    "--export",
+    type=PATH,
+    help="Write what is finished in --out to small files in this folder, beside what it has of other trainings and policies; "
+    "train nothing.",
+)
 @click.option("--redraw", type=PATH, help="Draw from a folder that --export wrote into --out; train nothing.")
 def paper(
     figure: str,

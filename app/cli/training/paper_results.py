@@ -83,16 +83,19 @@ def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
 
 
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
-    """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays."""
+    """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays.
+
+    Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay.
+    """
     from marsexplorer.paper.episodes.gathered import gather
     from marsexplorer.paper.figures.curves import read_records
-    from marsexplorer.paper.figures.export import write_records
+    from marsexplorer.paper.figures.export import add_records
 
     records = read_records(folder) if TRAINED & set(figures) else []
     for figure in figures:
         paths = []
         if own := records_of_figure(figure, records):
-            paths.append(write_records(own, target / f"figure{figure}.jsonl"))
+            paths.append(add_records(own, target / f"figure{figure}.jsonl"))
         with suppress(FileNotFoundError):  # figure 4 has no plays, and the others may have none yet
             paths += gather(folder, int(figure), target)
         if not paths:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from marsexplorer.files import write_whole
-from marsexplorer.paper.figures.curves import Record
+from marsexplorer.paper.figures.curves import TITLES, Record
 from marsexplorer.paper.trial import Trial
 
 
@@ -34,6 +34,28 @@ def write_records(records: Sequence[Record], path: Path) -> Path:
     with write_whole(path) as file:
         file.write("".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode())
     return path
+
+
+def add_records(records: Sequence[Record], path: Path) -> Path:
+    """Write records to a file beside those that it has; return its path.
+
+    A kind of trial is an algorithm, variant, level and size. All trials of a kind in the file make way for new ones of that
+    kind, so that no mean is taken over trainings of two runs. ValueError when the file was not written by `write_records`.
+    """
+    new = {_kind_of(record.trial) for record in records}
+    old = read_exported(path) if path.is_file() else []
+    kept = [record for record in old if _kind_of(record.trial) not in new]
+    return write_records(sorted([*kept, *records], key=lambda record: (_place_of(record.trial), record.trial.seed)), path)
+
+
+def _kind_of(trial: Trial) -> tuple[str, str, str, int]:
+    return trial.variant, trial.algorithm, trial.level, trial.size
+
+
+def _place_of(trial: Trial) -> tuple[int, tuple[str, str, str, int]]:
+    """Return what kinds are sorted by: the columns of figure 4 first, in their order, then the others by name."""
+    columns = list(TITLES)
+    return columns.index(trial.variant) if trial.variant in columns else len(columns), _kind_of(trial)
 
 
 def read_exported(path: Path) -> list[Record]:

@@ -9,7 +9,7 @@ from scipy import stats
 from marsexplorer.paper.claims.shipped import read
 from marsexplorer.paper.figures import figure4, figure5
 from marsexplorer.paper.figures.curves import COLUMNS, POINTS, band, read_records, record_of
-from marsexplorer.paper.figures.export import read_exported, write_records
+from marsexplorer.paper.figures.export import add_records, read_exported, write_records
 from marsexplorer.paper.figures.trained_table import cells_of, rows_of, write_table
 from marsexplorer.paper.plan import DIFFICULTIES
 from tests.support.paper_logs import trial_of, write_trial
@@ -70,6 +70,20 @@ def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tm
     path.write_text('{"kind": "trial"}\n')
     with pytest.raises(ValueError, match="is no file of trials"):
         read_exported(path)
+
+
+def test_an_export_keeps_trainings_of_other_kinds_and_none_of_an_earlier_run_of_the_same(logs, tmp_path):
+    path = write_records(read_records(logs), tmp_path / "data" / "figure4.jsonl")
+    write_trial(tmp_path / "more", trial_of(seed=1), [0.1, 0.2])
+    write_trial(tmp_path / "more", trial_of(seed=0, variant="works-no-mask"), [0.1, 0.2])
+    new = read_records(tmp_path / "more")
+    add_records(new, path)
+    found = [(each.trial.variant, each.trial.algorithm, each.trial.seed) for each in read_exported(path)]
+    assert found == [("paper", "ppo", 1), ("works", "sac", 0), ("works-no-mask", "ppo", 0)]
+    assert all(record in read_exported(path) for record in new)
+    whole = path.read_bytes()
+    add_records(new, path)
+    assert path.read_bytes() == whole
 
 
 def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
