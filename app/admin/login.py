@@ -12,11 +12,12 @@ import hmac
 import secrets
 import sqlite3
 import time
+from collections.abc import Callable
 
 from itsdangerous import BadSignature, TimestampSigner
 
 from app.operators.actions import ActionLog
-from app.operators.delays import Delays
+from app.operators.delays import Delays, TooManyAttemptsError
 from app.operators.operators import PASSWORD_ALONE, Operator, Operators, check_password, is_password_of, list_operators
 from app.settings import Settings
 from app.storage.database import StoreError
@@ -24,12 +25,26 @@ from app.storage.database import StoreError
 TOKEN_S = 8 * 3600
 """Seconds that a token is valid."""
 
+MOST_CHECKED = 8
+"""Logins by name whose passwords are checked or wait for it, at most: a hash takes some 50 ms of a core, one at a time."""
+
+BUSY_S = 2
+"""Seconds after which whoever comes beyond MOST_CHECKED is told to come again."""
+
 REFUSED_EVERY_S = 60.0
 """Seconds between two refused logins that are logged, so that guessing does not fill the disk."""
 
 
 class WrongPasswordError(Exception):
     """Name, password and code are no operator's."""
+
+
+class TooManyLoginsError(TooManyAttemptsError):
+    """Too many others log in at this moment; the attempt was not looked at and does not count."""
+
+    def __init__(self) -> None:
+        Exception.__init__(self, f"too many people log in at this moment: wait {BUSY_S} seconds, then try again")
+        self.wait_s = BUSY_S
 
 
 class AdminPassword:
@@ -71,22 +86,26 @@ class AdminLogin:
         self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
         self._revoked: set[str] = set()
         self._checking = asyncio.Lock()  # a hash takes 64 MiB: one at a time
+        self._checked = 0
         self._refused_at = -REFUSED_EVERY_S
 
     async def issue(self, address: str, name: str, password: str, code: str = "") -> str:
         """Return a token for the right name ("" for the server's one password), password and code.
 
-        WrongPasswordError or TooManyAttemptsError otherwise.
+        WrongPasswordError, TooManyAttemptsError or TooManyLoginsError otherwise; StoreError where it cannot be logged: then no
+        code was used. Call it once for an attempt: it waits by itself while another program has locked the database.
         """
+        if name and self._checked >= MOST_CHECKED:
+            raise TooManyLoginsError
         self._delays.begin_attempt(address)
-        who = await self._operator(name, password, code) if name else None
-        if who is None and (name or not self._password.is_right(password)):
+        who = await self._with_password(name, password) if name else None
+        is_right = who is not None if name else self._password.is_right(password)
+        if not is_right or not await self._log.admit(name or PASSWORD_ALONE, self._codes(who, code)):
             await self._note_refused(name)
             raise WrongPasswordError(
                 "this is no operator's name, password and code" if name else "this is not the operator's password"
             )
         self._delays.forgive(address)
-        await self._note(name or PASSWORD_ALONE, 200)
         since = who.created_ms if who else 0
         return self._signer.sign(f"{secrets.token_hex(16)}:{name}:{since}").decode()
 
@@ -108,22 +127,27 @@ class AdminLogin:
         if self.operator_of(token) is not None:
             self._revoked.add(token)
 
-    async def _operator(self, name: str, password: str, code: str) -> Operator | None:
-        """Return the operator whose name, password and code these are."""
+    async def _with_password(self, name: str, password: str) -> Operator | None:
+        """Return the operator whose name and password these are."""
         found = self._operators.find(name)
-        async with self._checking:
-            is_right = await asyncio.to_thread(is_password_of, found, password)
-        return found if found is not None and is_right and self._operators.use_code(found, code) else None
+        self._checked += 1
+        try:
+            async with self._checking:
+                is_right = await asyncio.to_thread(is_password_of, found, password)
+        finally:
+            self._checked -= 1
+        return found if is_right else None
+
+    def _codes(self, who: Operator | None, code: str) -> Callable[[], bool]:
+        """Return what uses the code of an operator; the server's one password has no second factor."""
+        return lambda: who is None or self._operators.use_code(who, code)
 
     async def _note_refused(self, name: str) -> None:
         """Log a refused login, at most one each minute, by the name if there is such an operator."""
         if time.monotonic() - self._refused_at >= REFUSED_EVERY_S:
             self._refused_at = time.monotonic()
             known = PASSWORD_ALONE if not name else name if self._operators.find(name) else "unknown name"
-            await self._note(known, 401)
-
-    async def _note(self, who: str, status: int) -> None:
-        await self._log.end(await self._log.begin(who, "log_in", None), status)
+            await self._log.end(await self._log.begin(known, "log_in", None), 401)
 
 
 def _digest(password: str) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ class ActionLog:
         """Log how an action ended, by the status of its answer."""
         await self._store.writes.run(lambda: self._end(number, status))
 
+    async def admit(self, operator: str, use_code: Callable[[], bool]) -> bool:
+        """Log a login and return True, in the transaction that uses its code; False, and nothing logged, for a wrong one."""
+        return await self._store.writes.run(lambda: self._admit(operator, use_code))
+
     def newest(self, count: int = 20) -> list[dict[str, Any]]:
         """Return the newest actions, the newest first: at_ms, operator, action, study, and status (None: not ended)."""
         return rows(self._store.connection, _NEWEST, count)
@@ -36,6 +41,13 @@ class ActionLog:
             number = self._store.connection.execute(sql, (time.time_ns() // 1_000_000, operator, action, study)).lastrowid
         assert number is not None
         return number
+
+    def _admit(self, operator: str, use_code: Callable[[], bool]) -> bool:
+        with self._store.transaction():
+            if not use_code():
+                return False
+            self._end(self._begin(operator, "log_in", None), 200)
+        return True
 
     def _end(self, number: int, status: int) -> None:
         with self._store.transaction():

@@ -137,7 +137,9 @@ class PageBoards:
         """Delete boards that nobody has moved on for `unplayed_h` hours and that are not in memory; return how many."""
         lobby, count = self._lobby, 0
         before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
-        while deleted := delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None):
+        after: int | None = 0
+        while after is not None:
+            deleted, after = delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after)
             lobby.forget(deleted)
             count += len(deleted)
             await asyncio.sleep(0)  # others move between two transactions

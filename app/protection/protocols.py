@@ -17,6 +17,8 @@ from app.protection.buckets import TokenBucket
 from app.protection.socket_budget import POLICY_VIOLATION
 
 if TYPE_CHECKING:
+    from websockets.frames import Frame
+
     from app.protection.service import Protection
 
 RETRY_AFTER_S = 30
@@ -122,6 +124,19 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             self._shut("pings")
         else:
             super().handle_ping()
+
+    def handle_pong(self, event: Frame) -> None:
+        if self._pings.take():
+            self._shut("pings")
+        else:
+            super().handle_pong(event)
+
+    def handle_cont(self, event: Frame) -> None:
+        """Count each fragment: a message that never ends would be counted never, and an empty one has no size to limit."""
+        if self._messages.take():
+            self._shut("messages")
+        else:
+            super().handle_cont(event)
 
     def send_receive_event_to_app(self) -> None:
         if self._messages.take():

@@ -28,9 +28,11 @@ class Protection:
         self.refusals: Counter[str] = Counter()
         self.bucket_sizes = {name: BucketSize.parse(getattr(limits, name)) for name in BUCKETS}
         named = ProxyHeadersMiddleware(None, list(trusted_proxies)).trusted_hosts  # type: ignore[arg-type]
-        slots = Slots(make_room(limits.connections), limits.connections_per_address)
+        room = make_room(limits.connections)
+        slots = Slots(room, limits.connections_per_address)
         self.connections = Connections(slots, self.bucket_sizes["opened"], named.__contains__)
-        self.sockets = Slots(limits.sockets, limits.sockets_per_address)
+        sockets = max(1, limits.sockets * room // limits.connections)  # the others load pages
+        self.sockets = Slots(sockets, limits.sockets_per_address)
 
     def count_refusal(self, reason: str) -> None:
         """Count a refusal; reasons are few words of the code, never a stranger's."""

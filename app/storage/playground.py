@@ -47,8 +47,8 @@ _WATCHABLE = """SELECT e.session_id, e.ended_ms FROM episodes e WHERE e.id = :ep
         AND d.player_id IS NOT :viewer)"""
 
 # Boards with their rival's: nothing has happened on either, and neither is the newest session.
-_UNPLAYED = """SELECT s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions r ON r.rival_of = s.id
-    WHERE s.created_ms < :before AND s.rival_of IS NULL
+_UNPLAYED = """SELECT s.rowid, s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions r ON r.rival_of = s.id
+    WHERE s.rowid > :after AND s.created_ms < :before AND s.rival_of IS NULL
     AND max(s.rowid, coalesce(r.rowid, 0)) < (SELECT max(rowid) FROM sessions)
     AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
     AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.session_id IN (s.id, r.id) AND (
@@ -57,7 +57,7 @@ _UNPLAYED = """SELECT s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions
         OR EXISTS (SELECT 1 FROM input_events v WHERE v.episode_id = e.id)
         OR EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
         OR EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id)))
-    LIMIT :most"""
+    ORDER BY s.rowid LIMIT :most"""
 _WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
     AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
     AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
@@ -119,8 +119,15 @@ def sessions_after(store: Store, row: int) -> list[tuple[int, str]]:
     return store.connection.execute("SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid", [row]).fetchall()
 
 
-def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool], most: int = 100) -> list[str]:
-    """Delete boards that were begun before a time and on which nobody has moved; return their sessions' ids, at most `most`.
+class Deleted(NamedTuple):
+    """Sessions that were deleted, and the row number after which the next look begins (None: there is nothing more)."""
+
+    sessions: list[str]
+    after: int | None
+
+
+def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100) -> Deleted:
+    """Delete boards that were begun before a time and on which nobody has moved, among `most` that follow a row number.
 
     A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
     run and have neither a move nor an input event: the chain has no entry of them, so nothing that `verify` looks at changes.
@@ -129,9 +136,9 @@ def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool],
     """
     with store.transaction():
         conn = store.connection
-        found = conn.execute(_UNPLAYED, {"before": before_ms, "most": most}).fetchall()
+        found = conn.execute(_UNPLAYED, {"before": before_ms, "most": most, "after": after}).fetchall()
         deleted, players = list[str](), set[str]()
-        for session_id, player_id, rival_id in found:
+        for _, session_id, player_id, rival_id in found:
             ids = [each for each in (rival_id, session_id) if each is not None]
             if any(in_use(each) for each in ids):
                 continue
@@ -141,7 +148,7 @@ def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool],
             deleted += ids
             players |= {player_id} - {None}
         conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
-    return deleted
+    return Deleted(deleted, found[-1][0] if len(found) == most else None)
 
 
 _SECRET = "daily_secret"

@@ -10,6 +10,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
+from app.play.messages import MAX_MESSAGE_BYTES
 from app.protection import limited_protocols
 
 BACKLOG = 2048
@@ -77,7 +78,7 @@ def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
     http, ws = limited_protocols(app.state.protection)
     options: dict[str, Any] = {
         "http": http, "ws": ws, "backlog": ACCEPTED_AT_ONCE,
-        "ws_per_message_deflate": False, "ws_max_size": 2**20, "lifespan": "on",
+        "ws_per_message_deflate": False, "ws_max_size": 2 * MAX_MESSAGE_BYTES, "lifespan": "on",
         "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
         "proxy_headers": False,  # `app.protection` reads them
     }  # fmt: skip

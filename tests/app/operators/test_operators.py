@@ -1,19 +1,30 @@
 """Operators by name: only a hash is stored, a code is used once, and what they do is logged before it is done."""
 
 import sqlite3
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
+from threading import Event, Timer
 from urllib.parse import parse_qs, urlsplit
 
 import pyotp
 import pytest
 from click.testing import CliRunner
 
+from app.admin import login
 from app.cli.main import cli
 from app.operators.delays import FREE_ATTEMPTS
-from app.operators.operators import OperatorError, Operators, add_operator, list_operators, remove_operator
+from app.operators.operators import (
+    OperatorError,
+    Operators,
+    add_operator,
+    is_password_of,
+    list_operators,
+    remove_operator,
+)
 from app.storage.store import Store
 from tests.app.admin.test_admin import CHANGING
+from tests.support.servers import PATIENCE_S, eventually
 from tests.support.study import freeze
 
 ADA, BOB = "a-long-password", "another-password"
@@ -83,6 +94,74 @@ def test_attempts_at_the_same_time_are_no_way_around_the_wait(database, serve):
         statuses = list(pool.map(lambda client: log_in(client, "ada", "wrong-wrong").status_code, clients))
     assert (statuses.count(401), statuses.count(429)) == (FREE_ATTEMPTS, 2 * FREE_ATTEMPTS)
     assert log_in(server.page(), "ada", ADA).status_code == 429, "not even the right password is looked at"
+
+
+def test_passwords_that_wait_for_their_check_are_few_and_beyond_them_the_answer_says_when_to_come_again(
+    database, serve, monkeypatch
+):
+    server, checking = serve(trusted_proxies=("127.0.0.1",)), Event()
+
+    def check_later(operator, password):
+        checking.wait(PATIENCE_S)
+        return is_password_of(operator, password)
+
+    monkeypatch.setattr(login, "is_password_of", check_later)
+    clients = [server.page() for _ in range(3 * login.MOST_CHECKED)]
+    for number, client in enumerate(clients):
+        client.headers["X-Forwarded-For"] = f"203.0.113.{number}"
+    with ThreadPoolExecutor(len(clients)) as pool:
+        answers = [pool.submit(log_in, client, "ada", "wrong-wrong") for client in clients]
+        try:
+            eventually(lambda: sum(answer.done() for answer in answers) == 2 * login.MOST_CHECKED, seconds=10)
+        finally:
+            checking.set()
+    statuses = Counter(answer.result().status_code for answer in answers)
+    assert statuses == {401: login.MOST_CHECKED, 429: 2 * login.MOST_CHECKED}
+    refused = next(answer.result() for answer in answers if answer.result().status_code == 429)
+    assert refused.headers["retry-after"] == str(login.BUSY_S)
+    assert refused.json()["detail"] == f"too many people log in at this moment: wait {login.BUSY_S} seconds, then try again"
+    assert log_in(server.page(), "ada", ADA).status_code == 200, "all have been checked"
+
+
+def lock(path, seconds):
+    """Hold the lock of a database for some seconds, from another connection; OperationalError when somebody holds it."""
+    conn = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
+    try:
+        conn.execute("BEGIN IMMEDIATE")
+    except sqlite3.OperationalError:
+        conn.close()
+        raise
+    Timer(seconds, conn.close).start()
+
+
+def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the_attempt_once(database, serve, monkeypatch):
+    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+    server, checked = serve(), []
+
+    def check_and_lock(*given):
+        checked.append(given)
+        if len(checked) == 1:
+            lock(database, 2.0)
+        return is_password_of(*given)
+
+    monkeypatch.setattr(login, "is_password_of", check_and_lock)
+    assert log_in(server.page(), "bob", BOB, pyotp.TOTP(secret).now()).status_code == 200
+    assert len(checked) == 1
+
+
+def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(database, serve, monkeypatch):
+    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+    server, use_code = serve(), Operators.use_code
+    monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.2)
+
+    def use_and_lock(self, operator, code):
+        is_right = use_code(self, operator, code)
+        with suppress(sqlite3.OperationalError):  # while the login is being written nobody else can
+            lock(database, 1.0)
+        return is_right
+
+    monkeypatch.setattr(Operators, "use_code", use_and_lock)
+    assert log_in(server.page(), "bob", BOB, pyotp.TOTP(secret).now()).status_code == 200
 
 
 def test_a_code_is_asked_for_and_used_once(database, serve):

@@ -10,7 +10,8 @@ from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.settings import Limits
 from app.storage import chain
-from app.storage.store import Store
+from app.storage.playground import delete_unplayed
+from app.storage.store import SessionRow, Store
 from app.study.verification import verify_database
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -102,6 +103,17 @@ def test_a_board_that_is_open_stays_however_old_it_is(serve, tmp_path):
     boards = server.services.page_boards
     assert asyncio.run(boards.delete_unplayed()) == 0
     assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
+
+
+def test_boards_that_are_in_use_do_not_keep_later_ones_from_being_deleted(tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for number in range(7):
+            store.add_session(SessionRow(f"s{number}", None, "human", None, "follow", 8.0, number))
+        deleted, after, in_use = [], 0, {"s0", "s1", "s3"}
+        while after is not None:
+            found, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
+            deleted += found
+        assert deleted == ["s2", "s4", "s5"], "s6 is the newest of all"
 
 
 def test_a_running_server_deletes_them_by_itself(serve, tmp_path):

@@ -61,6 +61,17 @@ def test_the_cap_on_connections_fits_the_files_that_the_server_may_open():
     ]  # fmt: skip
 
 
+def test_the_caps_of_a_server_follow_the_files_that_it_may_open():
+    """As many connections as fit, and websockets in proportion, so that pages can be loaded when all of these are taken."""
+    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (300, 400)); from app.settings import Limits"
+    code += "; from app.protection.service import Protection; protection = Protection(Limits())"
+    code += (
+        "; print(*(sum(slots.take(None) for _ in range(5000)) for slots in (protection.connections.slots, protection.sockets)))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["144", "72"]
+
+
 def test_connections_in_total_have_a_cap_and_one_address_cannot_open_them_too_fast(serve):
     total = serve(limits=Limits(connections=3))
     with ExitStack() as stack:

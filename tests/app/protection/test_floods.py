@@ -2,6 +2,7 @@
 
 import json
 import struct
+import time
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -18,7 +19,10 @@ def masked(opcode, payload):
     return bytes([128 | opcode]) + length + bytes(4) + payload
 
 
-PING = masked(9, b"")
+PING, PONG, FRAGMENT = masked(9, b""), masked(10, b""), bytes([0, 128]) + bytes(4)
+
+CLOSED_WITHIN_S = 10
+"""How long a socket may stay open after a flood: the server closes it at once."""
 
 
 def text(message):
@@ -43,12 +47,16 @@ def flood(server, begun, data, times):
 
 
 def why_closed(socket):
-    """Read until a socket is closed, and return the code and the words."""
+    """Read until a socket is closed, and return the code and the words; fail where it stays open."""
+    until = time.monotonic() + CLOSED_WITHIN_S
     try:
-        while True:
-            socket.receive()
+        while (left_s := until - time.monotonic()) > 0:
+            socket.receive(seconds=left_s)
     except ConnectionClosed as closed:
         return closed.rcvd.code, closed.rcvd.reason
+    except TimeoutError:
+        pass
+    pytest.fail(f"the socket is still open after {CLOSED_WITHIN_S} s")
 
 
 def test_a_bucket_gives_its_burst_at_once_and_its_rate_after_that():
@@ -76,6 +84,13 @@ def test_pings_never_reach_the_application_and_too_many_close_the_socket(server)
     _, begun = begin(server)
     assert flood(server, begun, PING * 500, 20) == (1008, "too many pings")
     assert server.services.protection.refusals["socket_pings"] == 1
+
+
+@pytest.mark.parametrize(("frame", "kind", "times"), [(PONG, "pings", 500), (FRAGMENT, "messages", 12_000)])
+def test_frames_that_are_no_message_close_the_socket_too(server, frame, kind, times):
+    _, begun = begin(server)
+    beginning = bytes([1, 128]) + bytes(4)  # of a message in fragments; none of them is the last
+    assert flood(server, begun, (beginning if frame is FRAGMENT else b"") + frame * times, 1) == (1008, f"too many {kind}")
 
 
 def test_a_page_that_pings_as_browsers_and_libraries_do_stays(server):
