@@ -44,6 +44,10 @@ R_MOVE = 0.5
 AHEAD, LINE = 4, 8
 """How many scans ahead the memory is asked for, and the words of a cache line."""
 
+BLOCK, HEADS_AHEAD = 256, 16
+"""Worlds that move together, so that what a step touches of them stays in the nearer caches; how many worlds ahead the memory
+of the scalars is asked for."""
+
 
 def rules_of(config: EnvConfig) -> NDArray[np.int64]:
     """Return the numbers that a configuration gives the kernels: bitmap.shape_of, then max_steps and r_bonus."""
@@ -113,17 +117,18 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
 
 
 @inlined
-def advance(state, record, codes, rules, actions, rewards, listed):
-    """Make one move in every running world, all but the scan; list the worlds that scan and return how many.
+def advance(state, record, codes, rules, actions, rewards, listed, first, end):
+    """Make one move in the running worlds first..end - 1, all but the scan; list those that scan and return how many.
 
     An ended world stays as it is. Rewards are those of the moves without what scans find and without the bonus.
     """
     rows, cols, radius, words = rules[ROWS], rules[COLS], rules[RADIUS], rules[WORDS]
     cells, count = np.uint64(rows * cols), 0
     visited = np.uint64(2 * (rows + 2 * radius) * words)
-    for i in range(actions.shape[0]):
+    for i in range(first, end):
         base, cbase = np.uint64(i) * np.uint64(record), np.uint64(i) * cells
         rewards[i] = 0.0
+        prefetch(state, (i + HEADS_AHEAD) * record)
         if state[base + np.uint64(OUTCOME)] != np.uint64(RUNNING):
             continue
         where, action = state[base + np.uint64(POSITION)], actions[i]
@@ -180,13 +185,13 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
 
 
 @kernel
-def move_all(actions, state, record, codes, sight, rules, rewards, listed):
-    """Make one move in every running world, with its scan; `settle` is to follow for each.
+def move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end):
+    """Make one move in the running worlds first..end - 1, with their scans; `settle` is to follow for each.
 
     actions, rewards  int64[num], 0..3, and float64[num], written
     listed            int64[num], scratch
     """
-    count = advance(state, record, codes, rules, actions, rewards, listed)
+    count = advance(state, record, codes, rules, actions, rewards, listed, first, end)
     scan_listed(state, record, codes, sight, rules, rewards, listed, count)
 
 
@@ -265,9 +270,11 @@ def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcom
     rewards, outcomes  float64[num] and uint8[num], written
     listed             int64[num], scratch
     """
-    move_all(actions, state, record, codes, sight, rules, rewards, listed)
-    for i in range(actions.shape[0]):
-        outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
+    for first in range(0, actions.shape[0], BLOCK):
+        end = min(first + BLOCK, actions.shape[0])
+        move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
+        for i in range(first, end):
+            outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
 
 
 @kernel
@@ -276,12 +283,14 @@ def step_autoreset(actions, state, record, codes, sight, rules, masks, rewards, 
 
     last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
 
-    Return 0, or 1 + the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
+    Return 0, or -1 - the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
     begins anew at once.
     """
-    move_all(actions, state, record, codes, sight, rules, rewards, listed)
-    for i in range(actions.shape[0]):
-        outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
-        if outcomes[i] != RUNNING and not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
-            return i + 1
+    for first in range(0, actions.shape[0], BLOCK):
+        end = min(first + BLOCK, actions.shape[0])
+        move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
+        for i in range(first, end):
+            outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
+            if outcomes[i] != RUNNING and not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
+                return -1 - i
     return 0

@@ -12,13 +12,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marsexplorer.buffers import shared_array, write_values
-from marsexplorer.columns import Columns, are_actions, list_endings
+from marsexplorer.columns import are_actions
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 from marsexplorer.env import following, observation_space
 from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import DISCOVERED, SEED
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import Worlds, positions
+from marsexplorer.world import Worlds, live_positions, positions
 
 try:
     from gymnasium.vector import AutoresetMode
@@ -76,11 +76,10 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._out = None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
         self._worlds = Worlds(self.config, num_envs, num_threads, self._out if self._raw else None)
         self._seeds: list[int] | None = None
-        self._info = self._columns(self._worlds.columns, self._worlds.scalars, np.ones(num_envs, np.bool_))
-        self._ended: NDArray[np.bool_] = np.zeros(num_envs, np.bool_)
-        self._final_info = self._columns(self._worlds.last_columns, self._worlds.last_scalars, self._ended)
-        self._which, self._count = np.zeros(num_envs, np.intp), 0
+        self._info = self._columns(self._worlds.shares, self._worlds.scalars, np.ones(num_envs, np.bool_))
+        self._final_info = self._columns(self._worlds.last_shares, self._worlds.last_scalars, self._worlds.ended)
         self._final_obs: NDArray[np.object_] = np.full(num_envs, None, object)
+        self._which: NDArray[np.int64] = np.zeros(0, np.int64)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -112,14 +111,14 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         given = np.ascontiguousarray(actions, np.int64)
         if given.shape != (self.num_envs,) or not are_actions(given):
             raise ValueError(f"actions must be {self.num_envs} numbers in 0..3, got {actions!r}")
-        rewards = self._worlds.step_described(given).copy()
-        terminated, truncated = np.empty(self.num_envs, np.bool_), np.empty(self.num_envs, np.bool_)
-        self._final_obs[self._which[: self._count]] = None
-        self._count = list_endings(self._worlds.outcomes, terminated, truncated, self._ended, self._which)
+        worlds = self._worlds
+        if self._which.size:
+            self._final_obs[self._which] = None
+        self._which = worlds.step_described(given)
         info = self._lasting(self._info)
-        if self._count:
-            info.update(self._finals(self._which[: self._count]))
-        return self._observe(), rewards, terminated, truncated, info
+        if self._which.size:
+            info.update(self._finals(self._which))
+        return self._observe(), worlds.rewards.copy(), worlds.terminated.copy(), worlds.truncated.copy(), info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[num_envs, 4]: which moves stay on the grid and off known obstacles."""
@@ -151,14 +150,14 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         write_values(codes.reshape(-1), STATE_VALUES, self._out.reshape(-1))
         return self._out
 
-    def _columns(self, columns: Columns, scalars: NDArray[np.uint64], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    def _columns(self, shares: NDArray[np.float64], scalars: NDArray[np.uint64], mask: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the columns of an info as views of the worlds' arrays."""
         whole = scalars.view(np.int64)
         info = {
-            "position": columns.positions,
+            "position": live_positions(scalars),
             "discovered": whole[:, DISCOVERED],
-            "coverage": columns.coverage,
-            "score": columns.scores,
+            "coverage": shares[0::2],
+            "score": shares[1::2],
             "outcome": np.full(self.num_envs, None, object),
             "terrain_seed": whole[:, SEED],
         }
@@ -176,14 +175,14 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             views[i] = codes
         return views
 
-    def _finals(self, which: NDArray[np.intp]) -> dict[str, Any]:
+    def _finals(self, which: NDArray[np.int64]) -> dict[str, Any]:
         """Return what `info` says of the episodes that ended in this step, those of the environments `which`."""
         self._final_info["outcome"][which] = NAMED[self._worlds.outcomes[which]]
         if self._raw:
             self._final_obs[which] = self._final_views[which]
-            observations, ended = self._final_obs, self._ended
+            observations, ended = self._final_obs, self._worlds.ended
         else:
-            observations, ended = np.full(self.num_envs, None, object), self._ended.copy()
+            observations, ended = np.full(self.num_envs, None, object), self._worlds.ended.copy()
             for i in which:
                 observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
         final_info = self._lasting(self._final_info)

@@ -13,8 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from marsexplorer import terrain as terrains
 from marsexplorer.bitmap import pack, row_masks, unpack
-from marsexplorer.columns import Columns, describe, step_described
-from marsexplorer.config import ACTIONS, COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, EnvConfig, check_seed, fewest_cells
+from marsexplorer.columns import describe, step_described
+from marsexplorer.config import (
+    ACTIONS,
+    COLLIDED,
+    EXPLORED,
+    OUT_OF_BOUNDS,
+    RUNNING,
+    TIMED_OUT,
+    EnvConfig,
+    check_seed,
+    fewest_cells,
+)
 from marsexplorer.lidar import row_words, sight_table
 from marsexplorer.rules import (
     AT_START,
@@ -46,6 +56,7 @@ class Worlds:
     codes     uint8[num, rows, cols], the occupancy grids as known: 0 unknown, 1 free, 2 rover, 3 obstacle
     rewards   float64[num], of the last step
     outcomes  uint8[num], codes of `config.OUTCOMES` after the last step
+    shares    float64[2 num], coverage and score of each world, and last_shares of each that ended: see `step_described`
 
     The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for two threads at once;
     `num_threads` of its own share each step that starts the next episodes. They bring most to stacks of thousands.
@@ -71,7 +82,9 @@ class Worlds:
         self._last = np.zeros(num * HEAD, np.uint64)
         self.last_scalars[:, CELLS] = config.n
         self._last_codes: NDArray[np.uint8] | None = None
-        self.columns, self.last_columns = Columns(num), Columns(num)
+        self.shares, self.last_shares = np.zeros(2 * num), np.zeros(2 * num)
+        self.ended, self.terminated, self.truncated = (np.zeros(num, np.bool_) for _ in range(3))
+        self._which = np.zeros(num, np.int64)
         self._bounds = [num * k // num_threads for k in range(num_threads + 1)]
         self._threads = ThreadPoolExecutor(num_threads - 1, "marsexplorer") if num_threads > 1 else None
 
@@ -137,15 +150,22 @@ class Worlds:
             self._in_parts(step_autoreset, actions, self._parts)
         return self.rewards
 
-    def step_described(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Do `step_autoreset` and write `columns`, and `last_columns` where a world ended."""
+    def step_described(self, actions: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Do `step_autoreset` and write `shares`, and `last_shares` where a world ended; return which ended, int64[:].
+
+        `ended`, `terminated` and `truncated`, bool[num], say how each episode went on.
+        """
         if self.config.discoverable_only:
             self._step_and_start(actions)
             self.describe()
-            describe(self._last, HEAD, self._tables[1], *self.last_columns.arrays)
-        else:
-            self._in_parts(step_described, actions, self._described_parts)
-        return self.rewards
+            describe(self._last, HEAD, self._tables[1], self.last_shares)
+            self.ended[:], self.truncated[:] = self.outcomes != RUNNING, self.outcomes == TIMED_OUT
+            self.terminated[:] = self.ended & ~self.truncated
+            return np.flatnonzero(self.outcomes)
+        counts = self._in_parts(step_described, actions, self._described_parts)
+        if len(counts) == 1:
+            return self._which[: counts[0]]
+        return np.concatenate([self._which[first : first + k] + first for first, k in zip(self._bounds, counts, strict=False)])
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
@@ -157,8 +177,8 @@ class Worlds:
             self.outcomes[index] = outcome
 
     def describe(self) -> None:
-        """Write `columns` of the worlds as they stand."""
-        describe(self._state, self._record, self._tables[1], *self.columns.arrays)
+        """Write `shares` of the worlds as they stand."""
+        describe(self._state, self._record, self._tables[1], self.shares)
 
     @cached_property
     def _parts(self) -> list[tuple[Any, ...]]:
@@ -172,8 +192,8 @@ class Worlds:
 
     @cached_property
     def _described_parts(self) -> list[tuple[Any, ...]]:
-        columns = self._cut(*self.columns.arrays, *self.last_columns.arrays)
-        return [(*part, *own) for part, own in zip(self._parts, columns, strict=True)]
+        own = self._cut(self.shares, self.last_shares, self.ended, self.terminated, self.truncated, self._which)
+        return [(*part, *each) for part, each in zip(self._parts, own, strict=True)]
 
     def _cut(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
         """Return for each thread the views of its worlds in arrays that have equally many numbers for each world."""
@@ -183,18 +203,18 @@ class Worlds:
             for a, b in pairwise(self._bounds)
         ]
 
-    def _in_parts(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> None:
-        failed = step(actions, *parts[0]) if self._threads is None else self._in_threads(step, actions, parts)
-        if failed:
-            raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[(failed - 1) * HEAD + SEED])))
-
-    def _in_threads(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> int:
-        """Return 0, or 1 + the index of the first world whose next seed has no solvable draw."""
-        assert self._threads is not None
-        given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
-        others = [self._threads.submit(step, *each) for each in given[1:]]
-        failures = [step(*given[0]), *(other.result() for other in others)]
-        return next((first + failed for first, failed in zip(self._bounds, failures, strict=False) if failed), 0)
+    def _in_parts(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> list[int]:
+        """Return what a compiled step gives for each thread's worlds; ValueError when it is -1 - index, see `unsolvable`."""
+        if self._threads is None:
+            counts = [step(actions, *parts[0])]
+        else:
+            given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
+            others = [self._threads.submit(step, *each) for each in given[1:]]
+            counts = [step(*given[0]), *(other.result() for other in others)]
+        if min(counts) < 0:
+            failed = next(first - 1 - count for first, count in zip(self._bounds, counts, strict=False) if count < 0)
+            raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED])))
+        return counts
 
     def close(self) -> None:
         """End the threads of the stack, which makes no further steps."""
@@ -247,10 +267,14 @@ class Worlds:
         return unpack(self._state[base : base + self._size], self.config)
 
 
+def live_positions(scalars: NDArray[np.uint64]) -> NDArray[np.int32]:
+    """Return int32[num, 2], (row, col) of each world, as a view of its scalars: their halves, the lower (the column) first."""
+    return scalars.view(np.int32)[:, 2 * POSITION : 2 * POSITION + 2][:, ::-1]
+
+
 def positions(scalars: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Return int64[num, 2], (row, col) of each world, from its scalars."""
-    packed = scalars[:, POSITION]
-    return np.stack([packed >> np.uint64(32), packed & np.uint64(0xFFFFFFFF)], axis=1).astype(np.int64)
+    return live_positions(scalars).astype(np.int64, "C")
 
 
 def totals(config: EnvConfig, scalars: NDArray[np.uint64]) -> NDArray[np.float64]:

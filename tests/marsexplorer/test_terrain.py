@@ -1,6 +1,8 @@
 """Terrains: a pure function of the seed, as documented, always solvable."""
 
 import hashlib
+import re
+from random import Random
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 
 from marsexplorer import bitmap
 from marsexplorer import terrain as terrains
+from marsexplorer.bitmap import fill_runs
 from marsexplorer.config import LEVELS, MAX_SEED, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.terrain import attempts, generate, next_seed
@@ -112,3 +115,18 @@ def test_packing_is_undone_by_unpacking():
         config = EnvConfig.of("random", size, sensor_radius=radius)
         cells = np.random.default_rng(1).random(size) < 0.5
         assert (bitmap.unpack(bitmap.pack(cells, config), config) == cells).all()
+
+
+def filled(reached, free):
+    """Return the free bits connected with a reached one, run by run, from the definition."""
+    runs = [(match.start(), match.end()) for match in re.finditer("1+", f"{free:064b}")]
+    of_run = [((1 << 64 - a) - 1) & ~((1 << 64 - b) - 1) for a, b in runs]
+    return sum(run for run in of_run if run & reached)
+
+
+def test_runs_of_free_bits_are_filled_from_any_of_their_bits():
+    random = Random(5)
+    for _ in range(4000):
+        free = random.getrandbits(64) | random.getrandbits(64) if random.random() < 0.7 else random.getrandbits(64)
+        reached = free & (random.getrandbits(64) | random.choice([0, random.getrandbits(64)]))
+        assert fill_runs(np.uint64(reached), np.uint64(free)) == filled(reached, free)
