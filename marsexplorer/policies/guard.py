@@ -7,6 +7,8 @@ there is anything, so a guarded policy finishes every terrain that can be finish
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,3 +86,27 @@ class LoopGuard:
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the guard goes to, None where it did not choose the last action."""
         return self._frontier.goal() if self._is_guarded[0] else None
+
+
+class GuardedRule:
+    """A rule with the memory of its episode and the loop guard behind it; a subclass has `decide`."""
+
+    def __init__(self, sensor_radius: int) -> None:
+        self.sensor_radius = sensor_radius
+        self.memory, self.guard = Memory(), LoopGuard(sensor_radius)
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode."""
+        del seed
+        self.memory.forget()
+        self.guard.reset()
+
+    def act(self, observation: NDArray[Any]) -> int:
+        """Return an action 0..3: the guard's where it takes over."""
+        self.memory.observe(observation)
+        guarded = self.guard.overrule(self.memory)
+        return self.decide(self.memory) if guarded is None else guarded
+
+    def decide(self, memory: Memory) -> int:
+        """Return the action for an episode remembered elsewhere, guard aside."""
+        raise NotImplementedError

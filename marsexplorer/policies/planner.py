@@ -9,15 +9,13 @@ it.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import kernel
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import Memory
-from marsexplorer.policies.guard import LoopGuard
+from marsexplorer.policies.guard import GuardedRule
 from marsexplorer.policies.kernels.grid import UNREACHABLE, GridScratch, completion_target, find_open_cells, neighbour
 from marsexplorer.policies.kernels.visibility import VisibilityMap, count_visible, fill_bitboards, mark_discovered
 from marsexplorer.random_numbers import below, mix, uniform
@@ -153,7 +151,7 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
     return best_action
 
 
-class Planner:
+class Planner(GuardedRule):
     """Randomised optimistic tours with the loop guard; the draws are a pure function of (seed, moves made)."""
 
     name = "planner"
@@ -161,24 +159,16 @@ class Planner:
     def __init__(self, sensor_radius: int = 6, tours: int = TOURS) -> None:
         if tours < 1:
             raise ValueError(f"tours must be at least 1, got {tours}")
-        self.sensor_radius, self.tours = sensor_radius, tours
-        self.memory = Memory()
-        self.guard = LoopGuard(sensor_radius)
+        super().__init__(sensor_radius)
+        self.tours = tours
         self._state = np.zeros(1, np.uint64)
         self._arrays: tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]] | None = None
         self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode and start the stream that `seed` names."""
+        super().reset(seed)
         self._seed = mix(seed)
-        self.memory.forget()
-        self.guard.reset()
-
-    def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
-        self.memory.observe(observation)
-        guarded = self.guard.overrule(self.memory)
-        return self.decide(self.memory) if guarded is None else guarded
 
     def decide(self, memory: Memory) -> int:
         """Return what the planner would do, guard aside, for an episode remembered elsewhere."""

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from marsexplorer.compiled import kernel
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import Memory, cell_at
-from marsexplorer.policies.guard import LoopGuard
+from marsexplorer.policies.guard import GuardedRule
 from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
 from marsexplorer.policies.kernels.prices import (
     FADE_UNIT,
@@ -189,33 +188,24 @@ def toward_most_priced(codes, visited, row, col, heading, board, tables, search,
     return -1
 
 
-class FrontierPriced:
+class FrontierPriced(GuardedRule):
     """The priced rule with the memory of its episode; when nothing is left to see it makes valid moves.
 
     rules  its parameters by size; TUNED unless others are given
-    guard  the loop guard, which never had to act so far
     """
 
     name = "frontier-priced"
 
     def __init__(self, sensor_radius: int = 6, rules: SizedRule = TUNED) -> None:
-        self.sensor_radius, self.rules = sensor_radius, rules
-        self.memory, self.guard = Memory(), LoopGuard(sensor_radius)
+        super().__init__(sensor_radius)
+        self.rules = rules
         self._board: PricedBoard | None = None
         self._goal: NDArray[np.int64] = np.full(1, -1)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode; the rule draws nothing."""
-        del seed
-        self.memory.forget()
-        self.guard.reset()
+        super().reset(seed)
         self._goal[0] = -1
-
-    def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
-        self.memory.observe(observation)
-        guarded = self.guard.overrule(self.memory)
-        return self.decide(self.memory) if guarded is None else guarded
 
     def decide(self, memory: Memory) -> int:
         """Return the action for an episode remembered elsewhere."""
