@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "app.backup": {"app.database_file", "app.storage"},
     "app.cli": set(),
     "app.cli.__main__": {"app.cli.main"},
-    "app.cli.console": {"app.settings", "app.study", "marsexplorer.config"},
+    "app.cli.console": {"app.settings", "app.study", "marsexplorer.config", "marsexplorer.training"},
     "app.cli.database": {
         "app.backup",
         "app.cli.console",

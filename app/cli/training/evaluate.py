@@ -10,7 +10,17 @@ from typing import IO, TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, SizeType, check_more, env_config_of, interruptible, print_table, progress, reason
+from app.cli.console import (
+    PATH,
+    check_more,
+    env_config_of,
+    interruptible,
+    levels_option,
+    print_table,
+    progress,
+    reason,
+    sizes_option,
+)
 from app.cli.training.evaluate_maps import evaluate_maps
 
 if TYPE_CHECKING:
@@ -32,17 +42,8 @@ class EvaluationRequest:
 
 @click.command(short_help="Score policies on the same terrains.")
 @click.option("--policy", "policies", multiple=True, required=True, help="A policy's name or file; repeatable.")
-@click.option(
-    "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
-)
-@click.option(
-    "--size",
-    "sizes",
-    type=SizeType(),
-    multiple=True,
-    default=["21"],
-    help="21 for a square, 42x84 for rows x columns; repeatable.",
-)
+@levels_option("random")
+@sizes_option("21")
 @click.option("--episodes", type=click.IntRange(min=2), default=100, show_default=True, help="Terrains of each level and size.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first terrain's seed.")
 @click.option("--informed", is_flag=True, help="Add the planner that is shown the true map, as a bound for policies.")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, interruptible, reason
+from app.cli.console import PATH, interruptible, reason, seed_option
 from app.cli.training.train import commit, measure_policy
 
 if TYPE_CHECKING:
@@ -54,9 +54,7 @@ ROUND_LOG_COLUMNS = {
     show_default=True,
     help="Side of the square grids whose episodes are branched; repeatable.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and rounds give the same weights."
-)
+@seed_option("The same seed and rounds give the same weights.")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that play episodes.  [default: one for each core]")
 def refine(

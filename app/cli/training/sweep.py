@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, SizeType, env_config_of, interruptible, print_table, progress, reason
+from app.cli.console import PATH, configs_of, interruptible, levels_option, print_table, progress, reason, sizes_option
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -21,17 +21,8 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 
 
 @click.command(short_help="Train on many levels and seeds with Ray.")
-@click.option(
-    "--level", "levels", multiple=True, default=["random"], help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
-)
-@click.option(
-    "--size",
-    "sizes",
-    type=SizeType(),
-    multiple=True,
-    default=["21"],
-    help="21 for a square, 42x84 for rows x columns; repeatable.",
-)
+@levels_option("random")
+@sizes_option("21")
 @click.option("--seed", "seeds", type=click.IntRange(0, 1000), multiple=True, default=[0], help="Training seed; repeatable.")
 @click.option("--recipe", type=click.Choice(["best", "paper"]), default="best", show_default=True, help="As in train.")
 @click.option("--steps", type=click.IntRange(min=1), default=4_000_000, show_default=True, help="Moves of each training.")
@@ -65,11 +56,8 @@ def sweep(
       marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
       marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
-    from marsexplorer.training.config import FAMILIES
-
-    names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
-    configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
-    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config in configs for seed in dict.fromkeys(seeds)]
+    configs, each_seed = configs_of(levels, sizes), dict.fromkeys(seeds)
+    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config in configs for seed in each_seed]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")
     from marsexplorer.files import write_whole

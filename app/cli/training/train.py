@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, SizeType, env_config_of, reason
+from app.cli.console import PATH, configs_of, levels_option, reason, seed_option, sizes_option
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -42,32 +42,15 @@ HELD_OUT_TERRAINS = 200
     help="With paper: sizes of the network as in the authors' repository, or RLlib's.  [default: authors]",
 )
 @click.option("--appendix", is_flag=True, help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.")
-@click.option(
-    "--level",
-    "levels",
-    multiple=True,
-    default=("random",),
-    show_default=True,
-    help="random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable.",
-)
-@click.option(
-    "--size",
-    "sizes",
-    type=SizeType(),
-    multiple=True,
-    default=("21",),
-    show_default=True,
-    help="21, or 42x84 for rows x columns; repeatable.",
-)
+@levels_option("random")
+@sizes_option("21")
 @click.option(
     "--minutes",
     type=click.FloatRange(min=0, min_open=True),
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="Train for this many moves instead, rounded up to whole updates.")
-@click.option(
-    "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="The same seed and steps give the same weights."
-)
+@seed_option("The same seed and steps give the same weights.")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @click.option(
     "--resume", is_flag=True, help="Go on with the run in --out; give the options it began with, --steps as it printed."
@@ -108,12 +91,11 @@ def train(
         raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
     if recipe != "paper" and (appendix or network):
         raise click.UsageError("--appendix and --network are of the paper's recipe; add --recipe paper, or leave them out")
-    from marsexplorer.training.config import APPENDIX_PASSES, FAMILIES, RECIPES
+    from marsexplorer.training.config import APPENDIX_PASSES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.run_folder import resumed_config
 
-    names = tuple(dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,))))
-    configs = [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
+    configs = configs_of(levels, sizes)
     _check_device(device)
     changes: dict[str, Any] = {**(APPENDIX_PASSES if appendix else {}), **({"network": network} if network else {})}
     config = replace(RECIPES[recipe], **changes)

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, SizeType, env_config_of, interruptible, print_table, progress, reason
+from app.cli.console import (
+    PATH,
+    configs_of,
+    interruptible,
+    levels_option,
+    print_table,
+    progress,
+    reason,
+    seed_option,
+    sizes_option,
+)
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -25,23 +35,8 @@ CHECK_FACTOR = 5
 
 
 @click.command(short_help="Tune the rule frontier-priced, or take its terms out.")
-@click.option(
-    "--level",
-    "levels",
-    multiple=True,
-    default=["random", "1-1-1", "1-2-1", "2-2-1", "3-2-1"],
-    show_default=True,
-    help="random or t-m-b; repeatable.",
-)
-@click.option(
-    "--size",
-    "sizes",
-    type=SizeType(),
-    multiple=True,
-    default=["21", "42", "84"],
-    show_default=True,
-    help="21 for a square, 42x84 for rows x columns; repeatable.",
-)
+@levels_option("random", "1-1-1", "1-2-1", "2-2-1", "3-2-1")
+@sizes_option("21", "42", "84")
 @click.option(
     "--tune",
     "end",
@@ -58,9 +53,7 @@ CHECK_FACTOR = 5
     show_default=True,
     help="Of each level at 21x21; fewer on larger grids, in proportion to their cells.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help="Of CMA-ES: the same one, the same run."
-)
+@seed_option("Of CMA-ES: the same one, the same run.")
 @click.option("--from", "given", type=PATH, help="A parameters.json of an earlier run.  [default: the shipped parameters]")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/tuned]")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out, which was begun with the same options.")
@@ -95,7 +88,7 @@ def tune(
     from marsexplorer.policies.priced import TUNED
     from marsexplorer.training.tuning import ENDS, TuneConfig
 
-    configs = tuple(env_config_of(level, size) for size in dict.fromkeys(sizes) for level in dict.fromkeys(levels))
+    configs = tuple(configs_of(levels, sizes))
     start = _read_rule(given) if given else TUNED
     if ablate:
         _ablate(start, configs, terrains)
