@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 from contextlib import suppress
+from math import nan
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +18,7 @@ from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
 from app.play.session import Move, Session
 from app.storage.store import EpisodeRow, StoreError
-from marsexplorer.policies import Policy
+from marsexplorer.policies import Policy, goal_of
 
 DEFAULT_MOVES_PER_SECOND = 8.0
 """Of a policy's board until somebody changes its pace, and of a rival whose player's episode has ended."""
@@ -136,9 +137,10 @@ class Agent:
         if session.current.id != row.id:
             return
         self._decided = (row.id, step, action)
-        if isinstance(policy, ReportsThought):
-            probabilities, value = policy.thought()
-            session.publish_thought(encode_thought(row.id, step, probabilities.tolist(), value))
+        shares, value = policy.thought() if isinstance(policy, ReportsThought) else (None, nan)
+        probabilities = None if shares is None else shares.tolist()
+        if thought := encode_thought(row.id, step, probabilities, value, goal_of(policy)):
+            session.publish_thought(thought)
 
     def _move(self) -> None:
         """Make the move that was decided on."""

@@ -212,13 +212,21 @@ class History(BaseModel):
 
 
 class Thought(BaseModel):
-    """A policy's probabilities and value for the frame of `step`: from its observation alone, on its own board only."""
+    """What a policy computed for the frame of `step`: from its observation alone, on its own board only.
+
+    Networks have probabilities and a value; rules have a goal.
+    """
 
     kind: Literal["thought"]
     episode: str
     step: int
-    probabilities: tuple[float, float, float, float] = Field(description="of north, east, south, west")
+    probabilities: tuple[float, float, float, float] | None = Field(
+        description="of north, east, south, west; null when it has none"
+    )
     value: float | None = Field(description="what it expects to earn from here on, in its own units; null when it has none")
+    goal: tuple[int, int] | None = Field(
+        description="the known free cell that its next move leads towards; null when it has none"
+    )
 
 
 class Expected(BaseModel):
@@ -306,19 +314,23 @@ def encode_history(episode_id: str, episode: Episode) -> str:
     return json.dumps(history, separators=(",", ":"))
 
 
-def encode_thought(episode_id: str, step: int, probabilities: Sequence[float], value: float) -> str:
+def encode_thought(
+    episode_id: str, step: int, probabilities: Sequence[float] | None, value: float, goal: tuple[int, int] | None = None
+) -> str:
     """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
 
-    "" where a probability is none: NaN is no JSON, and such a thought says nothing.
+    "" where there are neither probabilities nor a goal, or a probability is no finite number: NaN is no JSON, and such a
+    thought says nothing.
     """
-    if not all(map(isfinite, probabilities)):
+    if (probabilities is None and goal is None) or not all(map(isfinite, probabilities or ())):
         return ""
     thought = {
         "kind": "thought",
         "episode": episode_id,
         "step": step,
-        "probabilities": [round(float(share), 4) for share in probabilities],
+        "probabilities": None if probabilities is None else [round(float(share), 4) for share in probabilities],
         "value": round(float(value), 3) if isfinite(value) else None,
+        "goal": None if goal is None else [int(goal[0]), int(goal[1])],
     }
     return json.dumps(thought, separators=(",", ":"))
 

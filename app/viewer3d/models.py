@@ -155,6 +155,14 @@ def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
     return flat(np.asarray(middles + around), 0.0)
 
 
+def ring() -> tuple[Corners, Faces]:
+    """Return corners[8, 3] and faces[8, 3] of a flat square ring along the edge of a cell, about the origin."""
+    around = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))]).astype(np.float32)
+    pieces = [[(n, (n + 1) % 4, 4 + n), ((n + 1) % 4, 4 + (n + 1) % 4, 4 + n)] for n in range(4)]
+    return corners, np.array(pieces, np.uint32).reshape(-1, 3)
+
+
 def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
     """Return corners[4 n, 3] and faces[2 n, 3] of flat dashes, one over each step of a path of (row, col)."""
     steps = {frozenset((one, two)): (one, two) for one, two in pairwise(path) if one != two}

@@ -23,6 +23,7 @@ from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
 from marsexplorer.episode import Episode
 
 PLAYER, RIVAL, ALARM = (255, 179, 71), (95, 208, 197), (255, 107, 87)
+PALE = (255, 243, 220)
 SUN = (255, 226, 196)
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
@@ -117,6 +118,13 @@ class Scene:
             row, col = self.episode.position
             self._thought.position = (float(col), -float(row), 0.14)
 
+    def show_goal(self, cell: Sequence[int] | None) -> None:
+        """Mark the cell (row, col) that the policy heads for; None removes the mark."""
+        self._goal.visible = cell is not None
+        if cell is not None:
+            row, col = cell
+            self._goal.position = (float(col), -float(row), 0.13)
+
     def show_paired_path(self, paired: Episode | None) -> None:
         """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
         if paired is not self._paired:
@@ -195,6 +203,7 @@ class Scene:
         """Add what is hidden most of the time: the policy's thought, a crash, cells that rise, the lidar's sweep of a move."""
         corners, faces = models.wedges((1, 0, 0, 0))
         self._thought = self._add_mark("/thought", corners, faces, self._accent, visible=False)
+        self._goal = self._add_mark("/goal", *models.ring(), PALE, visible=False)
         burst = np.array(
             [(0.95 if n % 2 else 0.55) * np.array([np.cos(n * np.pi / 8), np.sin(n * np.pi / 8)]) for n in range(16)]
         )

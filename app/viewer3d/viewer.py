@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from typing import Any
 from unittest import mock
 
 import viser
@@ -113,7 +114,9 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
                 steps = scene.steps
                 scene.show(episode)
                 scene.show_paired_path(paired_episode(session))
-                scene.show_thought(probabilities_of(session) if options.shows_thoughts else None)
+                thought = thought_of(session) if options.shows_thoughts else {}
+                scene.show_thought(thought.get("probabilities"))
+                scene.show_goal(thought.get("goal"))
                 camera.show(episode.config.rows, episode.config.cols, scene.rover_place)
             client.flush()
             if options.has_effects and scene.steps != steps:
@@ -130,11 +133,10 @@ async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -
         await asyncio.sleep(GLIDE_PAUSE_S)
 
 
-def probabilities_of(session: Session) -> list[float] | None:
-    """Return the policy's probabilities for the newest frame, [north, east, south, west], or None when there are none."""
+def thought_of(session: Session) -> dict[str, Any]:
+    """Return the policy's thought about the newest frame, see `messages.Thought`; empty when there is none."""
     if not session.thought or session.episode.ended:
-        return None
-    thought = json.loads(session.thought)
-    if (thought["episode"], thought["step"]) != (session.current.id, session.episode.steps):
-        return None
-    return [float(share) for share in thought["probabilities"]]
+        return {}
+    thought: dict[str, Any] = json.loads(session.thought)
+    is_newest = (thought["episode"], thought["step"]) == (session.current.id, session.episode.steps)
+    return thought if is_newest else {}

@@ -15,9 +15,10 @@
 /** @typedef {{kind: "error", detail: string}} Problem */
 /** @typedef {{kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second: number}} Pace */
 /**
- * A policy's action probabilities at the frame of `step` on its own board; they are those of ACTIONS, in their order.
- * @typedef {{kind: "thought", episode: string, step: number, probabilities: [number, number, number, number],
- *   value: number | null}} Thought
+ * What a policy computed at the frame of `step` on its own board: probabilities of ACTIONS, in their order, what it expects to earn,
+ * and the cell that it heads for. Networks have the first two, rules the last.
+ * @typedef {{kind: "thought", episode: string, step: number, probabilities: [number, number, number, number] | null,
+ *   value: number | null, goal: Cell | null}} Thought
  */
 /**
  * What a look from each cell of a policy's board is expected to show, by its map of `step` alone: [row, col, unknown cells].
@@ -40,7 +41,7 @@ export const OUTCOMES = /** @type {const} */ (["explored", "collided", "out_of_b
 export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" });
 export const FRAME_FIELDS = ["kind", "episode", "step", "rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading",
   "reward", "return", "score", "outcome"];
-export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value"];
+export const THOUGHT_FIELDS = ["kind", "episode", "step", "probabilities", "value", "goal"];
 export const EXPECTED_FIELDS = ["kind", "episode", "step", "cells"];
 export const KEPT_FIELDS = ["kind", "episode", "count", "reason"];
 export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "expected", "thought", "kept"];

@@ -1,5 +1,6 @@
 // @ts-check
-// A policy's action probabilities as wedges round its rover, the longer the more probable, and the paths drawn on the other board.
+// A policy's action probabilities as wedges round its rover, the longer the more probable; the cell that it heads for; and the paths
+// drawn on the other board.
 
 /**
  * @typedef {import("./messages.js").Thought} Thought
@@ -42,6 +43,18 @@ export function thoughtOf(board) {
 }
 
 /**
+ * Return where the policies of boards head for, in words; "" while none of them says.
+ * @param {Board[]} boards
+ */
+export function goalText(boards) {
+  const goals = boards.flatMap((board) => {
+    const goal = thoughtOf(board)?.goal;
+    return goal ? [`${boards.length > 1 ? `${board.name} ` : ""}row ${goal[0]}, column ${goal[1]}`] : [];
+  });
+  return goals.join("; ");
+}
+
+/**
  * Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
  * @param {State} state
  * @param {"player" | "rival"} role
@@ -63,10 +76,11 @@ export function ghostOf({ player, rival }, role) {
  * @param {{accent: string, dpr: number}} look
  */
 export function paintThought(context, thought, [row, col], size, { accent, dpr }) {
+  if (thought.goal) paintGoal(context, thought.goal, size, dpr);
   context.save();
   context.translate((col + 0.5) * size, (row + 0.5) * size);
   context.lineJoin = "round";
-  for (const { share, points } of wedges(thought.probabilities, Math.max(size, 9 * dpr))) {
+  for (const { share, points } of wedges(thought.probabilities ?? [], Math.max(size, 9 * dpr))) {
     context.beginPath();
     points.forEach(([x, y], index) => (index === 0 ? context.moveTo(x, y) : context.lineTo(x, y)));
     context.closePath();
@@ -77,6 +91,25 @@ export function paintThought(context, thought, [row, col], size, { accent, dpr }
     context.fillStyle = accent;
     context.fill();
     context.globalAlpha = 1;
+  }
+  context.restore();
+}
+
+/**
+ * Mark the cell that a policy heads for: a pale frame in a dark one, which shows on any ground and in greyscale.
+ * @param {CanvasRenderingContext2D} context
+ * @param {import("./messages.js").Cell} goal
+ * @param {number} size cell, device pixels
+ * @param {number} dpr
+ */
+function paintGoal(context, [row, col], size, dpr) {
+  const side = Math.max(size, 9 * dpr) - 2 * dpr;
+  const corner = [(col + 0.5) * size - side / 2, (row + 0.5) * size - side / 2];
+  context.save();
+  for (const [colour, width] of /** @type {[string, number][]} */ ([["#0e0b0d", 4.5], ["#fff3dc", 2]])) {
+    context.strokeStyle = colour;
+    context.lineWidth = width * dpr;
+    context.strokeRect(corner[0], corner[1], side, side);
   }
   context.restore();
 }

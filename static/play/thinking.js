@@ -3,6 +3,7 @@
 import { expectedOf, mostExpected, nextLooks } from "../common/expected.js";
 import { askExpected } from "../common/messages.js";
 import { elementsOf, put } from "../common/page.js";
+import { goalText } from "../common/thoughts.js";
 import { paintValues, valueLine } from "../common/value_strip.js";
 
 /**
@@ -66,6 +67,9 @@ export function createThinking({ page, storage, send, onChange }) {
     put(by("thoughts-most"), String(Math.max(...shown.map(({ expected }) => mostExpected(expected)))));
     put(by("thoughts-next"), shown.length === 1 ? nextLooks(shown[0].board.frame, shown[0].expected) : "");
     by("thoughts-next-row").hidden = shown.length > 1;
+    const goals = goalText(shown.map(({ board }) => board));
+    put(by("thoughts-goal"), goals);
+    by("thoughts-goal-row").hidden = !goals;
   }
   return {
     isShown,

@@ -1,6 +1,8 @@
-"""Watching a network think: wedges, tinted ground, value, the switch that hides them; both paths after the end; any policy."""
+"""Watching policies think: wedges, tinted ground, value, goal, the switch that hides them; both paths after the end."""
 
-from tests.support.browser import NO_3D
+import pytest
+
+from tests.support.browser import NO_3D, keep_picture
 from tests.support.servers import eventually
 
 FIRST = "window.mars.state.rival.thought && window.mars.state.rival.thought.step === window.mars.state.rival.frame.step"
@@ -44,6 +46,42 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     assert not me.page.get_by_test_id("show-thoughts").is_checked(), "the choice is remembered"
     eventually(lambda: drawn(me) == plain)
     assert me.state("rival.expected") is None, "what nobody looks at is not worked out"
+    assert me.errors == []
+
+
+def goal_pixel(me):
+    """The colour of the corner of the frame round the goal of the policy's newest frame, [red, green, blue]."""
+    return me.page.get_by_test_id("canvas-rival").evaluate(
+        """canvas => {
+            const { frame, thought } = window.mars.state.rival, size = canvas.width / frame.cols, [row, col] = thought.goal;
+            const inset = devicePixelRatio;
+            return [...canvas.getContext("2d").getImageData(col * size + inset, row * size + size / 2, 1, 1).data].slice(0, 3);
+        }"""
+    )
+
+
+@pytest.mark.parametrize(("size", "theme"), [((1440, 900), "dark"), ((390, 844), "light")])
+def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(serve, player, size, theme):
+    me = player(serve(), NO_3D)
+    me.page.set_viewport_size({"width": size[0], "height": size[1]})
+    me.page.emulate_media(color_scheme=theme)
+    me.begin(rival="frontier-priced", size=[9, 12], seed=5)
+    me.wait(FIRST)
+    if size[0] < 700:
+        me.page.get_by_test_id("tab-rival").click()
+    row, col = me.state("rival.thought.goal")
+    plain = goal_pixel(me)
+    assert max(plain) < 235, "nobody asked to see it"
+    me.page.get_by_test_id("show-thoughts").check()
+    said = me.page.get_by_test_id("thoughts-goal")
+    said.wait_for()
+    assert f"Heads for row {row}, column {col}" in said.inner_text()
+    eventually(lambda: min(goal_pixel(me)) > 200)
+    keep_picture(me.page, f"goal-{size[0]}")
+    me.page.get_by_test_id("show-thoughts").uncheck()
+    said.wait_for(state="hidden")
+    eventually(lambda: goal_pixel(me) == plain)
+    assert me.state("player.thought") is None, "nothing is said about a person's board"
     assert me.errors == []
 
 

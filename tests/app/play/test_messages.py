@@ -29,6 +29,8 @@ def test_no_number_that_json_lacks_is_sent():
         assert json.loads(encode_thought("e", 3, [0.25] * 4, value), parse_constant=pytest.fail)["value"] == kept
     for probability in (nan, inf):
         assert encode_thought("e", 3, [probability, 0.5, 0.5, 0.0], 1.0) == "", "no thought at all"
+    assert encode_thought("e", 3, None, nan) == "", "nothing to say"
+    assert json.loads(encode_thought("e", 3, None, nan, (4, 2)))["goal"] == [4, 2]
 
 
 def test_an_act_and_a_request_for_history_are_understood():

@@ -87,20 +87,36 @@ def test_a_late_subscriber_receives_the_thought_about_the_newest_frame(client_an
         assert socket.receive("thought")["step"] == step
 
 
-def test_a_rule_publishes_no_thought(client_and_server):
+@pytest.mark.parametrize("name", ["frontier-cost", "random"])
+def test_a_rule_says_where_it_heads_for_and_a_random_one_nothing(client_and_server, name):
     client, server = client_and_server
-    session = client.post("/api/sessions", json={"size": SIZE, "player": "frontier-cost"}).json()["session"]
-    client.post(f"/api/sessions/{session}/pace", json={"moves_per_second": 60})
+    session = client.post("/api/sessions", json={"size": SIZE, "player": name, "seed": 3}).json()["session"]
+    client.post(f"/api/sessions/{session}/pace", json={"pause": True})
+    client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
+    twin, frame, goals = policies.load(name), None, 0
     with server.socket(session, client) as socket:
-        kinds, frame = set(), {"outcome": None}
-        while not frame["outcome"]:
+        while frame is None or (frame["step"] < 8 and not frame["outcome"]):
             message = socket.receive()
-            kinds.add(message["kind"])
-            frame = message if message["kind"] == "frame" else frame
-    assert "thought" not in kinds
+            if message["kind"] == "frame":
+                frame = message
+                if frame["step"] == 0:
+                    twin.reset(0)
+                twin.act(codes_of(frame))
+                if name == "random" and not frame["outcome"]:
+                    client.post(f"/api/sessions/{session}/pace", json={"step": True})
+            elif message["kind"] == "thought":
+                Thought.model_validate(message, strict=False)
+                assert message["step"] == frame["step"]
+                assert (message["probabilities"], message["value"]) == (None, None)
+                row, col = message["goal"]
+                assert (row, col) == policies.goal_of(twin)
+                assert frame["grid"][row][col] == ".", "a known cell that is free"
+                goals += 1
+                client.post(f"/api/sessions/{session}/pace", json={"step": True})
+    assert (goals > 5) is (name != "random")
 
 
-@pytest.mark.parametrize("rival", [None, "thinker"])
+@pytest.mark.parametrize("rival", [None, "thinker", "frontier-cost"])
 def test_no_thought_is_published_about_a_persons_board(client_and_server, rival):
     _, server = client_and_server
     client = server.page()
@@ -124,9 +140,9 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
     session = server.services.lobby.sessions()[0]
     with pytest.raises(RuntimeError, match="person's board"):
         session.publish_thought("{}")
-    assert "probabilities" not in json.dumps(
-        [client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")]
-    )
+    answers = json.dumps([client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")])
+    assert "probabilities" not in answers
+    assert "goal" not in answers
 
 
 def test_thoughts_about_terrains_that_look_alike_so_far_are_the_same(client_and_server):

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import json
 from contextlib import suppress
 from types import SimpleNamespace
 
@@ -364,6 +365,19 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
     looks = [[m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1] for seen in (plain, full)]
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
+
+
+def test_the_cell_that_a_rule_heads_for_is_marked_where_thoughts_are_wished_for(server):
+    about = server.client().post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    session = next(each for each in server.services.lobby.sessions() if each.id == about["rival"]["session"])
+    eventually(lambda: session.thought)
+    row, col = json.loads(session.thought)["goal"]
+    for query, places in (("", []), ("?thoughts=on", [[float(col), -float(row), 0.13]])):
+        with open_view(server, f"{session.id}{query}") as view:
+            view.send(CAMERA)
+            seen = [message for message in read_all(view, "/border") if message.get("name") == "/goal"]
+        assert [list(message["position"]) for message in seen if "position" in message] == places
+        assert any(message.get("visible") is True for message in seen) is bool(places)
 
 
 def test_large_boards_are_followed_unless_the_map_is_wished_for():

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { ghostOf, thoughtOf, wedges } from "../../../static/common/thoughts.js";
+import { ghostOf, goalText, thoughtOf, wedges } from "../../../static/common/thoughts.js";
 import { apply, initialState } from "../../../static/common/game_state.js";
 
 const frame = (rest = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@..", "???"], position: [0, 0], discovered: 3,
@@ -31,6 +31,15 @@ test("a thought is kept with its value at its step, and drawn with its own frame
   assert.ok(thoughtOf(state.rival));
   state = receive(state, "rival", frame({ episode: "e2", step: 2, outcome: "explored" }));
   assert.equal(thoughtOf({ ...state.rival, thought: thought({ episode: "e2", step: 2 }) }), null);
+});
+
+test("the cell that a policy heads for is said in words, with its name where there are two", () => {
+  const goals = (role, goal) => thought({ episode: role === "rival" ? "e2" : "e1", probabilities: null, value: null, goal });
+  const state = receive(receive(begun(), "rival", goals("rival", [1, 2])), "player", goals("player", [0, 1]));
+  assert.equal(goalText([state.rival]), "row 1, column 2");
+  assert.equal(goalText([state.player, state.rival]), "You row 0, column 1; ppo row 1, column 2");
+  assert.equal(goalText([receive(state, "rival", thought({ episode: "e2", goal: null })).rival]), "");
+  assert.equal(goalText([receive(state, "rival", frame({ episode: "e2", step: 1 })).rival]), "", "the goal of the frame before");
 });
 
 test("a thought about another episode changes nothing, and the next episode forgets", () => {
