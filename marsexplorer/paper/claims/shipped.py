@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from marsexplorer.paper.episodes.play import Line, read_lines
 from marsexplorer.paper.figures.curves import Record
 from marsexplorer.paper.figures.export import read_exported
@@ -43,10 +40,6 @@ class Results:
         found = [each for each in self.records if all(getattr(each.trial, name) == value for name, value in wanted.items())]
         longest = max((record.trial.moves for record in found), default=0)
         return sorted((each for each in found if each.trial.moves == longest), key=lambda record: record.trial.seed)
-
-    def finals(self, name: str, **wanted: Any) -> NDArray[np.float64]:
-        """Return a column of the curve at its end for each seed: float64[seeds]."""
-        return np.array([record.curve[name][-1] for record in self.trials(**wanted)], np.float64)
 
 
 def read(folder: Path = FOLDER) -> Results:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.algorithms import ALGORITHMS
 from marsexplorer.paper.claims.shipped import Results
@@ -22,7 +23,10 @@ from marsexplorer.paper.claims.verdicts import (
 )
 from marsexplorer.paper.figures.curves import TITLES, Record
 from marsexplorer.paper.plan import is_full
+from marsexplorer.score import score
 
+SERIOUS = 0.1
+"""Loss of normalized score that counts as a serious degradation; the paper's is about 0.2 (a little above 0.6 from 0.8)."""
 SEEDS = 3
 """Fewest seeds that a verdict is given on."""
 FIGURE_4 = {"level": "random", "size": 21}
@@ -108,25 +112,52 @@ def half(results: Results) -> Judgement:
     return decided(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
 
 
-def by_level(results: Results, name: str, variant: str) -> dict[str, Values]:
-    """Return a figure at the end of PPO's training for the 12 levels: float64[seeds] each; empty until all have SEEDS."""
+def with_bonus(record: Record) -> float:
+    """Return the normalized score at the end of a training on t-m-b as it would be on t-m-1.
+
+    Levels t-m-2 pay neither n nor -n for how an episode ends, so their score has another scale. The share of episodes that
+    ended either way is known, so the two can be counted.
+    """
+    last = {name: column[-1] for name, column in record.curve.items()}
+    config, other = record.trial.config, EnvConfig.of(record.trial.level[:-1] + "1", record.trial.size)
+    gained = float(last["score"] or 0) * (config.r_invalid + config.r_bonus + config.n) - config.r_invalid
+    explored, invalid = float(last["explored"] or 0), float(last["collided"] or 0) + float(last["out_of_bounds"] or 0)
+    ends = (other.r_bonus - config.r_bonus) * explored - (other.r_invalid - config.r_invalid) * invalid
+    return score(other, gained + ends)
+
+
+def by_level(results: Results, measure: Callable[[Record], float], variant: str) -> dict[str, Values]:
+    """Return a measure of PPO's trainings on each of the 12 levels: float64[seeds] each; empty until all have SEEDS."""
     levels = [f"{t}-{m}-{b}" for t in TOPOLOGIES for m in MORPHOLOGIES for b in BONUSES]
-    found = {level: results.finals(name, algorithm="ppo", variant=variant, level=level, size=21) for level in levels}
-    count = min(map(len, found.values()))
-    return {level: values[:count] for level, values in found.items()} if count >= SEEDS else {}
+    trials = {level: results.trials(algorithm="ppo", variant=variant, level=level, size=21) for level in levels}
+    count = min(map(len, trials.values()))
+    found = {level: np.array([measure(each) for each in own[:count]], np.float64) for level, own in trials.items()}
+    return found if count >= SEEDS else {}
+
+
+def at_the_end(name: str) -> Callable[[Record], float]:
+    """Return what gives the last point of a column of the curve."""
+    return lambda record: float(record.curve[name][-1] or 0)
 
 
 def of_levels(results: Results, variant: str) -> list[Record]:
     """Return PPO's trials of a variant on the 12 levels."""
     return [
         record
-        for level in by_level(results, "score", variant)
+        for level in by_level(results, at_the_end("score"), variant)
         for record in results.trials(algorithm="ppo", variant=variant, level=level)
     ]
 
 
-Measure = Callable[[dict[str, Values], dict[str, Values]], tuple[str, bool]]
-"""Final scores and coverages by level -> what they say in words, and whether the paper's statement holds of them."""
+Measure = Callable[[dict[str, dict[str, Values]]], tuple[str, bool]]
+"""Name in ON_LEVELS -> final values by level -> what they say in words, and whether the paper's statement holds of them."""
+ON_LEVELS: dict[str, Callable[[Record], float]] = {
+    "score": at_the_end("score"),
+    "score with the bonus counted everywhere": with_bonus,
+    "coverage": at_the_end("coverage"),
+}
+COMPARABLE = "score with the bonus counted everywhere"
+"""What the effect of d_b is judged by: the scores of t-m-1 and t-m-2 have two scales."""
 
 
 def on_levels(results: Results, measure: Measure) -> Judgement:
@@ -136,9 +167,9 @@ def on_levels(results: Results, measure: Measure) -> Judgement:
     """
     parts, verdicts = [], {}
     for variant in ("paper", "works"):
-        scores, coverages = (by_level(results, name, variant) for name in ("score", "coverage"))
-        if scores:
-            words, holds = measure(scores, coverages)
+        finals = {name: by_level(results, of, variant) for name, of in ON_LEVELS.items()}
+        if finals["score"]:
+            words, holds = measure(finals)
             one = decided(words, holds, of_levels(results, variant))
             parts.append(f"{TITLES[variant]}: {one.measured}")
             verdicts[variant] = one.verdict
@@ -158,19 +189,23 @@ def effect(finals: dict[str, Values], element: int) -> Values:
     return spread
 
 
-def effects(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[dict[str, Values], str]:
-    """Return the effects of d_t, d_m and d_b on the final score, and words with those on coverage too."""
-    found = {name: effect(scores, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
-    covered = {name: effect(coverages, k) for k, name in enumerate(("d_t", "d_m", "d_b"))}
-    words = ", ".join(f"{name} {mean_of(found[name])} of score and {mean_of(covered[name])} of coverage" for name in found)
-    return found, f"spread between its values: {words}"
+def effects(finals: dict[str, dict[str, Values]]) -> tuple[dict[str, Values], str]:
+    """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS."""
+    found = {
+        name: {measure: effect(values, k) for measure, values in finals.items()} for k, name in enumerate(("d_t", "d_m", "d_b"))
+    }
+    words = "; ".join(
+        f"{name} " + ", ".join(f"{mean_of(values)} of {measure}" for measure, values in each.items())
+        for name, each in found.items()
+    )
+    return {name: each[COMPARABLE] for name, each in found.items()}, f"spread between its values: {words}"
 
 
 def morphology_first(results: Results) -> Judgement:
     """d_m has the largest effect on the learned policy."""
 
-    def measure(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[str, bool]:
-        found, words = effects(scores, coverages)
+    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
+        found, words = effects(finals)
         return words, all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
 
     return on_levels(results, measure)
@@ -179,11 +214,12 @@ def morphology_first(results: Results) -> Judgement:
 def morphology_degrades(results: Results) -> Judgement:
     """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
 
-    def measure(scores: dict[str, Values], _: dict[str, Values]) -> tuple[str, bool]:
+    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
         small, large = (
-            np.mean([each for level, each in scores.items() if level.split("-")[1] == m], axis=0) for m in ("1", "2")
+            np.mean([each for level, each in finals["score"].items() if level.split("-")[1] == m], axis=0) for m in ("1", "2")
         )
-        return f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", is_above(small, large)
+        holds = is_above(small, large) and float(small.mean() - large.mean()) > SERIOUS
+        return f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", holds
 
     return on_levels(results, measure)
 
@@ -191,8 +227,8 @@ def morphology_degrades(results: Results) -> Judgement:
 def hardest(results: Results) -> Judgement:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
 
-    def measure(scores: dict[str, Values], _: dict[str, Values]) -> tuple[str, bool]:
-        wanted = {level: scores[level] for level in ("3-2-1", "3-2-2")}
+    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
+        wanted = {level: finals["score"][level] for level in ("3-2-1", "3-2-2")}
         words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
         return f"final score: {words}", all(0.6 <= values.mean() < 0.7 for values in wanted.values())
 
@@ -202,8 +238,8 @@ def hardest(results: Results) -> Judgement:
 def bonus_little(results: Results) -> Judgement:
     """d_b does not affect the overall performance much."""
 
-    def measure(scores: dict[str, Values], coverages: dict[str, Values]) -> tuple[str, bool]:
-        found, words = effects(scores, coverages)
+    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
+        found, words = effects(finals)
         return words, all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
 
     return on_levels(results, measure)

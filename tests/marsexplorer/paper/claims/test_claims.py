@@ -12,11 +12,13 @@ from marsexplorer.paper.algorithms import ALGORITHMS, begin
 from marsexplorer.paper.claims import checks, page, settings, trained_blocks
 from marsexplorer.paper.claims.claims import CLAIMS
 from marsexplorer.paper.claims.shipped import FOLDER, read
+from marsexplorer.paper.claims.training_claims import with_bonus
 from marsexplorer.paper.claims.verdicts import NOT_REPRODUCED, NOT_YET, PARTLY, REPRODUCED, VERDICTS
 from marsexplorer.paper.figures.curves import Record
 from marsexplorer.paper.figures.export import write_records
 from marsexplorer.paper.plan import BUDGETS
-from marsexplorer.paper.trial import Trial
+from marsexplorer.paper.trial import ENDINGS, Trial
+from marsexplorer.score import score
 
 DOCUMENT = Path(__file__).parents[4] / "docs" / "paper.md"
 MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0, "moves": 3000, "cpu_s": 60.0}
@@ -25,10 +27,15 @@ LONG = 10**8
 LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
 
 
-def trained(algorithm, seed, scores, level="random", variant="paper", settings=None):
-    """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart."""
+def trained(algorithm, seed, scores, level="random", variant="paper", settings=None, explored=None):
+    """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart.
+
+    explored  the share of completed episodes; None: the one with which a score is the same with a bonus and without
+    """
     points = range(1, len(scores) + 1)
     curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points], "score": scores, "coverage": scores}
+    curve |= {name: [0.0 for _ in points] for name in ENDINGS}
+    curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
     return Record(Trial(algorithm, variant, level, 21, seed, LONG), settings or {}, {}, curve, {**MEASURED, "completion": 0.0})
 
 
@@ -192,6 +199,31 @@ def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
     names = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
     assert [verdict_of(name, figure_5(tmp_path, 0.02, 0.28, 0.01)) for name in names] == [REPRODUCED] * 4
     assert [verdict_of(name, figure_5(tmp_path, 0.2, 0.0, 0.3)) for name in names] == [NOT_REPRODUCED] * 4
+
+
+def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it(tmp_path):
+    scores = {("1", "1"): 0.945, ("2", "1"): 0.939, ("1", "2"): 0.836, ("2", "2"): 0.818}
+    trials = [
+        trained("ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", explored=1.0)
+        for level in LEVELS
+        for seed in range(3)
+    ]
+    results = results_of(tmp_path, trials)
+    found = {name: CLAIMS[name].decide(results) for name in ("morphology-first", "morphology-degrades", "bonus-little")}
+    assert (
+        "d_b 0.115 ± 0.000 of score, 0.000 ± 0.000 of score with the bonus counted everywhere" in found["bonus-little"].measured
+    )
+    assert [each.verdict for each in found.values()] == [PARTLY, NOT_REPRODUCED, NOT_REPRODUCED]
+
+
+def test_the_bonus_is_counted_by_how_the_episodes_end():
+    config = EnvConfig.of("1-2-2", 21)
+    ends = {"explored": 0.5, "collided": 0.25, "out_of_bounds": 0.125}
+    record = trained("ppo", 0, [score(config, 300.0)], "1-2-2")
+    record = replace(record, curve=record.curve | {name: [share] for name, share in ends.items()})
+    assert with_bonus(record) == pytest.approx(score(EnvConfig.of("1-2-1", 21), 300.0 + 441 * (0.5 - 0.375)))
+    same = trained("ppo", 0, [0.7], "1-2-1", explored=0.3)
+    assert with_bonus(same) == pytest.approx(0.7)
 
 
 def test_what_holds_on_the_levels_as_it_works_alone_holds_in_part(tmp_path):

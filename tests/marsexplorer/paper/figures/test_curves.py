@@ -66,7 +66,7 @@ def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tm
     assert read_exported(path) == records
     kinds = [json.loads(line)["kind"] for line in path.read_text().splitlines()]
     assert (kinds.count("settings"), kinds.count("trial")) == (2, 4)
-    assert read(path.parent).finals("score", algorithm="ppo", variant="paper").tolist() == [0.5, 0.6, 0.7]
+    assert [each.curve["score"][-1] for each in read(path.parent).trials(algorithm="ppo", variant="paper")] == [0.5, 0.6, 0.7]
     path.write_text('{"kind": "trial"}\n')
     with pytest.raises(ValueError, match="is no file of trials"):
         read_exported(path)
