@@ -89,14 +89,13 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store, metrics) as store:
             made = _services(settings, protection, store, offered, prepared.sources or Sources(), password)
-            async with aclosing(made) as services:
+            async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [part.sweep() for part in (lobby, page_boards)]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]
-                store.refuse_when_locked()
                 t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
                 gc.collect()
                 gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
@@ -144,6 +143,16 @@ def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterat
         yield own
 
 
+@asynccontextmanager
+async def _threads_of(store: Store) -> AsyncIterator[None]:
+    """Let threads write and read the database during the block, after which everything that was asked for is written."""
+    store.start_threads()
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(store.stop_threads)
+
+
 def _services(
     settings: Settings,
     protection: Protection,
@@ -183,7 +192,7 @@ def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     """Let the metrics hold what can be read of the services at any time."""
     metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
     metrics.add_gauge("waiting_decisions", "Boards of policies that wait for a decision.", lambda: lobby.waiting_decisions)
-    metrics.add_gauge("waiting_writes", "Writes that wait for another program's lock.", lambda: len(lobby.store.writes))
+    metrics.add_gauge("waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes))
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
     metrics.add_gauge("database_bytes", "Size of the database without its log.", health.database_bytes)
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)

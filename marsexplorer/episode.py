@@ -102,6 +102,21 @@ class Episode:
         worlds.start_on(0, terrain, start)
         return cls(worlds, (int(start[0]), int(start[1])))
 
+    def copy(self) -> Episode:
+        """Return the same episode as it stands, which goes on by itself; not for two threads at once."""
+        other = object.__new__(Episode)
+        vars(other).update(vars(self))
+        other._worlds = self._worlds.copy()
+        other._scalars = other._worlds.head(0)
+        other.actions, other.path = self.actions.copy(), self.path.copy()
+        other.discoveries, other.rewards = self.discoveries.copy(), self.rewards.copy()
+        other._hash = self._hash.copy()
+        return other
+
+    def become(self, other: Episode) -> None:
+        """Stand where another episode stands, a copy of this one that went on; do not use that one any more."""
+        vars(self).update(vars(other))
+
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
         if self.ended:
@@ -128,7 +143,7 @@ class Episode:
 
     @property
     def codes(self) -> NDArray[np.uint8]:
-        """The occupancy grid as known, uint8[rows, cols]: a read-only view that changes with each step."""
+        """The occupancy grid as known, uint8[rows, cols]: a read-only view that may change with the next step."""
         view: NDArray[np.uint8] = self._worlds.codes[0].view()
         view.flags.writeable = False
         return view

@@ -88,6 +88,20 @@ class Worlds:
         self._bounds = [num * k // num_threads for k in range(num_threads + 1)]
         self._threads = ThreadPoolExecutor(num_threads - 1, "marsexplorer") if num_threads > 1 else None
 
+    def copy(self) -> Worlds:
+        """Return the same worlds as they stand, which go on by themselves; for a stack without threads of its own.
+
+        The two share scratch space: not for two threads at once.
+        """
+        other = object.__new__(Worlds)
+        vars(other).update(vars(self))
+        other._state = self._state.copy()
+        other._scalars = other._state.reshape(self.num, self._record)[:, :HEAD]
+        other.codes = self.codes.copy()
+        other._codes = other.codes.reshape(-1)
+        other.rewards, other.outcomes = self.rewards.copy(), self.outcomes.copy()
+        return other
+
     def start(self, seeds: ArrayLike) -> None:
         """Start every world on its seed (int[num], 0..2^53-1); ValueError when a seed has no solvable terrain."""
         given = np.ascontiguousarray(seeds, np.uint64)

@@ -10,19 +10,23 @@ from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
 from app.storage.studies import StudyStore
-from app.storage.study_rows import participant_label
+from app.storage.study_rows import Participant, TrialRow, participant_label
 
 MAX_BOARDS = 60
 """Boards in a list."""
 
 
-def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
+async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
     """Return the boards that a person or a script plays now, those of participants first; no player's id."""
-    found = []
     live = [session for session in lobby.sessions() if session.is_human and session.channel.subscribers]
-    for session in sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]:
-        participant = study_store.participant_of_session(session.id)
-        trial = next((each for each in study_store.trials(participant.id)[::-1]), None) if participant else None
+    listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
+
+    def read() -> list[tuple[Participant | None, TrialRow | None]]:
+        present = [study_store.participant_of_session(session.id) for session in listed]
+        return [(each, next(iter(study_store.trials(each.id)[::-1]), None) if each else None) for each in present]
+
+    found = []
+    for session, (participant, trial) in zip(listed, await lobby.store.read(read), strict=True):
         found.append(
             {
                 "session": session.id,

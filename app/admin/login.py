@@ -109,7 +109,7 @@ class AdminLogin:
         since = who.created_ms if who else 0
         return self._signer.sign(f"{secrets.token_hex(16)}:{name}:{since}").decode()
 
-    def operator_of(self, token: str) -> str | None:
+    async def operator_of(self, token: str) -> str | None:
         """Return whose token this is; None for one that was not issued here, has expired, or was revoked with its operator."""
         try:
             _, name, since = self._signer.unsign(token, max_age=TOKEN_S).decode().split(":")
@@ -119,17 +119,17 @@ class AdminLogin:
             return None
         if not name:
             return PASSWORD_ALONE
-        found = self._operators.find(name)
+        found = await self._operators.find(name)
         return name if found is not None and str(found.created_ms) == since else None
 
-    def revoke(self, token: str) -> None:
+    async def revoke(self, token: str) -> None:
         """Make a token invalid."""
-        if self.operator_of(token) is not None:
+        if await self.operator_of(token) is not None:
             self._revoked.add(token)
 
     async def _with_password(self, name: str, password: str) -> Operator | None:
         """Return the operator whose name and password these are."""
-        found = self._operators.find(name)
+        found = await self._operators.find(name)
         self._checked += 1
         try:
             async with self._checking:
@@ -146,7 +146,7 @@ class AdminLogin:
         """Log a refused login, at most one each minute, by the name if there is such an operator."""
         if time.monotonic() - self._refused_at >= REFUSED_EVERY_S:
             self._refused_at = time.monotonic()
-            known = PASSWORD_ALONE if not name else name if self._operators.find(name) else "unknown name"
+            known = PASSWORD_ALONE if not name else name if await self._operators.find(name) else "unknown name"
             await self._log.end(await self._log.begin(known, "log_in", None), 401)
 
 

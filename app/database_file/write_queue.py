@@ -1,108 +1,249 @@
-"""Writes that wait while another program has locked the database, without the event loop waiting with them.
+"""The thread that makes all writes of a server, in the order in which they were asked for.
 
-SQLite lets one connection write at a time. A write that finds the database locked fails at once and changes nothing; here it
-waits in a task of its own, and is tried again when the lock is gone. Whatever only reads goes on meanwhile.
+The event loop never waits for SQLite: whoever wants to write puts a function into the queue and awaits its result, which comes
+after the commit. Writes that wait together are committed together. The thread waits for another program's lock and for a slow
+disk; whatever only reads goes on meanwhile (`app.database_file.read_threads`).
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from typing import TypeVar
+import logging
+import threading
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
-from app.database_file.errors import StoreError
+from app.database_file.errors import StoreError, WriteRefusedError
 
 T = TypeVar("T")
+Notice = Callable[[str], Awaitable[None]]
 
 PATIENCE_S = 30.0
-"""Seconds that a write waits before it is refused."""
+"""Seconds after which a write that has not begun is refused."""
 NOTICE_S = 1.0
 """Seconds after which whoever waits is told why."""
 MAX_WAITING = 1_000
 """Writes that wait at a time; further ones are refused at once."""
+MOST_TOGETHER = 64
+"""Writes that are committed together, at most."""
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
 
 WAITS = "another program is writing the server's database: your move waits, and is made as soon as that program is done"
-REFUSED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
+SLOW = "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded"
+LOCKED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
+NOT_BEGUN = "the server's disk has not answered for a while: nothing has changed; try again in a moment"
+FULL = "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment"
+ENDS = "the server is about to stop: nothing has changed; try again in a moment"
+BROKEN = (
+    "the part of the server that records moves has failed: no move is made and nothing is recorded until the server is "
+    "started anew; its log says what went wrong"
+)
+_log = logging.getLogger(__name__)
 
 
-class DatabaseLockedError(StoreError):
-    """Another program holds the lock for writing; nothing has changed, and the same write may succeed later."""
+@dataclass(eq=False, slots=True)
+class _Write:
+    """A write that waits: what makes it, what follows its commit, and who waits for it until when (monotonic seconds)."""
 
-    def __init__(self) -> None:
-        super().__init__(REFUSED)
+    work: Callable[[], Any]
+    then: Callable[[Any], None] | None
+    done: asyncio.Future[Any]
+    deadline: float
+    claim: threading.Lock = field(default_factory=threading.Lock)
+    """Whoever acquires it decides: the thread makes the write, or the event loop refuses it."""
+    result: Any = None
+    error: BaseException | None = None
 
 
 class WriteQueue:
-    """The writes of one event loop that wait for a database which another program has locked.
+    """The writes of one database; without a started thread each is made at once by whoever asks.
 
-    is_locked  says whether another program holds the lock now, without waiting
+    commit     commits what the writes since the last call wrote
+    roll_back  takes it back
+    fault      one sentence when the thread has ended by an error, so that nothing can be recorded; else None
     """
 
-    def __init__(self, is_locked: Callable[[], bool]) -> None:
-        self._is_locked = is_locked
+    def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
+        self._commit, self._roll_back = commit, roll_back
+        self._queue: SimpleQueue[_Write | None] = SimpleQueue()
         self._waiting = 0
-        self._looking: asyncio.Task[None] | None = None
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop
+        self._is_ending = False
+        self._deadline, self._pause_s, self._is_locked = 0.0, SHORTEST_PAUSE_S, False
+        self._notices: set[asyncio.Task[None]] = set()
+        self.fault: str | None = None
 
     def __len__(self) -> int:
         """Return how many writes wait."""
         return self._waiting
 
-    async def run(self, write: Callable[[], T], notice: Callable[[str], Awaitable[None]] | None = None) -> T:
-        """Return the result of `write()`, called again after each wait while it raises DatabaseLockedError.
+    @property
+    def is_started(self) -> bool:
+        """Return whether the thread makes the writes, and nobody else may."""
+        return self._thread is not None
 
-        notice  told one sentence when the wait has lasted NOTICE_S; an error of it is the caller's
+    @property
+    def is_own_thread(self) -> bool:
+        """Return whether the thread of the writes asks."""
+        return self._thread is not None and threading.get_ident() == self._thread.ident
 
-        DatabaseLockedError after PATIENCE_S, or at once while MAX_WAITING writes wait.
+    def start(self) -> None:
+        """Let a thread make the writes from now on; call it on the running event loop."""
+        self._loop, self._is_ending = asyncio.get_running_loop(), False
+        self._thread = threading.Thread(target=self._make_writes, name="writes", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Make the writes that wait, then end the thread; call it in another thread, while the event loop runs."""
+        if self._thread is not None:
+            self._is_ending = True
+            self._queue.put(None)
+            self._thread.join()
+            self._thread = None
+
+    async def run(self, work: Callable[[], T], notice: Notice | None = None, then: Callable[[T], None] | None = None) -> T:
+        """Return the result of `work()`, called on the thread of the writes, once what it wrote is committed.
+
+        notice  told one sentence when the wait has lasted NOTICE_S
+        then    called with the result on the event loop, right after the commit: also when whoever waits was cancelled
+
+        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
+        MAX_WAITING writes wait. StoreError when the commit failed.
         """
-        try:
-            return write()
-        except DatabaseLockedError:
-            pass
-        deadline = asyncio.get_running_loop().time() + PATIENCE_S
-        while True:
-            notice = await self._wait(deadline, notice)
-            try:
-                return write()
-            except DatabaseLockedError:
-                continue
-
-    async def run_async(self, write: Callable[[], Awaitable[T]]) -> T:
-        """Return the result of `await write()`, as `run` does for a write that is no coroutine."""
-        deadline = asyncio.get_running_loop().time() + PATIENCE_S
-        while True:
-            try:
-                return await write()
-            except DatabaseLockedError:
-                await self._wait(deadline, None)
-
-    async def _wait(
-        self, deadline: float, notice: Callable[[str], Awaitable[None]] | None
-    ) -> Callable[[str], Awaitable[None]] | None:
-        """Wait until the lock is free and return `notice` if it was not called; DatabaseLockedError at the deadline."""
-        loop = asyncio.get_running_loop()
-        if self._waiting >= MAX_WAITING or loop.time() >= deadline:
-            raise DatabaseLockedError
+        if self._thread is None:
+            result = work()
+            if then is not None:
+                then(result)
+            return result
+        if self.fault is not None:
+            raise StoreError(self.fault)
+        if self._is_ending or self._waiting >= MAX_WAITING:
+            raise WriteRefusedError(ENDS if self._is_ending else FULL)
+        loop = self._loop
+        write = _Write(work, then, loop.create_future(), loop.time() + PATIENCE_S)
         self._waiting += 1
+        self._queue.put(write)
+        timer = loop.call_later(NOTICE_S, self._tell_why, write, notice)
         try:
-            if self._looking is None or self._looking.done():
-                self._looking = asyncio.create_task(self._look(), name="wait for the database")
-            looking = self._looking
-            if notice is not None:
-                done, _ = await asyncio.wait([looking], timeout=NOTICE_S)
-                if done:
-                    return notice
-                await notice(WAITS)
-            done, _ = await asyncio.wait([looking], timeout=max(0.0, deadline - loop.time()))
-            if not done:
-                raise DatabaseLockedError
-            return None
+            return await write.done  # type: ignore[no-any-return]
         finally:
-            self._waiting -= 1
+            timer.cancel()
 
-    async def _look(self) -> None:
-        """Look again and again until the lock is free, or nobody waits any more."""
-        pause = SHORTEST_PAUSE_S
-        while self._waiting and self._is_locked():
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE_S)
+    def wait_for_lock(self) -> bool:
+        """Wait a moment for another program's lock; return False when the write that is being made has waited long enough.
+
+        Only `work` calls it, on the thread of the writes.
+        """
+        if self._is_ending or time.monotonic() >= self._deadline:
+            return False
+        self._is_locked = True
+        time.sleep(self._pause_s)
+        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+        return True
+
+    def _make_writes(self) -> None:
+        batch: Sequence[_Write] = ()
+        try:
+            has_more = True
+            while has_more:
+                batch, has_more = self._next_batch()
+                for write in batch:
+                    self._make(write)
+                self._commit_all(batch)
+                self._call(self._answer, batch)
+                batch = ()
+        except BaseException:
+            _log.exception("the thread that makes the writes has failed")
+            self.fault = BROKEN
+            with suppress(Exception):
+                self._roll_back()
+            self._call(self._fail, batch)
+
+    def _next_batch(self) -> tuple[list[_Write], bool]:
+        """Wait for a write; return it with those that wait behind it, and whether more may come."""
+        batch, write = list[_Write](), self._queue.get()
+        while write is not None:
+            batch.append(write)
+            if len(batch) == MOST_TOGETHER:
+                return batch, True
+            try:
+                write = self._queue.get_nowait()
+            except Empty:
+                return batch, True
+        return batch, False
+
+    def _make(self, write: _Write) -> None:
+        if not write.claim.acquire(blocking=False):
+            return  # it was refused
+        self._deadline, self._pause_s = write.deadline, SHORTEST_PAUSE_S
+        try:
+            if time.monotonic() >= write.deadline:
+                raise WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN)
+            write.result = write.work()
+        except Exception as error:
+            write.error = error
+
+    def _commit_all(self, batch: Sequence[_Write]) -> None:
+        try:
+            self._commit()
+        except Exception as error:
+            for write in batch:
+                write.error = write.error or error
+        self._is_locked = False
+
+    def _call(self, on_loop: Callable[[Sequence[_Write]], None], batch: Sequence[_Write]) -> None:
+        with suppress(RuntimeError):  # the event loop has ended, and nobody waits any more
+            self._loop.call_soon_threadsafe(on_loop, batch)
+
+    def _answer(self, batch: Sequence[_Write]) -> None:
+        """Let those whose writes were made, or refused, go on."""
+        for write in batch:
+            self._waiting -= 1
+            if write.error is None and write.then is not None and not _is_refused(write):
+                try:
+                    write.then(write.result)
+                except Exception as error:
+                    _log.exception("what follows a write has failed")
+                    write.error = error
+            if write.done.done():
+                continue
+            if write.error is None:
+                write.done.set_result(write.result)
+            else:
+                write.done.set_exception(write.error)
+
+    def _fail(self, batch: Sequence[_Write]) -> None:
+        """Refuse what was being made and what waits, since the thread has ended."""
+        waiting = list(batch)
+        with suppress(Empty):
+            while True:
+                if (write := self._queue.get_nowait()) is not None:
+                    waiting.append(write)
+        for write in waiting:
+            write.error = StoreError(BROKEN)
+        self._answer(waiting)
+
+    def _tell_why(self, write: _Write, notice: Notice | None) -> None:
+        """Tell whoever waits why, and refuse the write when it has not begun in time."""
+        self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
+        if notice is not None:
+            task = self._loop.create_task(_told(notice, WAITS if self._is_locked else SLOW))
+            self._notices.add(task)
+            task.add_done_callback(self._notices.discard)
+
+    def _refuse(self, write: _Write) -> None:
+        if not write.done.done() and write.claim.acquire(blocking=False):
+            write.done.set_exception(WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN))
+
+
+def _is_refused(write: _Write) -> bool:
+    return write.done.done() and not write.done.cancelled() and write.done.exception() is not None
+
+
+async def _told(notice: Notice, text: str) -> None:
+    await notice(text)

@@ -21,19 +21,19 @@ class ActionLog:
 
     async def begin(self, operator: str, action: str, study: str | None) -> int:
         """Log that an action begins and return its number; StoreError when that cannot be written: then do nothing."""
-        return await self._store.writes.run(lambda: self._begin(operator, action, study))
+        return await self._store.write(lambda: self._begin(operator, action, study))
 
     async def end(self, number: int, status: int) -> None:
         """Log how an action ended, by the status of its answer."""
-        await self._store.writes.run(lambda: self._end(number, status))
+        await self._store.write(lambda: self._end(number, status))
 
     async def admit(self, operator: str, use_code: Callable[[], bool]) -> bool:
         """Log a login and return True, in the transaction that uses its code; False, and nothing logged, for a wrong one."""
-        return await self._store.writes.run(lambda: self._admit(operator, use_code))
+        return await self._store.write(lambda: self._admit(operator, use_code))
 
-    def newest(self, count: int = 20) -> list[dict[str, Any]]:
+    async def newest(self, count: int = 20) -> list[dict[str, Any]]:
         """Return the newest actions, the newest first: at_ms, operator, action, study, and status (None: not ended)."""
-        return rows(self._store.connection, _NEWEST, count)
+        return await self._store.read(lambda: rows(self._store.connection, _NEWEST, count))
 
     def _begin(self, operator: str, action: str, study: str | None) -> int:
         sql = "INSERT INTO operator_actions (at_ms, operator, action, study) VALUES (?, ?, ?, ?)"

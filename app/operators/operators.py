@@ -58,13 +58,14 @@ class Operators:
     def __init__(self, store: Store, clock: Callable[[], float] = time.time) -> None:
         self._store, self._clock = store, clock
 
-    def find(self, name: str) -> Operator | None:
+    async def find(self, name: str) -> Operator | None:
         """Return the operator of this name, None without one."""
-        found = rows(self._store.connection, "SELECT * FROM operators WHERE name = ?", name)
+        sql = "SELECT * FROM operators WHERE name = ?"
+        found = await self._store.read(lambda: rows(self._store.connection, sql, name))
         return Operator(**found[0]) if found else None
 
     def use_code(self, operator: Operator, code: str) -> bool:
-        """Return whether a code of the second factor is right and has not been used, and let it be used this once."""
+        """Return whether a code of the second factor is right and was not used, and use it up; call it in `Store.write`."""
         if operator.totp_secret is None:
             return True
         totp, now = pyotp.TOTP(operator.totp_secret), int(self._clock()) // PERIOD_S

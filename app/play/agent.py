@@ -12,11 +12,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.database_file.write_queue import LONGEST_PAUSE_S, DatabaseLockedError
+from app.database_file.errors import WriteRefusedError
+from app.database_file.write_queue import NOTICE_S
 from app.play.decision_queue import DecisionQueue, SlowDecisionError
 from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
-from app.play.session import Move, Session
+from app.play.session import Move, RefusedError, Session
 from app.storage.store import EpisodeRow, StoreError
 from marsexplorer.policies import Policy, goal_of
 
@@ -75,23 +76,25 @@ class Agent:
                 if delay is None or delay > 0:
                     await self._sleep(delay)
                     continue
-                self._move()
-            except DatabaseLockedError:
-                await asyncio.sleep(LONGEST_PAUSE_S)
+                await self._move()
+            except WriteRefusedError:
+                await asyncio.sleep(NOTICE_S)
+            except RefusedError:
+                self._decided = None  # the next episode began while the move waited
             except SlowDecisionError as error:
-                self._give_up(error)
+                await self._give_up(error)
             except Exception as error:
                 _log.exception("the policy %s failed", self._session.row.driver_name)
                 self._single_moves, self._prepared_for, self._decided = 0, None, None
                 self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
 
-    def _give_up(self, error: SlowDecisionError) -> None:
+    async def _give_up(self, error: SlowDecisionError) -> None:
         """Pause the board and say why; its policy is still at work on that decision, so the next one is of a fresh copy."""
         session = self._session
         self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
         if session.pace is not None:
             with suppress(StoreError):
-                session.set_pace(Pace(mode="paused", moves_per_second=session.pace.moves_per_second))
+                await session.set_pace(Pace(mode="paused", moves_per_second=session.pace.moves_per_second))
         name = session.row.driver_name
         session.fail(f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again")
 
@@ -142,11 +145,11 @@ class Agent:
         if thought := encode_thought(row.id, step, probabilities, value, goal_of(policy)):
             session.publish_thought(thought)
 
-    def _move(self) -> None:
+    async def _move(self) -> None:
         """Make the move that was decided on."""
         assert self._decided is not None
         episode, step, action = self._decided
-        self._session.act(Move(episode, step, action, f"policy:{self._session.row.driver_name}"))
+        await self._session.act(Move(episode, step, action, f"policy:{self._session.row.driver_name}"))
         self._single_moves = max(0, self._single_moves - 1)
         self._schedule()
 

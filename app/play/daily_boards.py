@@ -7,6 +7,7 @@ episode it is abandoned when nobody has moved it for a time, once a move is made
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from weakref import WeakValueDictionary
 
 from app.play.daily_terrain import seed_of, terrain_of_day
@@ -34,25 +35,24 @@ class DailyBoards:
         """Return today's date in UTC."""
         return utc_day(self._lobby.sources.clock_ms())
 
-    def today(self) -> DailyTerrain:
+    async def today(self) -> DailyTerrain:
         """Return today's terrain, which is kept from the first time that somebody asks; nobody may be told its key."""
         day = self.day()
         if self._today is None or self._today.day != day:
-            terrain = terrain_of_day(daily_secret(self._lobby.store), day)
-            keep_terrain(self._lobby.store, terrain)
-            self._today = terrain
+            self._today = await self._lobby.store.write(partial(self._keep, day))
         return self._today
 
-    def on(self, day: str) -> DailyTerrain | None:
+    async def on(self, day: str) -> DailyTerrain | None:
         """Return the terrain of a day up to today; None where the server showed none."""
-        today = self.today()
+        store, today = self._lobby.store, await self.today()
         if day == today.day:
             return today
-        return find_terrain(self._lobby.store, day) if day < today.day else None
+        return await store.read(lambda: find_terrain(store, day)) if day < today.day else None
 
-    def attempt(self, player_id: str | None, day: str) -> DailyAttempt | None:
+    async def attempt(self, player_id: str | None, day: str) -> DailyAttempt | None:
         """Return a player's attempt at a day's terrain; None before it."""
-        return None if player_id is None else find_attempt(self._lobby.store, player_id, day)
+        store = self._lobby.store
+        return None if player_id is None else await store.read(lambda: find_attempt(store, player_id, day))
 
     async def begin(self, player_id: str) -> tuple[Session, bool]:
         """Return the board of a player's attempt at today's terrain, and whether it was open already.
@@ -63,8 +63,8 @@ class DailyBoards:
         if lock is None:
             lock = self._locks[player_id] = asyncio.Lock()
         async with lock:
-            terrain = self.today()
-            attempt = self.attempt(player_id, terrain.day)
+            terrain = await self.today()
+            attempt = await self.attempt(player_id, terrain.day)
             if attempt is None:
                 mark = DailyDay(terrain.day, terrain.commitment)
                 return await self._lobby.create_daily(player_id, terrain.config, seed_of(terrain.key), mark), False
@@ -78,10 +78,15 @@ class DailyBoards:
         """Return the board of an attempt that is running; None once it has ended."""
         return await self._lobby.get(attempt.session_id) if attempt.ended_ms is None else None
 
-    def check_seed(self, config: EnvConfig, seed: int | None) -> None:
+    async def check_seed(self, config: EnvConfig, seed: int | None) -> None:
         """Raise ValueError when a seed draws today's terrain: nobody may practise it before its day is over."""
         if seed is None:
             return
-        terrain = self.today()
+        terrain = await self.today()
         if config == terrain.config and seed == seed_of(terrain.key):
             raise ValueError("this seed draws today's daily terrain, which can be practised from tomorrow (UTC) on")
+
+    def _keep(self, day: str) -> DailyTerrain:
+        terrain = terrain_of_day(daily_secret(self._lobby.store), day)
+        keep_terrain(self._lobby.store, terrain)
+        return terrain

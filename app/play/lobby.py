@@ -10,11 +10,12 @@ import asyncio
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
 from app.play.agent import DEFAULT_MOVES_PER_SECOND, Agent
+from app.play.attestation import Attested
 from app.play.decision_queue import DECISION_S, THREADS, DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.paired_board import BoardGroup
@@ -23,7 +24,7 @@ from app.play.replays import restore_episode
 from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources, WatchIds
 from app.play.terrains import ChosenTerrain, MapCatalogue, terrain_of
-from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store, StoreError
+from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -104,7 +105,7 @@ class Lobby:
         rows = self._session_rows(drivers, player_id, control)
         boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
-        self._open_episodes(boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left)
+        await self._open_episodes(boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left)
         if len(boards) == 2:
             self._rivals[boards[0].id] = boards[1].id
         player = self._add_group(boards).player
@@ -118,7 +119,7 @@ class Lobby:
         board = Session(rows[0], self.store, self.sources.clock_ms)
         _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
         adding = contextmanager(partial(self._adding, player_id, rows))
-        self._open_episodes([board], episodes, seed, False, lambda _: adding(), daily=daily)
+        await self._open_episodes([board], episodes, seed, False, lambda _: adding(), daily=daily)
         return self._add_group([board]).player
 
     async def get(self, session_id: str) -> Session:
@@ -152,7 +153,7 @@ class Lobby:
             terrain = self.maps.next_terrain(session.current, wanted)
             self.policies.check_size((board.row.driver_name for board in group.boards), terrain.config)
             seed, episodes = await self._begin_episodes(terrain, len(group.boards))
-            self._open_episodes(group.boards, episodes, seed, terrain.is_chosen, left=left)
+            await self._open_episodes(group.boards, episodes, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, participation: Participation) -> Session:
@@ -164,11 +165,11 @@ class Lobby:
     async def begin(self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction) -> None:
         """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
         _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
-        self._open_episodes([board], episodes, seed, False, within)
+        await self._open_episodes([board], episodes, seed, False, within)
         if board.id not in self._groups:
             self._add_group([board])
 
-    def change_pace(self, session: Session, change: ChangePace) -> Pace:
+    async def change_pace(self, session: Session, change: ChangePace) -> Pace:
         """Change the pace and return it; ValueError when the session has none or cannot follow."""
         if session.pace is None:
             raise ValueError("this session is driven by a person; only a policy's session (a rival's, say) has a pace")
@@ -176,9 +177,9 @@ class Lobby:
             raise ValueError("only a rival can follow; give moves_per_second, pause or step")
         rate = change.moves_per_second or session.pace.moves_per_second
         mode = "timed" if change.moves_per_second else "follow" if change.follow else "paused"
-        session.set_pace(Pace.model_validate({"mode": mode, "moves_per_second": rate}))
-        if change.step:
-            self._groups[session.id].agents[session.id].move_once()
+        await session.set_pace(Pace.model_validate({"mode": mode, "moves_per_second": rate}))
+        if change.step and (group := self._groups.get(session.id)) is not None:
+            group.agents[session.id].move_once()
         return session.pace
 
     async def sweep(self) -> None:
@@ -187,13 +188,15 @@ class Lobby:
             await asyncio.sleep(min(60.0, self._idle_s / 4))
             horizon = time.monotonic() - self._idle_s
             for group in {id(group): group for group in self._groups.values()}.values():
-                if all(board.channel.subscribers == 0 and board.touched < horizon for board in group.boards):
+                if all(_is_idle(board, horizon) for board in group.boards):
                     self._unload(group)
 
     def forget(self, deleted: Sequence[str]) -> None:
-        """Forget which of some sessions, which are deleted, had rivals."""
+        """Forget some sessions, which are deleted, and which of them had rivals."""
         for session_id in deleted:
             self._rivals.pop(session_id, None)
+            if (group := self._groups.get(session_id)) is not None:  # somebody asked for it just then
+                self._unload(group)
 
     def close(self) -> None:
         """Unload everything and end the policies' thread."""
@@ -231,7 +234,7 @@ class Lobby:
         chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
         return chosen.seed, await asyncio.to_thread(lambda: [chosen.begin() for _ in range(boards)])
 
-    def _open_episodes(
+    async def _open_episodes(
         self,
         boards: list[Session],
         episodes: list[Episode],
@@ -242,38 +245,47 @@ class Lobby:
         daily: DailyDay | None = None,
     ) -> None:
         """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
-        now = self.sources.clock_ms()
-        rows = [
-            EpisodeRow(
-                id=self.sources.episode_id(),
-                session_id=board.id,
-                number=board.number + 1,
-                config=episode.config,
-                seed=seed,
-                seed_chosen=seed_chosen,
-                terrain=episode.record().terrain,
-                start=episode.start,
-                policy_seed=self.sources.seed(),
-                driver=board.driver,
-                assisted=len(boards) > 1,
-                started_ms=now,
-                daily=daily,
-            )
-            for board, episode in zip(boards, episodes, strict=True)
-        ]
-        running = [board for board in (*boards, *left) if board.number and not board.episode.ended]
-        closing = [board.stop_episode() for board in running]
-        try:
-            with self.store.transaction(), within(rows[0]) if within else nullcontext():
-                self.store.next_episode(closing, rows)
-        except StoreError:
-            for board in running:
-                board.rewind(board.episode.steps)
-            raise
-        for board, row, episode in zip(boards, rows, episodes, strict=True):
-            board.begin(row, episode)
-        for board in left:
-            board.publish_frame()
+        async with AsyncExitStack() as held:
+            for board in sorted({*boards, *left}, key=lambda board: board.id):
+                await held.enter_async_context(board.changing)
+            now = self.sources.clock_ms()
+            rows = [
+                EpisodeRow(
+                    id=self.sources.episode_id(),
+                    session_id=board.id,
+                    number=board.number + 1,
+                    config=episode.config,
+                    seed=seed,
+                    seed_chosen=seed_chosen,
+                    terrain=episode.record().terrain,
+                    start=episode.start,
+                    policy_seed=self.sources.seed(),
+                    driver=board.driver,
+                    assisted=len(boards) > 1,
+                    started_ms=now,
+                    daily=daily,
+                )
+                for board, episode in zip(boards, episodes, strict=True)
+            ]
+            running = [board for board in (*boards, *left) if board.number and not board.episode.ended]
+            abandoned = [(board, board.current, board.abandoned()) for board in running]
+
+            def record() -> tuple[list[Attested | None], list[bool]]:
+                with self.store.transaction(), within(rows[0]) if within else nullcontext():
+                    found = [board.closing(current, episode, now) for board, current, episode in abandoned]
+                    self.store.next_episode([closing for closing, _ in found], rows)
+                hidden = [board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)]
+                return [attested for _, attested in found], hidden
+
+            def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
+                levels, hidden = found
+                for board, row, episode, hides in zip(boards, rows, episodes, hidden, strict=True):
+                    board.begin(row, episode, hides)
+                for (board, current, episode), level in zip(abandoned, levels, strict=True):
+                    if board not in boards:
+                        board.go_on(current, episode, level, hides_scores=False)  # a board that is left is no study's
+
+            await self.store.write(record, then=publish)
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:
         """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""
@@ -299,23 +311,32 @@ class Lobby:
         async with self._resuming:
             if session_id in self._groups:
                 return self._groups[session_id]
-            found = self.store.resume_session(session_id, self.sources.clock_ms())
-            player_id = session_id if found is None else found.session.rival_of or session_id
-            ids = [player_id, self._rivals.get(player_id)]
-            rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
-            if found is None or rows[0] is None:
-                raise UnknownSessionError(session_id)
+            found = await self.store.read(partial(self._stored, session_id))
             try:
-                boards = [await self._resumed(row) for row in rows if row is not None]
+                boards = [await self._resumed(*each) for each in found]
             except ValueError as error:
                 raise UnknownSessionError(session_id, f"session {session_id!r} cannot be resumed: {error}") from error
             return self._add_group(boards)
 
-    async def _resumed(self, row: Resumable) -> Session:
+    def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
+        """Return a player's session and its rival's, each with its participation and whether its scores are hidden.
+
+        UnknownSessionError when it is not there.
+        """
+        found = self.store.resume_session(session_id, self.sources.clock_ms())
+        player_id = session_id if found is None else found.session.rival_of or session_id
+        ids = [player_id, self._rivals.get(player_id)]
+        rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
+        if found is None or rows[0] is None:
+            raise UnknownSessionError(session_id)
+        stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]
+        return [(row, study, study is not None and study.hides_scores(row.episode.id)) for row, study in stored]
+
+    async def _resumed(self, row: Resumable, participation: Participation | None, hides_scores: bool) -> Session:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
         episode = await asyncio.to_thread(restore_episode, row.episode, row.actions, row.ended)
-        session = Session(row.session, self.store, self.sources.clock_ms, self._participation_of(row.session.id))
-        session.begin(row.episode, episode)
+        session = Session(row.session, self.store, self.sources.clock_ms, participation)
+        session.begin(row.episode, episode, hides_scores)
         return session
 
     def _unload(self, group: BoardGroup) -> None:
@@ -323,3 +344,8 @@ class Lobby:
             agent.close()
         for board in group.boards:
             self._groups.pop(board.id, None)
+
+
+def _is_idle(board: Session, horizon: float) -> bool:
+    """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
+    return board.channel.subscribers == 0 and board.touched < horizon and not board.changing.locked()

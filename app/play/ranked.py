@@ -17,6 +17,7 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -76,12 +77,13 @@ class PageBoards:
             if waiting is None:
                 await self._lobby.restart(session, wanted, left)
                 return session, False
-            _abandon([*left, *(board for board in found if board is session)])
+            await _abandon([*left, *(board for board in found if board is session)])
             return waiting, True
 
     async def newest(self, player_id: str) -> Session | None:
         """Return the board that a player's page goes on with: their open ranked one, else their newest; None without any."""
-        found = newest_session(self._lobby.store, player_id, self._lobby.sources.clock_ms())
+        store, now = self._lobby.store, self._lobby.sources.clock_ms()
+        found = await store.read(lambda: newest_session(store, player_id, now))
         if found is None:
             return None
         with suppress(UnknownSessionError):
@@ -104,9 +106,10 @@ class PageBoards:
 
         The link may be that of a rival's board or episode, which is on its player's screen.
         """
-        found = self._lobby.watch_ids.session(link)
+        found = await self._lobby.watch_ids.session(link)
         if found is None:
-            watchable = watchable_session(self._lobby.store, link, self._lobby.sources.clock_ms(), player_id)
+            store, now = self._lobby.store, self._lobby.sources.clock_ms()
+            watchable = await store.read(lambda: watchable_session(store, link, now, player_id))
             found = None if watchable is None else watchable[0]
         with suppress(UnknownSessionError):
             session = None if found is None else await self._lobby.get(found)
@@ -127,22 +130,25 @@ class PageBoards:
     async def abandon_left(self) -> None:
         """Abandon every ranked episode whose last move was made longer ago than a player is waited for."""
         before_ms = self._lobby.sources.clock_ms() - round(1000 * self._abandon_after_s)
-        for row in ranked_left_since(self._lobby.store, before_ms):
+        store = self._lobby.store
+        for row in await store.read(lambda: ranked_left_since(store, before_ms)):
             board = await self._board_of(row)
             if board is not None and board.current.id == row.episode_id:
                 with suppress(RefusedError):  # a move came meanwhile
-                    board.abandon(row.episode_id, row.moves)
+                    await board.abandon(row.episode_id, row.moves)
 
     async def delete_unplayed(self) -> int:
         """Delete boards that nobody has moved on for `unplayed_h` hours and that are not in memory; return how many."""
         lobby, count = self._lobby, 0
         before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
+
+        def delete(after: int) -> tuple[list[str], int | None]:
+            return delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after)
+
         after: int | None = 0
         while after is not None:
-            deleted, after = delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after)
-            lobby.forget(deleted)
+            deleted, after = await lobby.store.write(partial(delete, after), then=lambda found: lobby.forget(found[0]))
             count += len(deleted)
-            await asyncio.sleep(0)  # others move between two transactions
         return count
 
     async def _begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
@@ -153,12 +159,13 @@ class PageBoards:
         left = [board for board in found if board.episode.steps and board is not waiting and wanted.replays is None]
         if waiting is None:
             return await self._lobby.create(wanted, player_id, "cookie", left), False
-        _abandon(left)
+        await _abandon(left)
         return waiting, True
 
     async def _open(self, player_id: str) -> list[Session]:
         """Return the boards of a player's open ranked episodes, resumed where they were not in memory."""
-        rows = open_ranked(self._lobby.store, player_id)
+        store = self._lobby.store
+        rows = await store.read(lambda: open_ranked(store, player_id))
         found = [(row, await self._board_of(row)) for row in rows]
         return [board for row, board in found if board is not None and board.current.id == row.episode_id]
 
@@ -187,10 +194,10 @@ def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:
     return next((board for board in boards if board.current.config == config and not board.episode.ended), None)
 
 
-def _abandon(boards: Sequence[Session]) -> None:
+async def _abandon(boards: Sequence[Session]) -> None:
     for board in boards:
-        if not board.episode.ended:
-            board.abandon(board.current.id, board.episode.steps)
+        with suppress(RefusedError):  # it has ended
+            await board.abandon(board.current.id, None)
 
 
 def _is_alone(lobby: Lobby, session: Session) -> bool:

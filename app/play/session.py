@@ -1,22 +1,24 @@
 """One board: its running episode, its record in the store, and the only method that moves its rover.
 
-Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the rules step, the store
-commits, and only then is the new frame published. A move that cannot be committed did not happen.
+Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the rules step a copy of the
+episode, the store commits, and only then the copy takes the episode's place and the new frame is published. A move that cannot
+be committed did not happen, and nobody has seen it.
 """
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, Protocol
 
-from app.database_file.write_queue import WriteQueue
+from app.database_file.write_queue import Notice
 from app.play.attestation import Attested, Conditions, attest_stored, key_map_of, level_reaches
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
-from app.play.replays import restore_episode
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
 from marsexplorer.episode import Episode
@@ -49,7 +51,8 @@ class Move:
 class Participation(Protocol):
     """A participant's part in a study, as far as their board must ask for it; `app.study` implements it.
 
-    A board without a participation belongs to anybody who knows its id.
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `hides_interim` and
+    `check_open` asks the database: call it in `Store.write` or `Store.read`.
     """
 
     @property
@@ -93,6 +96,7 @@ class Session:
     is_second      whether it is the second of the two: a rival's or a replay's
     attested       the level of the current episode since it has ended here, else None
     touched        monotonic seconds of the last access
+    changing       held from the check of a move, or of whatever else changes the episode, until it is committed
     """
 
     def __init__(
@@ -108,17 +112,13 @@ class Session:
         self.thought = ""
         self.attested: Attested | None = None
         self.touched = time.monotonic()
+        self.changing = asyncio.Lock()
         self.current: EpisodeRow
         self.episode: Episode
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
         self._clock = clock
-
-    @property
-    def writes(self) -> WriteQueue:
-        """Return the queue of writes that wait while another program has locked the database."""
-        return self._store.writes
 
     @property
     def is_human(self) -> bool:
@@ -164,67 +164,92 @@ class Session:
             return self.participation.driver
         return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
 
-    def act(self, move: Move) -> None:
-        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed."""
-        began = time.perf_counter()
-        self._check_current(move.episode, move.step)
-        if not self.is_human and move.driver in (HUMAN, SCRIPT):
-            raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
-        before = self.current
-        is_deviation = move.driver == SCRIPT and self.current.driver == HUMAN
-        try:
-            with self._store.transaction():
-                reward = self.episode.step(move.action)
-                if is_deviation:
-                    self.current = dataclasses.replace(before, driver=SCRIPT)
-                    if self.participation is not None:
-                        self.participation.note_script(self.current.id)
-                row = self._step_row(move, reward)
-                self._store.add_step(row)
-                if self.episode.ended:
-                    self._close(row.server_ms)
-        except BaseException:
-            self.current = before
-            if self.episode.steps != move.step:
-                self.rewind(move.step)
-            raise
-        self.publish_frame()
-        metrics = self._store.metrics
-        metrics.count_move(move.driver)
-        metrics.step.observe(time.perf_counter() - began)
+    async def act(self, move: Move, notice: Notice | None = None) -> None:
+        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed.
 
-    def abandon(self, episode: str, step: int, note: Callable[[], None] | None = None) -> None:
-        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction."""
-        self._check_current(episode, step)
-        self.episode.abandon()
-        try:
-            with self._store.transaction():
-                if note is not None:
-                    note()
-                self._close(self._clock())
-        except BaseException:
-            self.rewind(step)
-            raise
-        self.publish_frame()
+        notice  told one sentence when the move has waited for the database for a while
+        """
+        async with self.changing:
+            began = time.perf_counter()
+            self._check_current(move.episode, move.step)
+            if not self.is_human and move.driver in (HUMAN, SCRIPT):
+                raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
+            current, episode = self.current, self.episode.copy()
+            is_deviation = move.driver == SCRIPT and current.driver == HUMAN
+            if is_deviation:
+                current = dataclasses.replace(current, driver=SCRIPT)
+            row = self._step_row(move, episode.step(move.action), episode.discovered)
 
-    def begin(self, row: EpisodeRow, episode: Episode) -> None:
+            def record() -> tuple[Attested | None, bool]:
+                with self._store.transaction():
+                    if is_deviation and self.participation is not None:
+                        self.participation.note_script(current.id)
+                    self._store.add_step(row)
+                    attested = self._close(current, episode, row.server_ms) if episode.ended else None
+                return attested, self.hides_scores(current.id)
+
+            def publish(found: tuple[Attested | None, bool]) -> None:
+                self.go_on(current, episode, *found)
+                metrics = self._store.metrics
+                metrics.count_move(move.driver)
+                metrics.step.observe(time.perf_counter() - began)
+
+            await self._store.write(record, notice, publish)
+
+    async def abandon(self, episode: str, step: int | None, note: Callable[[], None] | None = None) -> None:
+        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
+
+        step  None: after whatever move is being made now
+        """
+        async with self.changing:
+            self._check_current(episode, self.episode.steps if step is None else step)
+            current, abandoned, at_ms = self.current, self.abandoned(), self._clock()
+
+            def record() -> tuple[Attested | None, bool]:
+                with self._store.transaction():
+                    if note is not None:
+                        note()
+                    attested = self._close(current, abandoned, at_ms)
+                return attested, self.hides_scores(current.id)
+
+            await self._store.write(record, then=lambda found: self.go_on(current, abandoned, *found))
+
+    def begin(self, row: EpisodeRow, episode: Episode, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
         self.current, self.episode, self.number = row, episode, row.number
         self.fault = self.attested = None
-        self.publish_frame()
+        self.publish_frame(hides_scores)
 
-    def stop_episode(self) -> Closing:
-        """Abandon the running episode in memory alone and return what the store needs to close it; `rewind` undoes it."""
-        self.episode.abandon()
-        return self._closing(self._clock())
+    def go_on(self, current: EpisodeRow, episode: Episode, attested: Attested | None, hides_scores: bool) -> None:
+        """Let the episode stand where a copy of it stands, which the store holds now, and publish its frame.
 
-    def rewind(self, steps: int) -> None:
-        """Restore the episode as it was, running, after its first `steps` moves."""
-        self.attested = None
-        self.episode = restore_episode(self.current, bytes(self.episode.actions[:steps]))
+        attested  the level of the episode if it has ended
+        """
+        self.current, self.attested = current, attested
+        self.episode.become(episode)
+        self.publish_frame(hides_scores)
 
-    def keep_events(self, events: Events) -> None:
+    def abandoned(self) -> Episode:
+        """Return a copy of the running episode that is abandoned; the board stays as it is."""
+        episode = self.episode.copy()
+        episode.abandon()
+        return episode
+
+    def closing(self, current: EpisodeRow, episode: Episode, at_ms: int) -> tuple[Closing, Attested | None]:
+        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`."""
+        attested = self._attest(current)
+        level, reason = (None, None) if attested is None else (attested.level, attested.reason)
+        return Closing(current.id, episode.record(), at_ms, level, reason), attested
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
+        return self.participation is not None and self.participation.hides_scores(episode_id)
+
+    async def keep_events(self, events: Events) -> None:
         """Store input events of an episode of this board, each once; RefusedError where none are kept."""
+        await self._store.write(partial(self._keep_events, events))
+
+    def _keep_events(self, events: Events) -> None:
         if self.participation is not None:
             self.participation.check_events(events.episode)
         elif not self.is_human:
@@ -255,12 +280,14 @@ class Session:
         """Note that somebody has asked for this session now."""
         self.touched = time.monotonic()
 
-    def set_pace(self, pace: Pace) -> None:
+    async def set_pace(self, pace: Pace) -> None:
         """Store the pace, forget a failure of the policy, and notify subscribers."""
-        self.fault = None
-        self._store.set_pace(self.id, pace.mode, pace.moves_per_second)
-        self.pace = pace
-        self.channel.notify()
+
+        def change(_: None) -> None:
+            self.fault, self.pace = None, pace
+            self.channel.notify()
+
+        await self._store.write(partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second), then=change)
 
     def fail(self, fault: str) -> None:
         """Keep the policy's failure, one sentence, and notify subscribers."""
@@ -274,33 +301,28 @@ class Session:
         self.thought = thought
         self.channel.notify()
 
-    def publish_frame(self) -> None:
-        """Publish the frame as it stands, encoded once."""
+    def publish_frame(self, hides_scores: bool = False) -> None:
+        """Publish the frame as it stands, encoded once, with its scores or without."""
         self.thought = ""
-        hides_scores = self.participation is not None and self.participation.hides_scores(self.current.id)
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 
-    def _close(self, at_ms: int) -> None:
-        """Close the episode, which has ended, in the store; call it in a transaction."""
-        self._store.close_episode(*self._closing(at_ms))
+    def _close(self, current: EpisodeRow, episode: Episode, at_ms: int) -> Attested | None:
+        """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
+        closing, attested = self.closing(current, episode, at_ms)
+        self._store.close_episode(*closing)
         if self.participation is not None:
             self.participation.note_end()
+        return attested
 
-    def _closing(self, at_ms: int) -> Closing:
-        """Return what closes the episode, its moves compared with its input events."""
-        self.attested = found = self._attest()
-        level, reason = (None, None) if found is None else (found.level, found.reason)
-        return Closing(self.current.id, self.episode.record(), at_ms, level, reason)
-
-    def _attest(self) -> Attested | None:
-        """Return the level of the episode by the stored rows; None for a script's or a policy's."""
-        if self.current.driver != HUMAN:
+    def _attest(self, current: EpisodeRow) -> Attested | None:
+        """Return the level of an episode by the stored rows; None for a script's or a policy's."""
+        if current.driver != HUMAN:
             return None
         study = self.participation
         key_map = key_map_of(study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
-        conditions = Conditions(self.current.started_ms, key_map, supervised_ms, types_ahead=study is None)
-        return attest_stored(self._store, self.current.id, conditions)
+        conditions = Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
+        return attest_stored(self._store, current.id, conditions)
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:
@@ -312,13 +334,13 @@ class Session:
         if step != self.episode.steps:
             raise RefusedError(f"step {step} is not the current one, which is {self.episode.steps}")
 
-    def _step_row(self, move: Move, reward: float) -> StepRow:
+    def _step_row(self, move: Move, reward: float, discovered: int) -> StepRow:
         return StepRow(
             episode_id=self.current.id,
             step=move.step,
             action=move.action,
             reward=reward,
-            discovered=self.episode.discovered,
+            discovered=discovered,
             server_ms=self._clock(),
             client_ms=move.client_ms,
             key_down_ms=move.key_down_ms,

@@ -48,10 +48,11 @@ class WatchIds:
         """Return the id by which a session's board is watched: 24 hexadecimal digits."""
         return hmac.new(self._key, b"watch:" + session_id.encode(), hashlib.sha256).hexdigest()[:WATCH_ID_DIGITS]
 
-    def session(self, watch_id: str) -> str | None:
+    async def session(self, watch_id: str) -> str | None:
         """Return the id of the session whose board an id shows; None where it shows none."""
         if len(watch_id) == WATCH_ID_DIGITS and watch_id not in self._sessions:
-            for row, session_id in sessions_after(self._store, self._last_row):  # those that are new since the last look
-                self._last_row = row
+            last = self._last_row
+            for row, session_id in await self._store.read(lambda: sessions_after(self._store, last)):  # those that are new
+                self._last_row = max(row, self._last_row)
                 self._sessions[self.of(session_id)] = session_id
         return self._sessions.get(watch_id)

@@ -47,7 +47,7 @@ class Spectators:
     def __init__(self, lobby: Lobby) -> None:
         self._lobby = lobby
 
-    def shown(self, link: str, viewer: str | None = None) -> Shown:
+    async def shown(self, link: str, viewer: str | None = None) -> Shown:
         """Return what a link shows: the newest episode of the board whose id for watching it is, or the episode of that id.
 
         viewer  the player who asks: a daily episode is shown to its own player alone until its day is over
@@ -55,19 +55,23 @@ class Spectators:
         UnwatchableError for any other id.
         """
         store = self._lobby.store
-        board = self._lobby.watch_ids.session(link)
-        episode_id = link if board is None else newest_episode(store, board)
-        found = episode_id and watchable_session(store, episode_id, self._lobby.sources.clock_ms(), viewer)
-        if not episode_id or not found:
-            raise UnwatchableError(link)
-        return Shown(found[0], episode_id, board is not None)
+        board = await self._lobby.watch_ids.session(link)
+
+        def read() -> Shown:
+            episode_id = link if board is None else newest_episode(store, board)
+            found = episode_id and watchable_session(store, episode_id, self._lobby.sources.clock_ms(), viewer)
+            if not episode_id or not found:
+                raise UnwatchableError(link)
+            return Shown(found[0], episode_id, board is not None)
+
+        return await store.read(read)
 
     async def describe(self, link: str, viewer: str | None = None) -> dict[str, Any]:
         """Return the episode that a link shows as it stands, with every frame once it has ended.
 
         UnwatchableError and `viewer` as for `shown`.
         """
-        episode_id = self.shown(link, viewer).episode_id
+        episode_id = (await self.shown(link, viewer)).episode_id
         found, episode = await self._stored(episode_id, link)
         config, driver = found.episode.config, found.episode.driver
         whole = await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
@@ -92,7 +96,7 @@ class Spectators:
         with ExitStack() as listening:
             while True:
                 woken.clear()
-                session_id, episode_id, is_board = self.shown(link, viewer)
+                session_id, episode_id, is_board = await self.shown(link, viewer)
                 if episode_id != last_id:
                     last_id, steps = episode_id, -2
                 if (now := self._board(session_id, episode_id)) is not board:
@@ -123,12 +127,13 @@ class Spectators:
     async def _stored(self, episode_id: str, link: str) -> tuple[Resumable, Episode]:
         """Return the episode that a link shows as the store holds it; UnwatchableError where the rules have changed."""
         store = self._lobby.store
-        found = store.find_episode(episode_id)
+        found = await store.read(lambda: store.find_episode(episode_id))
         if found is None:
             raise UnwatchableError(link)
         try:
             if found.ended:
-                return found, await asyncio.to_thread(replay, store.load_record(episode_id))
+                record = await store.read(lambda: store.load_record(episode_id))
+                return found, await asyncio.to_thread(replay, record)
             return found, await asyncio.to_thread(restore_episode, found.episode, found.actions)
         except ValueError as error:
             raise UnwatchableError(link) from error

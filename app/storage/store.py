@@ -1,9 +1,10 @@
-"""The writer of everything that is played: one row a step, committed when the call returns.
+"""The writer of everything that is played: one row a step, committed before it is answered.
 
-Every write is one IMMEDIATE transaction on one connection, called on the event loop's thread; a step costs about 70
-microseconds. The loop never waits for another program's lock: a write that finds one fails at once and is tried again when the
-lock is gone (`Store.writes`). `app.storage.database` opens the file, `app.storage.reader` reads what is finished, and
-`app.storage.studies` writes the tables of studies in transactions of the same store.
+Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it (`Store.write`), and reads are made on
+other threads over connections of their own (`Store.read`), so that the event loop waits for neither a disk nor a lock. In a
+command or a test the caller's thread does all of it, and a write is committed when the call returns. `app.storage.database`
+opens the file, `app.storage.reader` reads what is finished, and `app.storage.studies` writes the tables of studies in
+transactions of the same store.
 """
 
 from __future__ import annotations
@@ -13,22 +14,36 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
+from app.database_file.errors import WriteRefusedError
 from app.database_file.lock import take_lock
 from app.database_file.place import FilePlace, LostDatabaseError
-from app.database_file.write_queue import DatabaseLockedError, WriteQueue
+from app.database_file.read_threads import ReadThreads
+from app.database_file.write_queue import LOCKED, Notice, WriteQueue
 from app.monitoring.metrics import Metrics
 from app.storage import chain
-from app.storage.database import StoreError, check_last_step, check_writable, holds_step, lost_steps, open_database, transaction
+from app.storage.database import (
+    BUSY_MS,
+    StoreError,
+    check_last_step,
+    check_writable,
+    holds_step,
+    lost_steps,
+    open_database,
+    open_read_only,
+)
 from app.storage.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.score import score
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 __all__ = ["Closing", "DailyDay", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
 
@@ -36,6 +51,7 @@ PaceMode = Literal["follow", "timed", "paused"]
 Control = Literal["cookie", "bearer"]
 """What moves a session: the cookie of its player alone, or whoever knows its id."""
 
+T = TypeVar("T")
 DAY_MS = 86_400_000
 
 
@@ -152,6 +168,7 @@ class Store(Reader):
         self, path: Path | str, durable: bool = False, metrics: Metrics | None = None, accept_loss: bool = False
     ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
+        self._reads: ReadThreads[Database] | None = None
         check_writable(path)
         self._lock = take_lock(path)
         try:
@@ -169,13 +186,42 @@ class Store(Reader):
             self.close()
             raise
         self._lost: str | None = None
-        self.writes = WriteQueue(self._is_locked)
         self._conn: sqlite3.Connection = self._db.conn
+        self.writes = WriteQueue(self._commit, self._roll_back)
+        self._is_within, self._began = False, 0.0
+        self._undone: StoreError | None = None
         self._step: tuple[str, int] | None = None
         self.notice = None if expected is None or holds_step(self._conn, expected) else lost_steps(path, expected)
 
+    def start_threads(self) -> None:
+        """From now on write on one thread and read on others; call it on the running event loop."""
+        self._conn.execute("PRAGMA busy_timeout = 0")  # the thread waits by itself, and says why
+        self._reads = ReadThreads(lambda: open_read_only(self.path))
+        self.writes.start()
+
+    def stop_threads(self) -> None:
+        """Make the writes that wait, end the threads, and go back to the caller's; call it beside the running event loop."""
+        self.writes.stop()
+        if self._reads is not None:
+            self._reads.close()
+            self._reads = None
+            self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
+
+    async def write(self, work: Callable[[], T], notice: Notice | None = None, then: Callable[[T], None] | None = None) -> T:
+        """Return the result of `work()`, which may write and sees everything written before it, once that is committed.
+
+        It runs on the thread of the writes: it must not touch what belongs to the event loop. `notice`, `then` and the errors
+        are those of `WriteQueue.run`.
+        """
+        return await self.writes.run(work, notice, then)
+
+    async def read(self, work: Callable[[], T]) -> T:
+        """Return the result of `work()`, which reads what is committed, on another thread and whatever is being written."""
+        return work() if self._reads is None else await self._reads.run(work)
+
     def close(self) -> None:
         """Write everything to disk and leave the file to another server."""
+        self.stop_threads()
         ends_well = self.fault is None
         super().close()
         if ends_well:
@@ -183,65 +229,129 @@ class Store(Reader):
         self._lock.close()
 
     @property
+    def _db(self) -> Database:
+        """The connection for whoever asks: the one that writes, or while threads are started a reading one of their own."""
+        if self._reads is None or self.writes.is_own_thread:
+            return self._own_db
+        return self._reads.connection()
+
+    @_db.setter
+    def _db(self, db: Database) -> None:
+        self._own_db = db
+
+    @property
     def fault(self) -> str | None:
-        """Return one sentence while nothing can be recorded, since the database is not where it was opened; else None."""
-        return self._lost or self._place.fault()
+        """Return one sentence while nothing can be recorded: the database is not where it was opened, say; else None."""
+        return self._lost or self._place.fault() or self.writes.fault
 
-    def check_place(self) -> None:
-        """Raise LostDatabaseError while nothing can be recorded, since the database is not where it was opened."""
+    def check_recording(self) -> None:
+        """Raise StoreError while nothing can be recorded."""
         if (fault := self.fault) is not None:
-            raise LostDatabaseError(fault)
-
-    def refuse_when_locked(self) -> None:
-        """From now on raise DatabaseLockedError at once where another program holds the lock, instead of waiting for it."""
-        self._conn.execute("PRAGMA busy_timeout = 0")
-
-    def _is_locked(self) -> bool:
-        """Return whether another program holds the lock for writing."""
-        try:
-            self._conn.execute("BEGIN IMMEDIATE")
-        except sqlite3.OperationalError as error:
-            return is_busy(error)  # the next write says what else is wrong
-        self._conn.execute("ROLLBACK")
-        return False
+            raise StoreError(fault)
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """The one connection that writes, for the modules of this package; use it inside `transaction`."""
-        return self._conn
+        """The connection for the modules of this package; it writes inside `transaction` alone."""
+        return self._db.conn
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
         """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it.
 
+        On the thread of the writes it is committed together with those that wait; one that fails is taken back alone.
+
         LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
-        DatabaseLockedError while another program holds the lock for writing.
+        WriteRefusedError while another program holds the lock for writing.
         """
-        if self._conn.in_transaction:
+        if self.writes.is_started and not self.writes.is_own_thread:
+            raise RuntimeError("while a server runs, its store is written on one thread alone: await Store.write")
+        if self._is_within:
             yield
             return
-        began, self._step = time.perf_counter(), None
+        is_first, step = not self._conn.in_transaction, self._step
+        self._is_within = True
         try:
-            with transaction(self._conn):
-                if self._lost is not None:
-                    raise LostDatabaseError(self._lost)
+            self._begin(is_first)
+            try:
                 yield
-                self._place.check()  # now the write can still be taken back
-            self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
-            self.check_place()
-            if self._step is not None:
-                self._lock.note_step(*self._step)
-            self.metrics.commit.observe(time.perf_counter() - began)
+                if not is_first:
+                    self._conn.execute("RELEASE part")
+            except BaseException as error:
+                self._step = step
+                self._take_back(is_first, error)
+                raise
         except sqlite3.Error as error:
-            if is_busy(error):
-                raise DatabaseLockedError from error
-            raise StoreError(f"the database {self.path} did not take the write, nothing changed: {error}") from error
+            raise self._not_taken(error) from error
+        finally:
+            self._is_within = False
+        if not self.writes.is_started:
+            self._commit()
+
+    def _begin(self, is_first: bool) -> None:
+        """Begin a transaction, or a part of one; on the thread of the writes wait for another program's lock."""
+        if self._lost is not None:
+            raise LostDatabaseError(self._lost)
+        if not is_first:
+            self._conn.execute("SAVEPOINT part")
+            return
+        while True:
+            try:
+                self._conn.execute("BEGIN IMMEDIATE")
+                break
+            except sqlite3.OperationalError as error:
+                if not is_busy(error):
+                    raise
+                if not self.writes.is_started or not self.writes.wait_for_lock():
+                    raise WriteRefusedError(LOCKED) from error
+        self._began = time.perf_counter()
+
+    def _take_back(self, is_first: bool, error: BaseException) -> None:
+        """Take back what a transaction wrote, and nothing of those before it that are not committed yet."""
+        if not self._conn.in_transaction:
+            if not is_first:  # SQLite has taken back everything, as it may on a full disk
+                self._undone = self._not_taken(error)
+        elif is_first:
+            self._conn.execute("ROLLBACK")
+        else:
+            self._conn.execute("ROLLBACK TO part")
+            self._conn.execute("RELEASE part")
+
+    def _commit(self) -> None:
+        """Commit the transactions since the last call, if the file is where it was opened; else take them back."""
+        step, undone, self._step, self._undone = self._step, self._undone, None, None
+        if not self._conn.in_transaction and undone is None:
+            return
+        try:
+            if undone is not None:
+                raise undone
+            self._place.check()  # now the write can still be taken back
+            self._conn.execute("COMMIT")
+        except BaseException as error:
+            self._roll_back()
+            if isinstance(error, sqlite3.Error):
+                raise self._not_taken(error) from error
+            raise
+        self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
+        if self._lost is not None:
+            raise LostDatabaseError(self._lost)
+        if step is not None:
+            self._lock.note_step(*step)
+        self.metrics.commit.observe(time.perf_counter() - self._began)
+
+    def _roll_back(self) -> None:
+        if self._conn.in_transaction:
+            self._conn.execute("ROLLBACK")
+
+    def _not_taken(self, error: BaseException) -> StoreError:
+        return StoreError(f"the database {self.path} did not take the write, nothing changed: {error}")
 
     def secret(self) -> str:
         """Return the key that signs cookies: made once, kept in the database."""
-        with self.transaction():
-            self._conn.execute("INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)])
-        return str(self._conn.execute("SELECT value FROM meta WHERE name = 'secret'").fetchone()[0])
+        sql = "SELECT value FROM meta WHERE name = 'secret'"
+        if self.connection.execute(sql).fetchone() is None:
+            with self.transaction():
+                self._conn.execute("INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)])
+        return str(self.connection.execute(sql).fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
         """Add a player; a second time changes nothing."""
@@ -315,7 +425,7 @@ class Store(Reader):
     def is_episode_of(self, session_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of a session's."""
         sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
-        return self._conn.execute(sql, (episode_id, session_id)).fetchone() is not None
+        return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
 
     def sessions_to_resume(self, now_ms: int | None = None) -> list[Resumable]:
         """Return each session's latest episode when it is open, or when the session was alive within a day."""
@@ -323,7 +433,7 @@ class Store(Reader):
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
         """Return what `sessions_to_resume` holds for one id, a participant's at any age; None when it holds nothing."""
-        board = self._conn.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
+        board = self.connection.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
         values = {"id": session_id, "participants": board and board[0]}
         found = self._latest(" AND s.id = :id", values, now_ms)
         return self._resumable(found[0]) if found else None

@@ -79,7 +79,7 @@ class Debriefs:
             raise NoTerrainError(
                 f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
             )
-        record = self._store.load_record(own.episode_id)
+        record = await self._store.read(lambda: self._store.load_record(own.episode_id))
         mine = await asyncio.to_thread(frames, record, own.episode_id)
         its = await asyncio.to_thread(frames, runs[own.terrain].record, f"policy-{own.terrain}")
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}

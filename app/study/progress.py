@@ -1,6 +1,7 @@
 """A participant's progress through a study, from consent to completion code; the server decides what comes next.
 
-Everything is in the database before it is answered, so a reload, another tab or a killed server goes on exactly there.
+What is no coroutine asks or writes the database where it stands: call it in `Store.write`. Everything is in the database
+before it is answered, so a reload, another tab or a killed server goes on exactly there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from app.play.lobby import Lobby
-from app.play.session import Session
+from app.play.session import RefusedError, Session
 from app.storage.store import EpisodeRow
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant, Phase, Stage, TrialRow
@@ -50,10 +51,9 @@ class ParticipantProgress:
         self.recruitment = Recruitment(folder, study_store)
         self._participations = Participations(folder, study_store, lobby.sources)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-        self.note_closed()
+        self._note_closed()
 
-    def note_closed(self) -> None:
-        """Note in the database every study that was closed since."""
+    def _note_closed(self) -> None:
         for name in self.study_store.open_names():
             try:
                 self.study_store.note_closed(self.folder.study(name).row())
@@ -69,13 +69,26 @@ class ParticipantProgress:
         except StudyError as error:
             _log.warning("%s", error)
             raise StageError(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
-        if not study.is_open:
-            self.study_store.note_closed(study.row())
         return study
+
+    async def note_if_closed(self, study: Study) -> None:
+        """Note in the database that a study is closed, where it does not know so yet."""
+        store = self.lobby.store
+        if not study.is_open and study.name in await store.read(self.study_store.open_names):
+            await store.write(partial(self.study_store.note_closed, study.row()))
+
+    async def note_all_closed(self) -> None:
+        """Note in the database every study that was closed since."""
+        for name in await self.lobby.store.read(self.study_store.open_names):
+            try:
+                await self.note_if_closed(self.folder.study(name))
+            except StudyError as error:
+                _log.warning("%s", error)
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
         study = self.study(name)
+        self.study_store.note_closed(study.row())
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
         if study.protocol.core_version != CORE_VERSION:
@@ -162,21 +175,20 @@ class ParticipantProgress:
 
     async def begin_next(self, name: str, player_id: str | None) -> None:
         """Begin the next episode of the stage; nothing changes while one runs."""
-        async with self._lock(self.participant(name, player_id).id):
-            study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
-            trials = self.study_store.trials(participant.id)
-            if any(trial.ended_ms is None for trial in trials):
+        store = self.lobby.store
+        present = await store.read(partial(self.participant, name, player_id))
+        async with self._lock(present.id):
+            planned = await store.write(partial(self._plan, name, player_id))
+            if planned is None:
                 return
-            phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
-            trial = sum(each.phase == phase for each in trials)
-            terrain, seed = self._terrain(study, participant, phase, trial)
+            study, participant, trials, phase, trial, terrain, seed = planned
             board = await self._board(participant)
 
             @contextmanager
             def within(row: EpisodeRow) -> Iterator[None]:
                 self._at(name, player_id, participant.stage)  # withdrawn in another tab, or closed, while the terrain grew
                 if participant.session_id is None:
-                    self.lobby.store.add_session(board.row)
+                    store.add_session(board.row)
                     self.study_store.set_session(participant.id, board.id)
                 self._note_break(study, participant, trials)
                 yield
@@ -186,24 +198,24 @@ class ParticipantProgress:
 
     async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
         """Abandon the running episode; RefusedError when it is not the one on screen."""
-        _, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
-        session = await self.session(participant)
+        found = await self.lobby.store.write(partial(self._at, name, player_id, "tutorial", "warm_up", "ranked"))
+        session = await self.session(found[1])
         if session is None:
             raise StageError("no episode has begun: there is nothing to give up")
-        session.abandon(episode, step)
+        await session.abandon(episode, step)
 
     async def withdraw(self, name: str, player_id: str | None) -> None:
         """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
-        participant = self.participant(name, player_id)
-        if participant.stage in ("complete", "withdrawn"):
-            raise StageError(f"you are at {_describe(participant.stage)}: there is nothing to withdraw from")
-
+        participant = await self.lobby.store.read(partial(self.participant, name, player_id))
         session = await self.session(participant)
+        note = partial(self._note_withdrawal, participant.id)
         if session is None or session.episode.ended or not self.study(name).is_open:
-            self.study_store.withdraw(participant, self._now())
+            await self.lobby.store.write(note)
             return
-        note = partial(self.study_store.withdraw, participant, self._now())
-        session.abandon(session.current.id, session.episode.steps, note)
+        try:
+            await session.abandon(session.current.id, None, note)
+        except RefusedError:  # it has ended meanwhile
+            await self.lobby.store.write(note)
 
     def supervise(self, name: str, player_id: str | None, code: str) -> None:
         """Note that the operator typed their code for a participant; StageError for a wrong one."""
@@ -218,6 +230,23 @@ class ParticipantProgress:
     async def session(self, participant: Participant) -> Session | None:
         """Return the participant's board; None before the first episode."""
         return None if participant.session_id is None else await self.lobby.get(participant.session_id)
+
+    def _plan(self, name: str, player_id: str | None) -> tuple[Study, Participant, list[TrialRow], Phase, int, int, int] | None:
+        """Return what the next episode is (study, participant, trials, phase, trial, terrain, seed); None while one runs."""
+        study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
+        trials = self.study_store.trials(participant.id)
+        if any(trial.ended_ms is None for trial in trials):
+            return None
+        phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
+        trial = sum(each.phase == phase for each in trials)
+        return study, participant, trials, phase, trial, *self._terrain(study, participant, phase, trial)
+
+    def _note_withdrawal(self, participant_id: str) -> None:
+        """Withdraw a participant as they are now; StageError when they are at the end already."""
+        participant = self.study_store.participant(participant_id)
+        if participant.stage in ("complete", "withdrawn"):
+            raise StageError(f"you are at {_describe(participant.stage)}: there is nothing to withdraw from")
+        self.study_store.withdraw(participant, self._now())
 
     def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
         """Return an open study and who asks; StageError at other stages than those named."""

@@ -38,10 +38,10 @@ def remember_player(response: Response, connection: HTTPConnection, player_id: s
     cookies.set_player_token(response, connection, services_of(connection).player_tokens.sign(player_id))
 
 
-def is_operator(connection: HTTPConnection) -> bool:
+async def is_operator(connection: HTTPConnection) -> bool:
     """Return whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
-    return admin is not None and admin.login.operator_of(cookies.admin_token(connection)) is not None
+    return admin is not None and await admin.login.operator_of(cookies.admin_token(connection)) is not None
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:
@@ -59,7 +59,7 @@ def may_control(connection: HTTPConnection, session: Session) -> bool:
 async def visible_session(connection: HTTPConnection, session_id: str) -> Session:
     """Return the session that is asked for; UnknownSessionError when there is none that the asker may see."""
     session = await services_of(connection).lobby.get(session_id)
-    if may_control(connection, session) or is_operator(connection):
+    if may_control(connection, session) or await is_operator(connection):
         return session
     raise UnknownSessionError(session_id)
 

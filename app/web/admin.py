@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse
+from fastapi.routing import APIRoute
 from pydantic import Field
 
 from app.admin import live_boards, participants
@@ -33,7 +34,6 @@ from app.study.invitations import MAX_INVITATIONS, token_of
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import is_operator, services_of
-from app.web.middleware import WaitingRoute
 from app.web.sockets import UNKNOWN_SESSION
 from marsexplorer.config import CORE_VERSION
 
@@ -86,11 +86,11 @@ def check_page(request: Request) -> None:
         raise HTTPException(403, "this call must come from the operator's own page, at /admin of this server")
 
 
-def check_operator(request: Request, response: Response) -> AdminServices:
+async def check_operator(request: Request, response: Response) -> AdminServices:
     """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
     response.headers["Cache-Control"] = "no-store"
     check_page(request)
-    if not is_operator(request):
+    if not await is_operator(request):
         raise HTTPException(401, "log in at /admin first: this is the operator's alone")
     return _admin_of(request)
 
@@ -114,7 +114,7 @@ def _study(admin: AdminServices, name: str) -> Study:
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
-class LoggedRoute(WaitingRoute):
+class LoggedRoute(APIRoute):
     """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
 
     The login logs itself, since only it knows who came.
@@ -128,7 +128,7 @@ class LoggedRoute(WaitingRoute):
 
         async def logged(request: Request) -> Response:
             admin = _admin_of(request)
-            who = admin.login.operator_of(cookies.admin_token(request))
+            who = await admin.login.operator_of(cookies.admin_token(request))
             if who is None:
                 return await handler(request)
             number, status = await admin.actions.begin(who, self.name, request.path_params.get("name")), 500
@@ -167,7 +167,7 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
     """Log out: revoke the token and delete the cookie."""
-    _admin_of(request).login.revoke(cookies.admin_token(request))
+    await _admin_of(request).login.revoke(cookies.admin_token(request))
     cookies.delete_admin_token(response, request)
     return {"in": False}
 
@@ -179,10 +179,10 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
     lobby = admin.progress.lobby
     return {
         "studies": await asyncio.to_thread(admin.studies),
-        "boards": live_boards.list_boards(lobby, admin.progress.study_store),
+        "boards": await live_boards.list_boards(lobby, admin.progress.study_store),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
-        "operator": admin.login.operator_of(cookies.admin_token(request)),
-        "actions": admin.actions.newest(),
+        "operator": await admin.login.operator_of(cookies.admin_token(request)),
+        "actions": await admin.actions.newest(),
         "core_version": CORE_VERSION,
         "now_ms": lobby.sources.clock_ms(),
     }
@@ -251,7 +251,7 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
         closed = await asyncio.to_thread(admin.progress.folder.close, name)
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
-    admin.progress.study_store.note_closed(closed.row())
+    await admin.progress.note_if_closed(closed)
     return {"closed_ms": closed.closed_ms}
 
 
@@ -312,7 +312,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     if has_own_origin(websocket) is not True:
         await websocket.close(NOT_OUR_PAGE, "the Origin of this page is not this server's")
         return
-    if not is_operator(websocket):
+    if not await is_operator(websocket):
         await websocket.close(NOT_LOGGED_IN, "log in at /admin first")
         return
     await websocket.accept()
@@ -337,7 +337,7 @@ async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> No
     """Send each message for as long as the operator is logged in."""
     async with contextlib.aclosing(messages):
         async for message in messages:
-            if not is_operator(websocket):
+            if not await is_operator(websocket):
                 await websocket.close(NOT_LOGGED_IN, "logged out")
                 return
             await websocket.send_text(message)

@@ -23,11 +23,10 @@ from app.web.access import (
     services_of,
     visible_session,
 )
-from app.web.middleware import WaitingRoute
 from app.web.sockets import as_move
 from marsexplorer.config import ALL_LEVELS, CORE_VERSION
 
-router = APIRouter(prefix="/api", route_class=WaitingRoute)
+router = APIRouter(prefix="/api")
 probes = APIRouter(tags=["server"])
 """Whether the server is alive, and whether it can record a move, for whatever watches over it."""
 Id = Annotated[str | None, Query(max_length=128)]
@@ -57,10 +56,11 @@ def _check_no_study(session: Session, what: str, instead: str) -> None:
         raise HTTPException(409, f"this board is a participant's of a study: {what}; {instead}")
 
 
-def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
+async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, config = lobby.rival_of(session), session.current.config
-    finished = lobby.store.episode(session.current.id) if session.episode.ended else None
+    current, store = session.current, lobby.store
+    finished = await store.read(lambda: store.episode(current.id)) if session.episode.ended else None
     return {
         "session": session.id,
         "player": session.row.driver_name,
@@ -104,7 +104,7 @@ async def healthz() -> dict[str, str]:
 @probes.get("/readyz", summary="Can the server record a move?", responses={503: {"description": "no: `detail` says why"}})
 async def readyz(request: Request) -> dict[str, str]:
     """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second."""
-    services_of(request).store.check_place()
+    services_of(request).store.check_recording()
     await asyncio.to_thread(services_of(request).health.try_write)
     return {"status": "ok"}
 
@@ -153,7 +153,7 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
     player_id = player_of(request) or _lobby(request).sources.player_id()
     with _bad_input():
         terrain = _lobby(request).maps.first_terrain(wanted)
-        services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
+        await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if wanted.replays is not None:
             await controlled_session(request, wanted.replays)
         if has_own_origin(request):
@@ -162,7 +162,7 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
         else:
             session = await _lobby(request).create(wanted, player_id)
     remember_player(response, request, player_id)
-    return session_summary(_lobby(request), session)
+    return await session_summary(_lobby(request), session)
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
@@ -180,7 +180,7 @@ async def get_my_session(request: Request, watch: Id = None, episode: Id = None,
         found = await page_boards.with_link(player_id, link)
     else:
         found = await (page_boards.newest(player_id) if session is None else page_boards.with_id(player_id, session))
-    return None if found is None else session_summary(_lobby(request), found)
+    return None if found is None else await session_summary(_lobby(request), found)
 
 
 @router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
@@ -193,7 +193,7 @@ async def get_frame(request: Request, session_id: str) -> Response:
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
     session = await visible_session(request, session_id)
-    return session_summary(_lobby(request), session)
+    return await session_summary(_lobby(request), session)
 
 
 @router.get("/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses={200: {"model": History}})
@@ -218,7 +218,7 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
     session = await controlled_session(request, session_id)
     _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
     try:
-        session.act(as_move(wanted, SCRIPT))
+        await session.act(as_move(wanted, SCRIPT))
     except RefusedError as refusal:
         return _json(f'{{"detail":{json.dumps(str(refusal))},"frame":{session.frame}}}', 409)
     return _json(session.frame)
@@ -238,7 +238,7 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
         raise HTTPException(409, "this board is of a daily terrain, which is played once; POST /api/sessions begins another")
     with _bad_input():
         terrain = lobby.maps.next_terrain(session.current, wanted)
-        services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
+        await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
         elif has_own_origin(request) and is_owner(request, session) and session.row.player_id is not None:
@@ -247,7 +247,7 @@ async def create_episode(request: Request, session_id: str, wanted: NewEpisode |
             session, _ = await page_boards.begin(as_new_session(terrain.config, wanted, **drivers), session.row.player_id)
         else:
             await lobby.restart(session, wanted)
-    return session_summary(lobby, session)
+    return await session_summary(lobby, session)
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
@@ -256,4 +256,4 @@ async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> 
     session = await controlled_session(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with _bad_input():
-        return _lobby(request).change_pace(session, wanted)
+        return await _lobby(request).change_pace(session, wanted)

@@ -17,9 +17,8 @@ from app.storage.playground import DailyTerrain, attempts_of
 from app.storage.reader import Reader
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.middleware import WaitingRoute
 
-router = APIRouter(prefix="/api/daily", tags=["daily"], route_class=WaitingRoute)
+router = APIRouter(prefix="/api/daily", tags=["daily"])
 Day = Annotated[str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])]
 
 
@@ -30,8 +29,8 @@ async def get_today(request: Request) -> dict[str, Any]:
     `commitment` is SHA-256 of the day's key. The key is told when the day (UTC) is over, and the terrain follows from it.
     """
     services, player_id = services_of(request), player_of(request)
-    terrain = services.daily_boards.today()
-    attempts = [] if player_id is None else attempts_of(services.store, player_id)
+    terrain, store = await services.daily_boards.today(), services.store
+    attempts = [] if player_id is None else await store.read(lambda: attempts_of(store, player_id))
     mine = next((each for each in attempts if each.day == terrain.day), None)
     return {
         **describe_terrain(services, terrain),
@@ -41,7 +40,7 @@ async def get_today(request: Request) -> dict[str, Any]:
         "attempt": describe_attempt(mine, terrain.config),
         "streak": streak(attempts, terrain.day),
         "played": sum(each.ended_ms is not None for each in attempts),
-        "yesterday": _earlier(services, day_before(terrain.day)),
+        "yesterday": await _earlier(services, day_before(terrain.day)),
     }
 
 
@@ -61,17 +60,17 @@ async def begin_today(request: Request, response: Response) -> dict[str, Any]:
         session, was_open = await services.daily_boards.begin(player_id)
     except DailyPlayedError as error:
         raise HTTPException(409, str(error)) from error
-    services.daily_policies.prepare(services.daily_boards.today())
+    services.daily_policies.prepare(await services.daily_boards.today())
     response.status_code = 200 if was_open else 201
     remember_player(response, request, player_id)
-    return session_summary(services.lobby, session)
+    return await session_summary(services.lobby, session)
 
 
 @router.get("/{day}", summary="The terrain of a day")
 async def get_day(request: Request, day: Day) -> dict[str, Any]:
     """Return level, size and commitment, and once the day is over the key and the seed, from which anybody can draw it."""
     services = services_of(request)
-    return describe_terrain(services, _terrain_on(services, day))
+    return describe_terrain(services, await _terrain_on(services, day))
 
 
 @router.get("/{day}/results", summary="People and policies on the terrain of a day")
@@ -81,9 +80,9 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
     People are named nowhere, and episodes once the day is over. Results of policies come when they are ready.
     """
     services, player_id = services_of(request), player_of(request)
-    terrain = _terrain_on(services, day)
+    terrain = await _terrain_on(services, day)
     is_over = day < services.daily_boards.day()
-    mine = services.daily_boards.attempt(player_id, day)
+    mine = await services.daily_boards.attempt(player_id, day)
     if not is_over and (mine is None or mine.ended_ms is None):
         raise HTTPException(403, "the results of today are shown when your own attempt is over")
     people = await asyncio.to_thread(_people, services, terrain, player_id, is_over)
@@ -104,14 +103,14 @@ def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any
     }
 
 
-def _earlier(services: Services, day: str) -> dict[str, Any] | None:
-    terrain = services.daily_boards.on(day)
+async def _earlier(services: Services, day: str) -> dict[str, Any] | None:
+    terrain = await services.daily_boards.on(day)
     return None if terrain is None else describe_terrain(services, terrain)
 
 
-def _terrain_on(services: Services, day: str) -> DailyTerrain:
+async def _terrain_on(services: Services, day: str) -> DailyTerrain:
     """Return the terrain of a day; HTTPException 404 where there was none, or is none yet."""
-    terrain = services.daily_boards.on(day)
+    terrain = await services.daily_boards.on(day)
     if terrain is None:
         raise HTTPException(404, f"this server has shown no daily terrain on {day}; GET /api/daily has today's")
     return terrain

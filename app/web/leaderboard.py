@@ -17,7 +17,7 @@ router = APIRouter(prefix="/api/leaderboard", tags=["results"])
 async def get_boards(request: Request) -> list[dict[str, Any]]:
     """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
-    services.progress.note_closed()
+    await services.progress.note_all_closed()
     return [entry.to_dict() for entry in await asyncio.to_thread(services.leaderboard.entries)]
 
 

@@ -12,9 +12,8 @@ from app.statistics.personal import describe_own, personal_bests
 from app.storage.export import export_own
 from app.storage.reader import Reader
 from app.web.access import player_of, services_of
-from app.web.middleware import WaitingRoute
 
-router = APIRouter(prefix="/api/me", tags=["me"], route_class=WaitingRoute)
+router = APIRouter(prefix="/api/me", tags=["me"])
 
 
 @router.get("/history", summary="My own episodes and bests")

@@ -2,30 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
-from typing import Any
-
-from fastapi import HTTPException, Request, Response
-from fastapi.routing import APIRoute
+from fastapi import HTTPException
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.play.messages import MAX_MESSAGE_BYTES
-from app.web.access import services_of
-
-
-class WaitingRoute(APIRoute):
-    """A route whose handler is called again once the database is free, when another program had locked it."""
-
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return the handler; DatabaseLockedError leaves it when the wait has become too long."""
-        handle = super().get_route_handler()
-
-        async def handle_when_free(request: Request) -> Response:
-            return await services_of(request).store.writes.run_async(lambda: handle(request))
-
-        return handle_when_free
 
 
 class BodyLimit:

@@ -84,7 +84,8 @@ async def replay_page(request: Request, episode_id: str) -> Response:
             replay = await services_of(request).replays.replay(episode_id, asker)
     except HTTPException as error:
         services = services_of(request)
-        watchable = watchable_session(services.store, episode_id, services.lobby.sources.clock_ms(), asker.player_id)
+        store, now = services.store, services.lobby.sources.clock_ms()
+        watchable = await store.read(lambda: watchable_session(store, episode_id, now, asker.player_id))
         if error.status_code == 404 and watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise

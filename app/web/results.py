@@ -16,10 +16,9 @@ from app.statistics.human_level import human_level
 from app.storage.export import export_table
 from app.storage.reader import Reader
 from app.web.access import player_of, services_of
-from app.web.middleware import WaitingRoute
 from marsexplorer.episode import Record
 
-router = APIRouter(prefix="/api", route_class=WaitingRoute)
+router = APIRouter(prefix="/api")
 Who = Literal["all", "human"]
 
 
@@ -98,7 +97,7 @@ def _public_record(request: Request, episode_id: str) -> Record:
 
 
 @router.get("/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines")
-async def export(
+def export(
     request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"], who: Who = "all"
 ) -> StreamingResponse:
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""

@@ -121,9 +121,9 @@ class PlaySocket:
     async def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer.
 
-        Acts and events wait while another program has locked the database, and so does what this socket sends after them.
+        Acts and events wait until they are recorded, and so does what this socket sends after them.
         """
-        session, writes = self._session, self._session.writes
+        session = self._session
         try:
             message = parse_message(text)
             self._budget.spend(message.kind)
@@ -131,8 +131,7 @@ class PlaySocket:
                 return (await self._keep(message)).model_dump_json()
             if isinstance(message, Act):
                 self._check_control()
-                move = as_move(message, self._driver(message))
-                await writes.run(lambda: session.act(move), self._notice)
+                await session.act(as_move(message, self._driver(message)), self._notice)
                 return None
             if isinstance(message, ExpectedRequest):
                 return self._expected.of(session)
@@ -170,7 +169,7 @@ class PlaySocket:
             self._check_control()
             if not (self._is_owner and self._is_page):
                 raise RefusedError("input events are kept of the board's own player, on this server's page, and of nobody else")
-            await self._session.writes.run(lambda: self._session.keep_events(events))
+            await self._session.keep_events(events)
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)
         except RefusedError as refusal:

@@ -21,11 +21,10 @@ from app.study.supervision import supervised_until_ms
 from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.middleware import WaitingRoute
 from app.web.results import regret_of
 from app.web.study_messages import AbandonEpisode, Advance, Answers, ConsentAnswer, Join, OperatorCode, ParticipantSettings
 
-router = APIRouter(prefix="/api/studies", tags=["studies"], route_class=WaitingRoute)
+router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
@@ -66,7 +65,8 @@ Player = Annotated[str | None, Depends(player_of)]
 async def participant_state(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
     """Return where a participant stands: all that the page needs."""
     progress, protocol = _progress(request), study.protocol
-    trials = progress.study_store.trials(participant.id)
+    store = progress.lobby.store
+    trials, note = await store.read(lambda: (progress.study_store.trials(participant.id), _note(progress, study, participant)))
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session = await progress.session(participant)
     is_over = participant.stage in ("debrief", "complete")
@@ -87,11 +87,11 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "pause_after_s": protocol.pause_after_s,
         "rules": {name: values[name] for name in RULES},
         "session": participant.session_id,
-        "about": None if session is None else session_summary(progress.lobby, session),
+        "about": None if session is None else await session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
         "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
         "debrief": await services_of(request).debriefs.summary(study, participant, trials) if is_over else None,
-        "note": _note(progress, study, participant),
+        "note": note,
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
     }
@@ -108,9 +108,16 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
 
 
 async def _present_state(request: Request, name: str) -> dict[str, Any]:
-    progress = _progress(request)
     with answering_study_errors():
-        return await participant_state(request, progress.study(name), progress.participant(name, player_of(request)))
+        return await participant_state(request, *await _asking(request, name))
+
+
+async def _asking(request: Request, name: str) -> tuple[Study, Participant]:
+    """Return the study that is asked for and the participant who asks."""
+    progress = _progress(request)
+    study = progress.study(name)
+    await progress.note_if_closed(study)
+    return study, await progress.lobby.store.read(lambda: progress.participant(name, player_of(request)))
 
 
 @router.get("", summary="The studies of this server")
@@ -125,6 +132,7 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
             study = progress.study(name)
         except (StudyError, StageError):
             continue
+        await progress.note_if_closed(study)
         protocol, status = study.protocol, "open" if study.is_open else "closed"
         found.append(
             {"name": name, "title": protocol.title, "status": status, "recruitment": protocol.recruitment,
@@ -138,6 +146,7 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
     with answering_study_errors():
         study = progress.study(name)
+    await progress.note_if_closed(study)
     protocol, config = study.protocol, study.protocol.env_config
     return {
         "name": name,
@@ -169,7 +178,8 @@ async def join(
     wanted = wanted or Join()
     player_id = player_of(request) or progress.lobby.sources.player_id()
     with answering_study_errors():
-        participant, is_new = progress.join(name, player_id, Arrival(wanted.outside_ids, wanted.script, wanted.invitation))
+        comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
+        participant, is_new = await progress.lobby.store.write(lambda: progress.join(name, player_id, comes))
         answer = await participant_state(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
     remember_player(response, request, player_id)
@@ -186,7 +196,7 @@ async def me(request: Request, name: Name) -> dict[str, Any]:
 async def consent(request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
     """Answer the consent text; `agree` false leaves the study."""
     with answering_study_errors():
-        progress.consent(name, player, given.version, given.agree)
+        await progress.lobby.store.write(lambda: progress.consent(name, player, given.version, given.agree))
     return await _present_state(request, name)
 
 
@@ -194,7 +204,7 @@ async def consent(request: Request, progress: ProgressOf, player: Player, name: 
 async def advance(request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
     """Leave the instructions, the tutorial once it was played, or the debrief."""
     with answering_study_errors():
-        progress.advance(name, player, left.from_)
+        await progress.lobby.store.write(lambda: progress.advance(name, player, left.from_))
     return await _present_state(request, name)
 
 
@@ -205,7 +215,7 @@ async def answers(request: Request, progress: ProgressOf, player: Player, name: 
     Every attempt is recorded.
     """
     with answering_study_errors():
-        right = progress.answer(name, player, given.answers)
+        right = await progress.lobby.store.write(lambda: progress.answer(name, player, given.answers))
     questions = progress.study(name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
     return {**await _present_state(request, name), "right": right, "why": why}
@@ -233,7 +243,8 @@ async def settings(
 ) -> dict[str, Any]:
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
-        progress.set_settings(name, player, chosen.model_dump(exclude_none=True))
+        changed = chosen.model_dump(exclude_none=True)
+        await progress.lobby.store.write(lambda: progress.set_settings(name, player, changed))
     return await _present_state(request, name)
 
 
@@ -244,7 +255,7 @@ async def supervise(request: Request, progress: ProgressOf, player: Player, name
     A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
     """
     with answering_study_errors():
-        progress.supervise(name, player, typed.code)
+        await progress.lobby.store.write(lambda: progress.supervise(name, player, typed.code))
     return await _present_state(request, name)
 
 
@@ -264,7 +275,7 @@ async def debrief(
 
     Ranked terrains, in the order in which you played them, are shown once the study is closed.
     """
-    study, trials = _at_debrief(progress, player, name)
+    study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
     with answering_study_errors():
         replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, phase, index)
     return replays
@@ -275,10 +286,11 @@ async def debrief_regret(
     request: Request, progress: ProgressOf, player: Player, name: Name, index: Index, phase: Shown = "warm_up"
 ) -> dict[str, Any]:
     """Return the biggest losses of your own episode, once you are at the debrief; of a ranked one once the study is closed."""
-    study, trials = _at_debrief(progress, player, name)
+    study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
     with answering_study_errors():
         own = own_trial(study, trials, phase, index)
-    record = services_of(request).store.load_record(own.episode_id)
+    store = services_of(request).store
+    record = await store.read(lambda: store.load_record(own.episode_id))
     return {"policy": POLICY, **await regret_of(request, record)}
 
 

@@ -13,11 +13,10 @@ from fastapi.responses import RedirectResponse, Response
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
 from app.web.access import asker_of, player_of, services_of
-from app.web.middleware import WaitingRoute
 from app.web.pages import page
 from app.web.sockets import UNKNOWN_SESSION
 
-router = APIRouter(route_class=WaitingRoute)
+router = APIRouter()
 
 
 @router.get("/api/watch/{watch_id}", tags=["play"], summary="Watch a board of the playground")
@@ -45,7 +44,7 @@ async def watch_page(request: Request, watch_id: str) -> Response:
     if await services.replays.has(watch_id, asker):
         return RedirectResponse(f"../replay/{watch_id}", 303)
     try:
-        services.spectators.shown(watch_id, asker.player_id)
+        await services.spectators.shown(watch_id, asker.player_id)
     except UnwatchableError as error:
         raise HTTPException(404, str(error)) from error
     return page(request, "watch")

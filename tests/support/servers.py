@@ -1,5 +1,6 @@
 """Servers for the tests: the real thing on a real port, each with its own app and database."""
 
+import asyncio
 import http.cookiejar
 import json
 import random
@@ -131,6 +132,15 @@ class Running:
     def services(self):
         """The services of a server in this process: its store, lobby, viewer and so on."""
         return self.app.state.services
+
+    def on_loop(self, coroutine):
+        """Return what a coroutine of a server in this process returns."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.services.store.writes._loop).result(PATIENCE_S)
+
+    def execute(self, sql):
+        """Let the server's own connection, the one that writes, execute a statement beside what is played."""
+        store = self.services.store
+        self.on_loop(store.write(lambda: store.connection.execute(sql).fetchall()))
 
     def close(self):
         for client in self._clients:

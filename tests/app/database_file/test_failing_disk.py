@@ -48,11 +48,11 @@ def test_a_database_that_becomes_read_only_refuses_moves_until_it_can_be_written
     client = server.client()
     begun = begin(client)
     assert act(client, begun, 0).json()["step"] == 1
-    server.services.store.connection.execute("PRAGMA query_only = ON")
+    server.execute("PRAGMA query_only = ON")
     refused = act(client, begun, 1)
     assert (refused.status_code, "nothing changed" in refused.json()["detail"]) == (503, True)
     assert client.get(f"/api/sessions/{begun['session']}").json()["step"] == 1
-    server.services.store.connection.execute("PRAGMA query_only = OFF")
+    server.execute("PRAGMA query_only = OFF")
     assert act(client, begun, 1).json()["step"] == 2
 
 

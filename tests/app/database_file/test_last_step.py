@@ -78,9 +78,8 @@ def test_a_database_that_is_gone_after_a_crash_is_not_begun_anew(crashed):
 def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_running(tmp_path, serve, capsys):
     server = serve()
     store, path = server.services.store, tmp_path / "playground.db"
-    for seed in range(40):
-        play(store, seed=seed)
-    store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    server.on_loop(store.write(lambda: [play(store, seed=seed) for seed in range(40)]))
+    server.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     (root,) = store.connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'steps'").fetchone()
     damage = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
     subprocess.run([sys.executable, "-c", damage, str(path), str(4096 * (root - 1))], check=True)

@@ -1,5 +1,6 @@
 """Operators by name: only a hash is stored, a code is used once, and what they do is logged before it is done."""
 
+import asyncio
 import sqlite3
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -180,7 +181,7 @@ def test_codes_stand_for_their_half_minute_and_its_neighbours(database):
     now = [1_800_000_000.0]
     with closing(Store(database)) as store:
         operators = Operators(store, lambda: now[0])
-        bob, code = operators.find("bob"), pyotp.TOTP(secret).at(1_800_000_000)
+        bob, code = asyncio.run(operators.find("bob")), pyotp.TOTP(secret).at(1_800_000_000)
         now[0] += 60
         assert not operators.use_code(bob, code), "two half minutes later"
         now[0] -= 30
@@ -229,7 +230,7 @@ def test_an_action_that_cannot_be_logged_is_not_done(database, serve, tmp_path):
     server = serve()
     ada = server.page()
     log_in(ada, "ada", ADA)
-    server.services.store.connection.execute(
+    server.execute(
         "CREATE TRIGGER full BEFORE INSERT ON operator_actions BEGIN SELECT raise(ABORT, 'disk full'); END"
     )
     assert ada.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 503

@@ -202,7 +202,7 @@ def test_a_board_is_watched_by_an_id_of_its_own_one_episode_after_the_other(serv
         assert spectator.request(method, url, json=content).status_code == 404, "the id grants nothing but watching"
     assert spectator.get(f"/api/me/session?watch={watch}").json() is None
     assert owner.get(f"/api/me/session?watch={watch}").json()["session"] == session
-    assert WatchIds(server.services.store).session(watch) == session, "a restarted server finds the board"
+    assert server.on_loop(WatchIds(server.services.store).session(watch)) == session, "a restarted server finds the board"
     assert spectator.post("/api/sessions").json()["watch"] != watch
 
 

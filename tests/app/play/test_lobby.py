@@ -56,7 +56,7 @@ def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(ru
         session = await lobby.create(NewSession(rival="frontier-cost", seed=5), "me")
         rival = lobby.rival_of(session)
         with rival.channel.subscribe():
-            session.act(move(session))
+            await session.act(move(session))
             await until(lambda: rival.episode.steps == 1)
             frames = session.frame, rival.frame
             await asyncio.sleep(0.3)
@@ -67,7 +67,7 @@ def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(ru
         assert lobby.rival_of(resumed) is resumed_rival
         assert resumed is not session
         with resumed_rival.channel.subscribe():
-            resumed.act(move(resumed))
+            await resumed.act(move(resumed))
             await until(lambda: resumed_rival.episode.steps == 2)
 
     run_in_lobby(scenario, idle_s=0.1)
@@ -77,9 +77,9 @@ def test_a_restarted_server_knows_players_rivals_and_paces(run_in_lobby):
     async def before(lobby):
         session = await lobby.create(NewSession(rival="frontier-utility", size=[21, 19]), "me")
         rival = lobby.rival_of(session)
-        lobby.change_pace(rival, ChangePace(moves_per_second=60))
+        await lobby.change_pace(rival, ChangePace(moves_per_second=60))
         await until(lambda: rival.episode.steps >= 3)
-        lobby.change_pace(rival, ChangePace(pause=True))
+        await lobby.change_pace(rival, ChangePace(pause=True))
         return session.id, rival.id, session.current.terrain, rival.episode.steps
 
     async def after(lobby):
@@ -98,7 +98,7 @@ def test_a_restarted_server_knows_players_rivals_and_paces(run_in_lobby):
 def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(run_in_lobby):
     async def before(lobby):
         session = await lobby.create(NewSession(), "me")
-        session.act(move(session, 0))
+        await session.act(move(session, 0))
         other = await lobby.create(NewSession(), "me")
         return session.id, session.frame, other.id, other.frame
 
@@ -118,18 +118,18 @@ def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(run_in_lobby):
 def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch):
     async def scenario(lobby):
         session = await lobby.create(NewSession(seed=5), "me")
-        session.act(move(session))
+        await session.act(move(session))
         frame, codes = session.frame, session.episode.codes.copy()
         with monkeypatch.context() as patch:
             patch.setattr(lobby.store, "add_step", broken)
             with pytest.raises(StoreError):
-                session.act(move(session))
+                await session.act(move(session))
             patch.setattr(lobby.store, "next_episode", broken)
             with pytest.raises(StoreError):
                 await lobby.restart(session, NewEpisode())
         assert (session.frame, session.episode.steps, session.episode.outcome) == (frame, 1, "running")
         assert (session.episode.codes == codes).all()
-        session.act(move(session))
+        await session.act(move(session))
         assert session.episode.steps == 2
         assert session.episode.record().actions == b"\x02\x02"
 
@@ -142,7 +142,7 @@ def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch
 def test_restarts_at_the_same_time_leave_one_running_episode_each(run_in_lobby):
     async def scenario(lobby):
         session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
-        lobby.change_pace(session, ChangePace(moves_per_second=60))
+        await lobby.change_pace(session, ChangePace(moves_per_second=60))
         for _ in range(5):
             await asyncio.gather(*(lobby.restart(session, NewEpisode(size=[20, 23])) for _ in range(4)))
             await asyncio.sleep(0.02)
@@ -177,9 +177,9 @@ def test_seeds_and_ids_are_unguessable_by_default():
 def test_a_policys_rover_refuses_other_drivers(run_in_lobby):
     async def scenario(lobby):
         session = await lobby.create(NewSession(player="random"), "me")
-        lobby.change_pace(session, ChangePace(pause=True))
+        await lobby.change_pace(session, ChangePace(pause=True))
         for driver in ("human", "script"):
             with pytest.raises(RefusedError, match="driven by the policy 'random'"):
-                session.act(Move(session.current.id, session.episode.steps, 2, driver))
+                await session.act(Move(session.current.id, session.episode.steps, 2, driver))
 
     run_in_lobby(scenario)

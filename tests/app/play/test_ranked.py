@@ -184,7 +184,7 @@ def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(in_lobby):
         assert len({session.current.id for session, _ in answers}) == 1
         assert sorted(was_open for _, was_open in answers) == [False] + 7 * [True]
         session = answers[0][0]
-        session.act(Move(session.current.id, 0, _away(session), "human"))
+        await session.act(Move(session.current.id, 0, _away(session), "human"))
         wanted = [NewEpisode(size=[9, 14]), NewEpisode(size=[9, 14])]
         following = await asyncio.gather(*(boards.begin_next(session, each) for each in wanted))
         assert len({board.current.id for board, _ in following}) == 1
@@ -260,7 +260,7 @@ def test_each_move_puts_the_time_off(in_lobby):
         session, _ = await boards.begin(NewSession(size=[9, 12]), "me")
         away = _away(session)
         for action in (away, (away + 2) % 4, away):
-            session.act(Move(session.current.id, session.episode.steps, action, "human"))
+            await session.act(Move(session.current.id, session.episode.steps, action, "human"))
             now[0] += 29 * MINUTE_MS
             await boards.abandon_left()
             assert not session.episode.ended

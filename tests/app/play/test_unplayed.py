@@ -101,7 +101,7 @@ def test_a_board_that_is_open_stays_however_old_it_is(serve, tmp_path):
     server.page().post("/api/sessions", json={"size": 9})
     server.clock.skipped_ms += 48 * 3_600_000
     boards = server.services.page_boards
-    assert asyncio.run(boards.delete_unplayed()) == 0
+    assert server.on_loop(boards.delete_unplayed()) == 0
     assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
 
 

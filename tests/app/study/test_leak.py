@@ -169,7 +169,11 @@ def test_its_participant_gets_frames_history_and_the_3d_view(server, study, play
 
 def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, monkeypatch):
     _, person = played
-    monkeypatch.setattr("app.web.access.is_operator", lambda connection: connection.headers.get("x-admin") == "yes")
+
+    async def is_operator(connection):
+        return connection.headers.get("x-admin") == "yes"
+
+    monkeypatch.setattr("app.web.access.is_operator", is_operator)
     admin = server.client(headers={"X-Admin": "yes"})
     session, frame = person.where["session"], person.frame
     assert admin.get(f"/api/sessions/{session}").json() == frame

@@ -146,7 +146,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
 
 def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):
     page, script = at_noon(server).page(), server.client()
-    seed = seed_of(server.services.daily_boards.today().key)
+    seed = seed_of(server.on_loop(server.services.daily_boards.today()).key)
     about = begin(page)
     for client in (page, script, server.page()):
         for body in ({"seed": seed}, {"seed": seed, "player": "frontier-cost"}, {"seed": seed, "rival": "frontier-cost"}):
@@ -187,7 +187,7 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
         assert await boards.newest("me") is ranked
         assert await boards.with_id("me", mine[0].id) is None
         away = next(a for a in range(4) if _stays(mine[0].episode, a))
-        mine[0].act(Move(mine[0].current.id, 0, away, "human"))
+        await mine[0].act(Move(mine[0].current.id, 0, away, "human"))
         await boards.begin(NewSession(size=(7, 9), seed=7), "me")
         assert not mine[0].episode.ended
         now[0] += HALF_AN_HOUR_MS
