@@ -14,7 +14,7 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from app.database_file.errors import StoreError, WriteRefusedError
@@ -69,7 +69,8 @@ class WriteQueue:
 
     def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
         self._commit, self._roll_back = commit, roll_back
-        self._queue: SimpleQueue[_Write | None] = SimpleQueue()
+        self._gathered: list[_Write] = []
+        self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
         self._waiting = 0
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop
@@ -102,7 +103,10 @@ class WriteQueue:
         """Make the writes that wait, then end the thread; call it in another thread, while the event loop runs."""
         if self._thread is not None:
             self._is_ending = True
-            self._queue.put(None)
+            try:
+                self._loop.call_soon_threadsafe(self._queue.put, None)  # behind what was gathered
+            except RuntimeError:  # the event loop has ended
+                self._queue.put(None)
             self._thread.join()
             self._thread = None
 
@@ -127,7 +131,9 @@ class WriteQueue:
         loop = self._loop
         write = _Write(work, then, loop.create_future(), loop.time() + PATIENCE_S)
         self._waiting += 1
-        self._queue.put(write)
+        self._gathered.append(write)
+        if len(self._gathered) == 1:
+            loop.call_soon(self._hand_over)
         timer = loop.call_later(NOTICE_S, self._tell_why, write, notice)
         try:
             return await write.done  # type: ignore[no-any-return]
@@ -146,36 +152,30 @@ class WriteQueue:
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
         return True
 
+    def _hand_over(self) -> None:
+        """Hand what came in one turn of the event loop to the thread, at once: waking it costs more than a write."""
+        if self._gathered:
+            self._queue.put(self._gathered)
+            self._gathered = []
+
     def _make_writes(self) -> None:
-        batch: Sequence[_Write] = ()
+        waiting, batch = list[_Write](), list[_Write]()
         try:
-            has_more = True
-            while has_more:
-                batch, has_more = self._next_batch()
-                for write in batch:
-                    self._make(write)
-                self._commit_all(batch)
-                self._call(self._answer, batch)
-                batch = ()
+            while (handed := self._queue.get()) is not None:
+                waiting += handed
+                while waiting:
+                    batch, waiting = waiting[:MOST_TOGETHER], waiting[MOST_TOGETHER:]
+                    for write in batch:
+                        self._make(write)
+                    self._commit_all(batch)
+                    self._call(self._answer, batch)
+                    batch = []
         except BaseException:
             _log.exception("the thread that makes the writes has failed")
             self.fault = BROKEN
             with suppress(Exception):
                 self._roll_back()
-            self._call(self._fail, batch)
-
-    def _next_batch(self) -> tuple[list[_Write], bool]:
-        """Wait for a write; return it with those that wait behind it, and whether more may come."""
-        batch, write = list[_Write](), self._queue.get()
-        while write is not None:
-            batch.append(write)
-            if len(batch) == MOST_TOGETHER:
-                return batch, True
-            try:
-                write = self._queue.get_nowait()
-            except Empty:
-                return batch, True
-        return batch, False
+            self._call(self._fail, batch + waiting)
 
     def _make(self, write: _Write) -> None:
         if not write.claim.acquire(blocking=False):
@@ -219,11 +219,10 @@ class WriteQueue:
 
     def _fail(self, batch: Sequence[_Write]) -> None:
         """Refuse what was being made and what waits, since the thread has ended."""
+        self._hand_over()
         waiting = list(batch)
-        with suppress(Empty):
-            while True:
-                if (write := self._queue.get_nowait()) is not None:
-                    waiting.append(write)
+        while not self._queue.empty():
+            waiting += self._queue.get() or ()
         for write in waiting:
             write.error = StoreError(BROKEN)
         self._answer(waiting)
