@@ -129,9 +129,9 @@ class AdminLogin:
 
     async def _with_password(self, name: str, password: str) -> Operator | None:
         """Return the operator whose name and password these are."""
-        found = await self._operators.find(name)
         self._checked += 1
         try:
+            found = await self._operators.find(name)
             async with self._checking:
                 is_right = await asyncio.to_thread(is_password_of, found, password)
         finally:

@@ -231,7 +231,7 @@ class WriteQueue:
         """Tell whoever waits why, and refuse the write when it has not begun in time."""
         self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
         if notice is not None:
-            task = self._loop.create_task(_told(notice, WAITS if self._is_locked else SLOW))
+            task = self._loop.create_task(_send(notice, WAITS if self._is_locked else SLOW))
             self._notices.add(task)
             task.add_done_callback(self._notices.discard)
 
@@ -244,5 +244,5 @@ def _is_refused(write: _Write) -> bool:
     return write.done.done() and not write.done.cancelled() and write.done.exception() is not None
 
 
-async def _told(notice: Notice, text: str) -> None:
+async def _send(notice: Notice, text: str) -> None:
     await notice(text)

@@ -141,7 +141,7 @@ def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
     assert p99 < 2 * p99_before + 1000 * COMMIT_S / 2, "nobody waited for a commit"
 
 
-def test_a_slow_disk_is_told_to_its_player_and_no_frame_comes_before_its_commit(serve):
+def test_a_player_hears_of_a_slow_disk_and_no_frame_comes_before_its_commit(serve):
     server = serve()
     client = server.client()
     begun = begin(client)
@@ -154,6 +154,35 @@ def test_a_slow_disk_is_told_to_its_player_and_no_frame_comes_before_its_commit(
         assert server.client().get(f"/api/sessions/{begun['session']}").json() == frame
         assert socket.receive("frame")["step"] == 1
     delay_commits(server, 0)
+
+
+def test_a_read_that_takes_long_delays_no_move(serve):
+    """Half a second in SQLite for each of more reads than there are threads for them."""
+    server = serve()
+    store, client = server.services.store, server.client()
+    begun, rest = begin(client), "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT {}) SELECT max(i) FROM n"
+    began = time.perf_counter()
+    store.connection.execute(rest.format(100_000)).fetchall()
+    count = round(0.5 * 100_000 / (time.perf_counter() - began))
+
+    def moves_ms(steps):
+        waits = []
+        for step in steps:
+            asked = time.perf_counter()
+            assert act(client, begun, step).status_code == 200
+            waits.append(1000 * (time.perf_counter() - asked))
+        return waits
+
+    before = moves_ms(range(20))
+    with ThreadPoolExecutor(6) as pool:
+        reads = [
+            pool.submit(server.on_loop, store.read(lambda: store.connection.execute(rest.format(count)).fetchall()))
+            for _ in range(6)
+        ]
+        during = moves_ms(range(20, 40))
+        assert not all(read.done() for read in reads)
+    print(f"\na move takes {np.median(before):.1f} ms, {np.median(during):.1f} beside long reads, at most {max(during):.1f}")
+    assert np.median(during) < 5 * np.median(before) + 50, "a move that waits for a read takes 500 ms"
 
 
 def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve, monkeypatch):
@@ -244,7 +273,7 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
     assert with_threads(tmp_path / "a.db", scenario) == [2, 1, 0, 1]
 
 
-def test_a_commit_that_fails_is_told_to_everybody_whose_write_was_in_it(tmp_path):
+def test_a_commit_that_fails_is_an_error_of_everybody_whose_write_was_in_it(tmp_path):
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)
         writes = [asyncio.create_task(store.write(partial(store.add_step, step_row(each, 0)))) for each in episodes]

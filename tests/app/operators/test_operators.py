@@ -230,9 +230,7 @@ def test_an_action_that_cannot_be_logged_is_not_done(database, serve, tmp_path):
     server = serve()
     ada = server.page()
     log_in(ada, "ada", ADA)
-    server.execute(
-        "CREATE TRIGGER full BEFORE INSERT ON operator_actions BEGIN SELECT raise(ABORT, 'disk full'); END"
-    )
+    server.execute("CREATE TRIGGER full BEFORE INSERT ON operator_actions BEGIN SELECT raise(ABORT, 'disk full'); END")
     assert ada.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 503
     assert ada.get("/api/studies/small").json()["status"] == "open"
 
