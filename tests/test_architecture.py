@@ -95,7 +95,7 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.training",
     },
     "app.coverage": {"app.statistics", "marsexplorer.evaluation"},
-    "app.daily": {"app.leaderboard", "app.play", "app.storage", "marsexplorer.config", "marsexplorer.policies"},
+    "app.daily": {"app.leaderboard", "app.play", "app.storage", "marsexplorer.policies"},
     "app.database_file": set(),
     "app.leaderboard": {
         "app.moves",
@@ -135,6 +135,8 @@ ALLOWED: dict[str, set[str]] = {
         "marsexplorer.policies.files",
         "marsexplorer.policies.kernels",
         "marsexplorer.policies.network",
+        "marsexplorer.terrain",
+        "marsexplorer.world",
     },
     "app.protection": {"app.settings"},
     "app.release": {

@@ -10,11 +10,10 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from app.play.daily_terrain import day_before, day_start_ms
+from app.play.daily_terrain import cells_of_daily, day_before, day_start_ms
 from app.storage.playground import DailyAttempt, DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
-from marsexplorer.config import EnvConfig
 
 SHOWN = 10
 """Rows of the table of results."""
@@ -33,7 +32,8 @@ def people_on(reader: Reader, terrain: DailyTerrain, player_id: str | None, name
     `moves` is the distribution, [moves, how many people] of those who came to 99 %; `unfinished` counts the others. `you` is
     the player's own row, None where they have none.
     """
-    found = [_row(each, terrain.config, player_id) for each in results(reader, terrain.commitment, day_end_ms(terrain.day))]
+    cells, ended = cells_of_daily(terrain), results(reader, terrain.commitment, day_end_ms(terrain.day))
+    found = [_row(each, cells, player_id) for each in ended]
     found.sort(key=_order)
     for number, row in enumerate(found):
         before = found[number - 1] if number else None
@@ -50,7 +50,7 @@ def people_on(reader: Reader, terrain: DailyTerrain, player_id: str | None, name
     }
 
 
-def describe_attempt(attempt: DailyAttempt | None, config: EnvConfig) -> dict[str, Any] | None:
+def describe_attempt(attempt: DailyAttempt | None, terrain: DailyTerrain) -> dict[str, Any] | None:
     """Return a player's attempt for their own page; None before it. `unranked` says why an ended one has no rank."""
     if attempt is None:
         return None
@@ -60,7 +60,7 @@ def describe_attempt(attempt: DailyAttempt | None, config: EnvConfig) -> dict[st
         "episode": attempt.episode_id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / config.n if attempt.discovered is not None else None,
+        "coverage": attempt.discovered / cells_of_daily(terrain) if attempt.discovered is not None else None,
         "score": attempt.score,
         "unranked": _why_unranked(attempt) if ended else None,
     }
@@ -88,12 +88,12 @@ def _why_unranked(attempt: DailyAttempt) -> str | None:
     return None
 
 
-def _row(row: dict[str, Any], config: EnvConfig, player_id: str | None) -> dict[str, Any]:
+def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, Any]:
     return {
         "episode": row["episode_id"],
         "outcome": row["outcome"],
         "moves": row["steps"] if row["outcome"] == "explored" else None,
-        "coverage": row["discovered"] / config.n,
+        "coverage": row["discovered"] / cells,
         "you": row["player_id"] == player_id,
     }
 

@@ -13,6 +13,7 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from datetime import UTC, date, datetime
+from functools import lru_cache
 from typing import Any
 
 from app.storage.playground import DailyTerrain, daily_causes, daily_terrains
@@ -20,6 +21,8 @@ from app.storage.reader import utc_day
 from app.storage.resimulation import Finding
 from app.storage.store import DAY_MS
 from marsexplorer.config import EnvConfig
+from marsexplorer.terrain import generate
+from marsexplorer.world import cells_that_count
 
 CONFIG = EnvConfig.of("random", 21)
 """What is played every day: level "random" with 21x21 cells, as the playground begins."""
@@ -42,6 +45,18 @@ def commitment_of(key: bytes) -> str:
 def seed_of(key: bytes) -> int:
     """Return the terrain's seed: the first 53 bits of SHA-256("terrain" + key), 0..2^53-1."""
     return int.from_bytes(hashlib.sha256(b"terrain" + key).digest()[:8], "big") >> 11
+
+
+def cells_of_daily(terrain: DailyTerrain) -> int:
+    """Return how many cells coverage refers to on the terrain of a day: all, or those that can be discovered."""
+    config = terrain.config
+    return cells_of_seed(config, seed_of(terrain.key)) if config.discoverable_only else config.n
+
+
+@lru_cache(maxsize=64)
+def cells_of_seed(config: EnvConfig, seed: int) -> int:
+    """Return how many cells can be discovered on the terrain of a seed, where only those count."""
+    return cells_that_count(config, generate(config, seed), (0, 0))
 
 
 def day_start_ms(day: str) -> int:

@@ -117,11 +117,13 @@ def why_no_interval(estimate: Estimate) -> str | None:
 def metric_bounds(config: EnvConfig, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have.
 
-    Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1.
+    Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1; where
+    only what can be discovered counts, that may be a single cell.
     """
     if metric == "steps":
         return 1.0, float(config.limit)
-    return -0.5 * config.limit / (config.r_invalid + config.r_bonus + config.n), 1.0
+    cells = 1 if config.discoverable_only else config.n
+    return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
 
 def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None) -> StudyFigure:

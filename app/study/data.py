@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from app.play.attestation import Attestation
 from app.storage.input_events import input_events
-from app.storage.reader import Reader, config_of
+from app.storage.reader import Reader, cells_of, config_of
 from app.storage.study_reader import (
     count_erased,
     find_study,
@@ -242,7 +242,7 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
 def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind, version: RulesVersion) -> StudyEpisode:
     """Return an episode of a study; its input is read and dropped, since a study's whole input may be larger than memory."""
     moves, inputs = move_inputs(reader, row["id"]), input_events(reader, row["id"])
-    effort = effort_labels(version, config_of(row), moves) if row["ended_ms"] is not None else ()
+    effort = effort_labels(version, config_of(row), moves, cells_of(row)) if row["ended_ms"] is not None else ()
     found = _episode(row, kind, moves, inputs)
     return replace(found, labels=(*found.labels, *effort))
 

@@ -61,12 +61,12 @@ def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
     return tuple(name for name in LABELS if found.get(name))
 
 
-def effort_labels(version: RulesVersion, config: EnvConfig, moves: Rows) -> tuple[str, ...]:
+def effort_labels(version: RulesVersion, config: EnvConfig, moves: Rows, cells: int | None = None) -> tuple[str, ...]:
     """Return the labels that a finished episode's course gives it, `no effort` or none; version 1 gives none.
 
-    moves  rows with `discovered`, the cells known after each move
+    moves  rows with `discovered`, the cells known after each move, of `cells` that count (None: all)
     """
-    lacks_effort = version != "1" and makes_no_effort(config, [row["discovered"] for row in moves])
+    lacks_effort = version != "1" and makes_no_effort(config, [row["discovered"] for row in moves], cells)
     return ("no effort",) if lacks_effort else ()
 
 

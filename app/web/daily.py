@@ -37,7 +37,7 @@ async def get_today(request: Request) -> dict[str, Any]:
         "now_ms": services.lobby.sources.clock_ms(),
         "next_ms": day_end_ms(terrain.day),
         "max_steps": terrain.config.limit,
-        "attempt": describe_attempt(mine, terrain.config),
+        "attempt": describe_attempt(mine, terrain),
         "streak": streak(attempts, terrain.day),
         "played": sum(each.ended_ms is not None for each in attempts),
         "yesterday": await _earlier(services, day_before(terrain.day)),
@@ -86,7 +86,7 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
     if not is_over and (mine is None or mine.ended_ms is None):
         raise HTTPException(403, "the results of today are shown when your own attempt is over")
     people = await asyncio.to_thread(_people, services, terrain, player_id, is_over)
-    attempt = describe_attempt(mine, terrain.config)
+    attempt = describe_attempt(mine, terrain)
     return {"day": day, "attempt": attempt, "people": people, "policies": services.daily_policies.results(terrain)}
 
 

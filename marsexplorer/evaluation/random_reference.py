@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import OBSTACLE, RUNNING, EnvConfig
 from marsexplorer.observation import DISPLACEMENTS
-from marsexplorer.rules import DISCOVERED
+from marsexplorer.rules import CELLS, DISCOVERED
 from marsexplorer.world import Worlds, positions
 
 EPISODES = 300
@@ -32,8 +32,11 @@ def random_mean_known(config: EnvConfig, quantile: float) -> NDArray[np.float64]
     return np.concatenate([[0.0], np.quantile(means, quantile, axis=0)])
 
 
-def random_discoveries(config: EnvConfig, moves: int) -> NDArray[np.int64]:
-    """Return int64[EPISODES, moves], the cells known after 1, 2, ... random valid moves."""
+def random_discoveries(config: EnvConfig, moves: int) -> NDArray[np.float64]:
+    """Return float64[EPISODES, moves], the cells known after 1, 2, ... random valid moves.
+
+    Where only what can be discovered counts, its share of that is what n cells are multiplied by.
+    """
     rng, worlds = np.random.default_rng(0), Worlds(config, EPISODES)
     worlds.start(np.arange(FIRST_SEED, FIRST_SEED + EPISODES))
     known = np.zeros((EPISODES, moves), np.int64)
@@ -43,7 +46,7 @@ def random_discoveries(config: EnvConfig, moves: int) -> NDArray[np.int64]:
         if not (worlds.outcomes == RUNNING).any():
             known[:, move:] = known[:, move : move + 1]
             break
-    return known
+    return known * (config.n / worlds.scalars[:, CELLS, None].astype(np.float64))
 
 
 def _random_valid(config: EnvConfig, worlds: Worlds, rng: np.random.Generator) -> NDArray[np.int64]:

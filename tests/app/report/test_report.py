@@ -13,6 +13,7 @@ from app.statistics.intervals import printed_interval
 from app.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.score import score
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
 
 NAN = float("nan")
@@ -335,3 +336,16 @@ def test_the_second_analysis_stands_in_the_report_of_a_study_whose_protocol_name
 def test_a_mixed_model_that_cannot_be_fitted_says_so_in_the_report():
     page = render(build(study(*played(SCORES[:2]))))
     assert "No mixed model: it takes 3 players and 3 terrains" in page
+
+
+def test_the_worst_score_of_a_small_building_lies_within_the_bounds():
+    config = EnvConfig.of("building", (7, 9), sensor_radius=3)
+    terrain = np.ones((7, 9), bool)
+    terrain[0, :2] = False  # two cells are free, and what can be seen from them is all that counts
+    episode = Episode.begin(config, terrain=terrain)
+    for _ in range(config.limit):
+        if not episode.ended:
+            episode.step(0)
+    low, _ = metric_bounds(config, "score")
+    worst = score(config, -config.r_invalid - 0.5 * (config.limit - 1), episode.cells)
+    assert low <= worst < metric_bounds(EnvConfig.of("random", (7, 9)), "score")[0]

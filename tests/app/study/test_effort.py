@@ -8,6 +8,7 @@ from app.storage.reader import Reader
 from app.study.data import load
 from app.study.plausibility import effort_labels
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
 from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort
 from marsexplorer.evaluation.random_reference import random_mean_known
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -73,3 +74,13 @@ def test_the_rates_of_the_documents():
     stated = {"random": 0.992, "skilled": 0.0, "mixed": 0.002, "clumsy": 0.021}  # docs/report.md
     for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
         assert effort_rate(config, population, 2000, seed=0) == pytest.approx(stated[population.name], abs=0.001)
+
+
+def test_what_can_be_discovered_is_all_of_a_building():
+    building = EnvConfig.of("building", (12, 17))
+    cells = Episode.begin(building, 1).cells
+    assert cells < building.target
+    course = [20] * 90 + [cells] * 4
+    assert not makes_no_effort(building, course, cells), "explored within half the limit"
+    assert makes_no_effort(building, [*course[:-4], cells // 2], cells)
+    assert makes_no_effort(building, course), "as if walls that nothing can see were left"

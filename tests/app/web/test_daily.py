@@ -217,3 +217,15 @@ def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
     played = server.services.store.find_episode(about["frame"]["episode"]).episode
     assert (names["seed"], played.config) == (played.seed, EnvConfig.of("random", 21))
     assert (names["terrain"] == server.services.lobby.in_memory(about["session"]).episode.terrain).all()
+
+
+def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, monkeypatch):
+    monkeypatch.setattr(daily_terrain, "CONFIG", EnvConfig.of("cave", (9, 12)))
+    server = at_noon(serve())
+    page = server.page()
+    frame = play_to_the_end(server, page, begin(page))
+    assert frame["outcome"] == "explored"
+    assert frame["cells"] < 9 * 12
+    answer = page.get(f"/api/daily/{utc_day(server.clock.now_ms())}/results").json()
+    assert answer["attempt"]["coverage"] == frame["coverage"] >= 0.99
+    assert [row["coverage"] for row in answer["people"]["table"]] == [frame["coverage"]]
