@@ -13,7 +13,7 @@ from marsexplorer.bench.figures import Figure
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
-from marsexplorer.policies.network.model import NetworkPolicy
+from marsexplorer.policies.network.model import Net, NetworkPolicy
 
 STACK = 32
 """Boards that a network decides together."""
@@ -40,12 +40,14 @@ def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
     policy = policies.load(name, config.sensor_radius)
     if not isinstance(policy, NetworkPolicy):
         return None
-    rollouts, spent, rounds = GreedyRollouts(config, STACK, policy.net.sees_prices), 0.0, 0
+    net = policy.net
+    rules = net.rules_that_count(config.rows, config.cols) if isinstance(net, Net) else None
+    rollouts, spent, rounds = GreedyRollouts(config, STACK, net.sees_prices, rules), 0.0, 0
     rollouts.worlds.start(np.arange(seed, seed + STACK))
-    rollouts.step(rollouts.decide(policy.net).actions)
+    rollouts.step(rollouts.decide(net).actions)
     while rollouts.running.all():
         began = time.process_time()
-        decisions = rollouts.decide(policy.net)
+        decisions = rollouts.decide(net)
         spent, rounds = spent + time.process_time() - began, rounds + 1
         rollouts.step(decisions.actions)
     return 1e3 * spent / (rounds * STACK)

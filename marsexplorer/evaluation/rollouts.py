@@ -6,6 +6,7 @@ from any of its steps more than once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -61,12 +62,15 @@ class GreedyRollouts:
     stuck_at   int64[num_worlds], the cells known when the guard started
 
     sees_prices  whether the network that is to decide sees prices, see `policies.network.model.Net`
+    rules        the rules whose numbers it needs, see `FeatureExtractor`; None: all
     """
 
-    def __init__(self, config: EnvConfig, num_worlds: int, sees_prices: bool = False) -> None:
-        self.config, self.num_worlds, self.sees_prices = config, num_worlds, sees_prices
+    def __init__(
+        self, config: EnvConfig, num_worlds: int, sees_prices: bool = False, rules: Sequence[int] | None = None
+    ) -> None:
+        self.config, self.num_worlds, self.sees_prices, self._rules = config, num_worlds, sees_prices, rules
         self.worlds = Worlds(config, num_worlds)
-        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices)
+        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices, rules)
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
         self.memory: Snapshot = {
@@ -135,6 +139,6 @@ class GreedyRollouts:
 
     def subset(self, indices: NDArray[np.intp]) -> GreedyRollouts:
         """Return copies of some of the worlds, to be played on without the others."""
-        fewer = GreedyRollouts(self.config, len(indices), self.sees_prices)
+        fewer = GreedyRollouts(self.config, len(indices), self.sees_prices, self._rules)
         fewer.restore(np.arange(len(indices)), self.snapshot(indices))
         return fewer

@@ -19,6 +19,8 @@ of unknown cells that a scan from a cell is expected to discover (`kernels.visib
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,7 @@ from marsexplorer.policies.kernels.prices import NO_CODE, update_board
 from marsexplorer.policies.kernels.visibility import bitboard_words, count_visible
 from marsexplorer.policies.network.priced_features import (
     PRICED_FEATURES,
+    RULES,
     PricedRuleTables,
     value_actions,
     write_priced_features,
@@ -171,12 +174,12 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
               the squares of `prices`
     scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions; and the tables
               nearness and discounts
-    priced    half_sides of the squares that are counted, none for networks that see no prices; rules and found of its tables
+    priced    half_sides of the squares that are counted, none where nothing is priced; rules, found and columns of its tables
     """
     rows, cols = codes.shape[1], codes.shape[2]
     sight, stride, radius = lidar
     all_known, all_unknown, all_blocked, all_new_cells, all_counts = kept
-    half_sides, rules, found = priced
+    half_sides, rules, found, columns = priced
     visible, changed_columns, is_open, distance, first_actions, queue, candidates = scratch[:7]
     goals, rule_actions, nearness, discounts = scratch[7:]
     slack = rows * cols - completion_target(rows * cols)
@@ -228,23 +231,28 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         # 5. What the prices of unknown cells say of them, for a network that sees prices.
         if moves.shape[2] > ACTION_FEATURES:
             size = (rows, cols)
-            value_actions(candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found)
-            write_priced_features(size, found, moves[i], ACTION_FEATURES)
+            if half_sides.shape[0] > 0:
+                value_actions(candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found)
+            write_priced_features(size, found, columns, moves[i])
 
 
 class FeatureExtractor:
     """Extracts the features of `num` boards of one size; the arrays `planes` and `moves` are the same from call to call.
 
     sees_prices  whether the numbers of each move include those of `priced_features`
+    rules        of these, the rules of RULES whose numbers are written; those of the others stay 0. None: all
 
     What it keeps of each board only saves time: boards may be given in any order, and others than before.
     """
 
-    def __init__(self, num: int, rows: int, cols: int, radius: int, sees_prices: bool = False) -> None:
+    def __init__(
+        self, num: int, rows: int, cols: int, radius: int, sees_prices: bool = False, rules: Sequence[int] | None = None
+    ) -> None:
         self.size = (rows, cols)
-        rules = PricedRuleTables(rows, cols, radius)
-        half_sides = rules.half_sides if sees_prices else rules.half_sides[:0]
-        self._priced = (half_sides, rules.arrays, rules.found)
+        tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))
+        has_prices = sees_prices and (rules is None or len(rules) > 0)
+        half_sides = tables.half_sides if has_prices else tables.half_sides[:0]
+        self._priced = (half_sides, tables.arrays, tables.found, tables.columns)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, num_action_features(sees_prices)), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
@@ -284,17 +292,21 @@ class RememberedFeatures:
     """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells).
 
     sees_prices  see `FeatureExtractor`
+    find_rules   (rows, cols) -> its `rules` for boards of that size
     """
 
-    def __init__(self, sensor_radius: int, sees_prices: bool = False) -> None:
-        self._radius, self._sees_prices = sensor_radius, sees_prices
+    def __init__(
+        self, sensor_radius: int, sees_prices: bool = False, find_rules: Callable[[int, int], Sequence[int]] | None = None
+    ) -> None:
+        self._radius, self._sees_prices, self._find_rules = sensor_radius, sees_prices, find_rules
         self._extractor: FeatureExtractor | None = None
 
     def __call__(self, memory: Memory) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (planes, moves) of the newest observation, [1, ...]; the arrays change with the next call."""
         rows, cols = memory.codes.shape
         if self._extractor is None or self._extractor.size != (rows, cols):
-            self._extractor = FeatureExtractor(1, rows, cols, self._radius, self._sees_prices)
+            rules = self._find_rules(rows, cols) if self._find_rules else None
+            self._extractor = FeatureExtractor(1, rows, cols, self._radius, self._sees_prices, rules)
         cell = np.array([memory.position[0] * cols + memory.position[1]])
         visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
         return self._extractor(memory.codes[None], cell, visited, heading)

@@ -6,6 +6,7 @@ Files are checked before a weight is used, and whatever is not as expected is re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -22,9 +23,18 @@ from marsexplorer.policies.files.card import read_card, refuse
 from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
 from marsexplorer.policies.files.weights import read_weights
 from marsexplorer.policies.guard import LoopGuard
-from marsexplorer.policies.network.features import PICTURE_CELLS, PLANES, RememberedFeatures, num_action_features
-from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE
+from marsexplorer.policies.network.features import (
+    ACTION_FEATURES,
+    PICTURE_CELLS,
+    PLANES,
+    RememberedFeatures,
+    num_action_features,
+)
+from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE, RULES
 from marsexplorer.policies.network.prior import add_prices, prior_weights, size_nearness
+
+NEGLIGIBLE_SHARE = 1e-5
+"""Weights of the prior that count less than this at a size only count by rounding."""
 
 
 class Net(nn.Module):
@@ -58,6 +68,25 @@ class Net(nn.Module):
             logits = logits + ((moves[:, :, None] * self.prior).sum(3) * nearness).sum(2)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
+
+    def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...]:
+        """Return the rules of `priced_features` whose numbers this network weighs at this size, as indices into RULES.
+
+        Where every weight of a rule's numbers is 0 the network gives the same bits without them. At 84 x 84 rounding leaves
+        the weights for 42 x 42 a share of 1e-7, which is left out too. While a network learns, its weights change: what is
+        recorded to learn from has the numbers of all rules.
+        """
+        if not self.sees_prices:
+            return ()
+        with torch.no_grad():
+            numbers = num_action_features(sees_prices=True)
+            state = self.state_dict()
+            policy, value = state["policy_head.0.weight"], state["value_head.0.weight"]
+            hidden = policy.shape[1] - numbers - 4
+            weights = [policy[:, hidden : hidden + numbers], *value[:, hidden:].split(numbers, dim=1)]
+            is_near = size_nearness(torch.tensor(math.log(rows * cols))) > NEGLIGIBLE_SHARE
+            used = torch.cat([*weights, state["prior"][is_near]]).ne(0).any(0)[ACTION_FEATURES:-1]
+            return tuple(int(rule) for rule in used.view(len(RULES), NUMBERS_PER_RULE).any(1).nonzero())
 
     def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[b, 4], values float32[b]) of boards given as arrays, computed on one thread.
@@ -105,7 +134,8 @@ class NetworkPolicy:
         self.name = name
         self.net = net
         self._memory, self._guard = Memory(), LoopGuard(sensor_radius)
-        self._features = RememberedFeatures(sensor_radius, net.sees_prices)
+        find_rules = net.rules_that_count if isinstance(net, Net) else None
+        self._features = RememberedFeatures(sensor_radius, net.sees_prices, find_rules)
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
 
     def reset(self, seed: int) -> None:

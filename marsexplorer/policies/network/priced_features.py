@@ -14,6 +14,8 @@ and the last number, the same for all moves, is 0.2 ln(cells of the grid), by wh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,16 +37,19 @@ LOG_CELLS_SCALE = 0.2
 
 
 class PricedRuleTables:
-    """What the kernels need of RULES on boards of one shape, for a sensor radius in cells.
+    """What the kernels need of some of RULES on boards of one shape, for a sensor radius in cells.
 
+    columns     int64[rules], the first of the numbers of a move that each rule writes
     half_sides  int64[squares] of `prices`, the same for all rules
     arrays      tables and scratch of `prices`; highest, limits and weights of `RuleTables`
     found       float64[rules]: the highest value by each rule; float64[rules, 4], int64[rules, 4]: by each action the highest
                 value, and the way to its cell
     """
 
-    def __init__(self, rows: int, cols: int, radius: int) -> None:
-        tables, count = RuleTables(RULES, (rows, cols), radius), len(RULES)
+    def __init__(self, rows: int, cols: int, radius: int, first: int, rules: Sequence[int]) -> None:
+        """first: the column of the numbers of RULES[0]; rules: indices into RULES, at least one."""
+        tables, count = RuleTables([RULES[rule] for rule in rules], (rows, cols), radius), len(rules)
+        self.columns: NDArray[np.int64] = first + NUMBERS_PER_RULE * np.asarray(rules, np.int64)
         self.half_sides: NDArray[np.int64] = tables.prices[0]
         self.arrays = (tables.prices, price_scratch(rows * cols, count), tables.highest, tables.limits, tables.weights)
         self.found = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
@@ -118,16 +123,19 @@ def value_actions(candidates, count, distance, first_actions, new_cells, shape, 
 
 
 @kernel
-def write_priced_features(shape, found, moves, first):
-    """Write the numbers of the module's header into moves float32[4, ...], from column `first` on, for each valid move."""
+def write_priced_features(shape, found, columns, moves):
+    """Write the numbers of the module's header into moves float32[4, ...] for each valid move.
+
+    columns  int64[rules], where the numbers of each rule begin; what `found` does not hold, all of it 0, is left as it is
+    """
     best, values, ways = found
     for action in range(4):
         if moves[action, 0] == 0.0:
             continue
         for k in range(len(best)):
-            at = first + NUMBERS_PER_RULE * k
+            at = columns[k]
             if best[k] > 0.0 and values[k, action] > LEAST_SHARE * best[k]:
                 moves[action, at] = (values[k, action] / best[k] - LEAST_SHARE) / (1.0 - LEAST_SHARE)
                 moves[action, at + 1] = values[k, action] == best[k]
                 moves[action, at + 2] = np.log(1.0 + ways[k, action]) * 0.3
-        moves[action, first + NUMBERS_PER_RULE * len(best)] = np.log(float(shape[0] * shape[1])) * LOG_CELLS_SCALE
+        moves[action, moves.shape[1] - 1] = np.log(float(shape[0] * shape[1])) * LOG_CELLS_SCALE

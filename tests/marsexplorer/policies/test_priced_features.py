@@ -138,5 +138,37 @@ def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
         assert episode.outcome == "explored"
 
 
+@pytest.mark.parametrize(("side", "rules"), [(15, ()), (21, ()), (30, (0, 1, 2)), (84, (1,))])
+def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_stay_the_same(side, rules):
+    """Bit by bit, but for 84 x 84, where rounding gives the rules for 42 x 42 a ten-millionth."""
+    far = 1e-5 if side == 84 else 0.0
+    net, config = load_net(shipped()["ppo-priced"]), EnvConfig("random", side, side)
+    assert net.rules_that_count(side, side) == rules
+    all_rules, few_rules = GreedyRollouts(config, 2, sees_prices=True), GreedyRollouts(config, 2, True, rules)
+    for rollouts in (all_rules, few_rules):
+        rollouts.worlds.start(np.arange(2))
+    for _ in range(30):
+        decisions = all_rules.decide(net), few_rules.decide(net)
+        assert np.abs(decisions[0].logits - decisions[1].logits).max() <= far
+        given = [net.infer(each.planes, each.moves)[1] for each in decisions]
+        assert np.abs(given[0] - given[1]).max() <= far
+        assert (decisions[1].moves[:, :, -1] == decisions[0].moves[:, :, -1]).all()
+        for rollouts in (all_rules, few_rules):
+            rollouts.step(decisions[0].actions)
+
+
+def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(nets):
+    net = with_prices(nets[0])
+    assert net.rules_that_count(21, 21) == ()
+    with torch.no_grad():
+        net.value_head[0].weight[3, 128 + 2 * (ACTION_FEATURES + PRICED_FEATURES) + ACTION_FEATURES + 8] = 1e-9
+    assert net.rules_that_count(21, 21) == (2,)
+    with torch.no_grad():
+        net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9
+    assert net.rules_that_count(21, 21) == (0, 2)
+    assert net.rules_that_count(84, 84) == (0, 1, 2)
+    assert nets[0].rules_that_count(84, 84) == ()
+
+
 def test_the_first_network_sees_no_prices():
     assert not load_net(shipped()["ppo"]).sees_prices
