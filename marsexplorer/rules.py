@@ -111,7 +111,8 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
-        begin(state, base, codes, cbase, sight, rules, masks, 0, 0, rules[ROWS] * rules[COLS], rules[TARGET])
+        start = np.int64(0)  # not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone
+        begin(state, base, codes, cbase, sight, rules, masks, start, start, rules[ROWS] * rules[COLS], rules[TARGET])
         state[base + SEED] = seed
     return draws
 
@@ -174,11 +175,11 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
                 prefetch(state, first + line)
                 prefetch(state, first + known + line)
 
-        # 2. Scan.
+        # 2. Scan. The arguments have the types that they have in `begin`, so that `scan` is compiled once.
         i = listed[k]
         base = i * record
         where = state[base + POSITION]
-        row, col = where >> np.uint64(32), where & np.uint64(0xFFFFFFFF)
+        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
         new = scan(state, base + HEAD, codes, i * cells, sight, rules, row, col)
         state[base + DISCOVERED] += np.uint64(new)
         rewards[i] += float(new)

@@ -110,7 +110,7 @@ def is_solvable(bits, base, reach, offset, shape, masks):
     # 1. The start must be free; what is connected to it is reached.
     if (bits[first + (radius >> 6)] >> np.uint64(radius & 63)) & np.uint64(1):
         return False
-    flood(bits, base, reach, offset, shape, masks, 0, 0)
+    flood(bits, base, reach, offset, shape, masks, np.int64(0), np.int64(0))
 
     # 2. Every free cell must be reached. Count what can be discovered: the free cells, and the obstacles next to one (for
     #    radii above 1 also those at a corner; see the module's header for why no others).
