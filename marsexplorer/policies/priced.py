@@ -66,45 +66,50 @@ class PricedRule:
             raise ValueError(f"limit and power must be above 0 and offset 0 or more, got {self}")
 
 
-SMALL_SIDE, LARGE_SIDE = 21, 84
-"""Sides of the square grids (cells, at a sensor radius of 6) that the two ends of a `SizedRule` are for."""
+SIDES = (21, 42, 84)
+"""Sides of the square grids (cells, at a sensor radius of 6) that the rules of a `SizedRule` are for."""
 
 
 @dataclass(frozen=True)
 class SizedRule:
-    """Parameters for every size: those of `small` up to SMALL_SIDE, those of `large` from LARGE_SIDE on.
+    """Parameters for every size: those of `small`, `middle` and `large` are for grids of SIDES.
 
-    Between the two they change with the logarithm of the side, the side of another grid being the root of its cells.
+    Between them they change with the logarithm of the side, the side of another grid being the root of its cells. Smaller grids
+    have those of `small`, larger ones those of `large`.
     """
 
     small: PricedRule
+    middle: PricedRule
     large: PricedRule
 
     def of(self, rows: int, cols: int, radius: int = TUNED_RADIUS) -> PricedRule:
         """Return the parameters for a grid and a sensor radius; a grid counts as large as it is in units of the radius."""
         side = (rows * cols) ** 0.5 * TUNED_RADIUS / radius
-        share = float(np.clip(np.log(side / SMALL_SIDE) / np.log(LARGE_SIDE / SMALL_SIDE), 0.0, 1.0))
+        place = float(np.clip(np.log(side / SIDES[0]) / np.log(SIDES[1] / SIDES[0]), 0.0, 2.0))
+        return between(self.small, self.middle, place) if place <= 1 else between(self.middle, self.large, place - 1)
 
-        def between(small: float, large: float) -> float:
-            return (1 - share) * small + share * large
 
-        def all_between(small: Triple, large: Triple) -> Triple:
-            return between(small[0], large[0]), between(small[1], large[1]), between(small[2], large[2])
+def between(first: PricedRule, last: PricedRule, share: float) -> PricedRule:
+    """Return the rule whose every parameter is (1 - share) of that of the first and `share` of that of the last."""
 
-        first, last = self.small.prices, self.large.prices
-        prices = PriceParameters(
-            all_between(first.weights, last.weights),
-            all_between(first.powers, last.powers),
-            *(between(getattr(first, name), getattr(last, name)) for name in ("pocket", "pocket_cells", "fade")),
-        )
-        return PricedRule(
-            prices, *(between(getattr(self.small, name), getattr(self.large, name)) for name in ("limit", "offset", "power"))
-        )
+    def mix(one: float, other: float) -> float:
+        return (1 - share) * one + share * other
+
+    def mix_all(one: Triple, other: Triple) -> Triple:
+        return mix(one[0], other[0]), mix(one[1], other[1]), mix(one[2], other[2])
+
+    prices = PriceParameters(
+        mix_all(first.prices.weights, last.prices.weights),
+        mix_all(first.prices.powers, last.prices.powers),
+        *(mix(getattr(first.prices, name), getattr(last.prices, name)) for name in ("pocket", "pocket_cells", "fade")),
+    )
+    return PricedRule(prices, *(mix(getattr(first, name), getattr(last, name)) for name in ("limit", "offset", "power")))
 
 
 TUNED = SizedRule(
     PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 150.0, 0.68, 1.345),
-    PricedRule(PriceParameters((0.8, 24.0, 5.3), (6.2, 5.0, 3.25), 8.5, 19.5, 0.08), 300.0, 1.0, 1.12),
+    PricedRule(PriceParameters((1.6, 17.25, 2.65), (5.0, 4.6, 2.925), 13.5, 18.75, 0.095), 225.0, 0.84, 1.2325),
+    PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335),
 )
 """The parameters that the policy has."""
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.table import ratio_interval
 from marsexplorer.policies.kernels.prices import PriceParameters
-from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule
+from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule, between
 from marsexplorer.training.priced_episodes import PricedEpisodes
 
 FIRST_SEED = 3_000_000_000
@@ -32,7 +32,8 @@ SPREAD = np.array([1.5, 5.0, 3.0, 1.2, 1.2, 1.0, 5.0, 6.0, 0.04, 0.3, 0.12])
 """One unit of each parameter: the weights, the powers, pocket, pocket_cells, fade, offset, power."""
 LOWEST = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 0.0, 1.0, 0.0, 0.0, 0.3])
 """The lowest value of each; a point that goes below it has this one."""
-ENDS = ("small", "large")
+ENDS = ("small", "middle", "large")
+"""The rules of a `SizedRule`."""
 SIDE = 21
 """The side of the grids for which numbers of terrains are given; larger ones get fewer, in proportion to their cells."""
 
@@ -46,7 +47,7 @@ class TuneConfig:
 
     configs   levels and sizes
     terrains  of each in a generation, at 21x21, see SIDE; at least one
-    ends      which parameters move: those for small grids, for large ones, or both
+    ends      which of ENDS move
     seed      of CMA-ES, 0 or more; sigma: its first standard deviation, in units of SPREAD
     """
 
@@ -174,9 +175,9 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
         "offset 0": changed(offset=0.0),
         "power of the way 1": changed(power=1.0),
         "power of the way 2": changed(power=2.0),
-        "half the limit": SizedRule(*(replace(each, limit=each.limit / 2) for each in (rule.small, rule.large))),
-        "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small),
-        "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large),
+        "half the limit": SizedRule(*(replace(each, limit=each.limit / 2) for each in (rule.small, rule.middle, rule.large))),
+        "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small, rule.small),
+        "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large, rule.large),
     }
 
 
@@ -193,10 +194,14 @@ def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
 
 
 def read_rule(document: dict[str, Any]) -> SizedRule:
-    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none."""
+    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none.
+
+    Documents of earlier versions have no `middle`, which was halfway between the other two.
+    """
     ends = {}
-    for end in ENDS:
+    for end in (each for each in ENDS if each in document or each != "middle"):
         prices: dict[str, Any] = dict(document[end]["prices"])
         prices |= {name: tuple(prices[name]) for name in ("weights", "powers")}
         ends[end] = PricedRule(**{**document[end], "prices": PriceParameters(**prices)})
+    ends.setdefault("middle", between(ends["small"], ends["large"], 0.5))
     return SizedRule(**ends)

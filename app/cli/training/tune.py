@@ -40,10 +40,10 @@ CHECK_FACTOR = 5
 @click.option(
     "--tune",
     "end",
-    type=click.Choice(["small", "large", "both"]),
+    type=click.Choice(["small", "middle", "large", "both", "all"]),
     default="both",
     show_default=True,
-    help="The parameters for 21x21, those for 84x84, or both; between the two sizes they change gradually.",
+    help="The parameters for 21x21, for 42x42, for 84x84, both the first and the last, or all; between, they change gradually.",
 )
 @click.option("--generations", type=click.IntRange(min=1), default=40, show_default=True, help="Generations of CMA-ES.")
 @click.option(
@@ -93,7 +93,7 @@ def tune(
     if ablate:
         _ablate(start, configs, terrains)
         return
-    config = TuneConfig(configs, terrains, ENDS if end == "both" else (end,), seed, start)
+    config = TuneConfig(configs, terrains, {"both": ("small", "large"), "all": ENDS}.get(end, (end,)), seed, start)
     folder = out or Path("runs") / "tuned"
     run = _begin(config, folder, resume)
     try:

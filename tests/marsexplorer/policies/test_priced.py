@@ -13,7 +13,7 @@ from marsexplorer.policies.priced import TUNED, FrontierPriced, PricedRule, Size
 from tests.support import reference_frontier, strategies
 
 _ODD = PricedRule(PriceParameters((1.5, 0.0, 7.0), (2.0, 1.0, 0.5), 30.0, 2.5, 0.3), 40.0, 0.0, 2.0)
-OTHER = SizedRule(_ODD, _ODD)
+OTHER = SizedRule(_ODD, _ODD, _ODD)
 """Parameters that are nothing like the tuned ones: a low limit, no offset, one square left out."""
 
 
@@ -110,8 +110,10 @@ def test_prices_that_make_no_sense_are_refused():
 def test_parameters_change_with_the_logarithm_of_the_side():
     assert TUNED.of(21, 21) == TUNED.of(10, 12) == TUNED.small
     assert TUNED.of(84, 84) == TUNED.of(300, 100) == TUNED.large
-    middle = TUNED.of(28, 63)
-    assert middle.power == pytest.approx((TUNED.small.power + TUNED.large.power) / 2)
-    assert middle.prices.weights[1] == pytest.approx((TUNED.small.prices.weights[1] + TUNED.large.prices.weights[1]) / 2)
+    assert TUNED.of(28, 63) == TUNED.middle
+    for rows, cols, first, last in ((21, 42, TUNED.small, TUNED.middle), (42, 84, TUNED.middle, TUNED.large)):
+        halfway = TUNED.of(rows, cols)
+        assert halfway.power == pytest.approx((first.power + last.power) / 2)
+        assert halfway.prices.weights[1] == pytest.approx((first.prices.weights[1] + last.prices.weights[1]) / 2)
     assert TUNED.of(14, 14, radius=4) == TUNED.small, "a grid is as large as it is in units of the radius"
     assert TUNED.of(14, 14, radius=2) == TUNED.of(42, 42)

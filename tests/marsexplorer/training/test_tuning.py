@@ -58,7 +58,7 @@ def test_a_run_goes_on_as_if_it_had_not_been_interrupted(pool):
 def test_only_the_chosen_end_moves(pool):
     run = TuneRun(TuneConfig((SMALL,), 1, ("large",)))
     run.run_generation(pool, lambda done: None)
-    assert run.rule.small == TUNED.small
+    assert (run.rule.small, run.rule.middle) == (TUNED.small, TUNED.middle)
     assert run.rule.large != TUNED.large
 
 
@@ -75,10 +75,12 @@ def test_a_point_with_fewer_moves_has_a_lower_value(pool):
 
 
 def test_a_rule_is_its_vector_and_its_document():
-    for rule in (TUNED.small, TUNED.large):
+    for rule in (TUNED.small, TUNED.middle, TUNED.large):
         assert to_rule(to_vector(rule), rule.limit) == rule
     assert to_vector(to_rule(np.full(len(SPREAD), -9.0), 1.0)).tolist() == LOWEST.tolist()
     assert read_rule(json.loads(json.dumps(asdict(TUNED)))) == TUNED
+    earlier = {end: values for end, values in asdict(TUNED).items() if end != "middle"}
+    assert read_rule(json.loads(json.dumps(earlier))).middle.power == pytest.approx((TUNED.small.power + TUNED.large.power) / 2)
     with pytest.raises(KeyError):
         read_rule({"small": {}})
 
