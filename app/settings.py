@@ -87,8 +87,11 @@ class Limits(BaseModel):
 
     connections, connections_per_address  TCP connections that may be open
     opened           connections that one address may open
+    served           how many of these are served at once and a second after that; the others wait for their turn
     sockets, sockets_per_address          websockets that may be open
     pings, messages  of any one websocket, before the application sees them; beyond, it is closed with 1008
+    messages_per_address  the same over all sockets of one address
+    busy_sockets     as many sockets may be as busy as the following limits allow; those of one address share that
     acts             moves over one socket; beyond, they wait
     events, histories, expectations       messages of those kinds over one socket; beyond, they wait, then it is closed
     bad_messages, refused_acts            beyond, the socket is closed
@@ -105,10 +108,13 @@ class Limits(BaseModel):
     connections: int = Field(default=4000, ge=1)
     connections_per_address: int = Field(default=1000, ge=1)
     opened: Bucket = "1000+25/s"
+    served: Bucket = "50+100/s"
     sockets: int = Field(default=2000, ge=1)
     sockets_per_address: int = Field(default=500, ge=1)
     pings: Bucket = "20+2/s"
     messages: Bucket = "10000+2000/s"
+    messages_per_address: Bucket = "20000+4000/s"
+    busy_sockets: int = Field(default=20, ge=1)
     acts: Bucket = "500+100/s"
     events: Bucket = "60+30/s"
     histories: Bucket = "20+10/s"

@@ -6,7 +6,7 @@ The middleware of this package leaves its judgement in the connection; handlers 
 """
 
 from app.protection.addresses import client_address, is_secure
-from app.protection.admission import Admission
+from app.protection.admission import Admission, limited_as
 from app.protection.headers import NO_CACHE, SHARED, SecurityHeaders, page_policy, viewer_policy
 from app.protection.hosts import AllowedHosts, own_names
 from app.protection.origins import OwnPages, has_own_origin
@@ -30,6 +30,7 @@ __all__ = [
     "client_address",
     "has_own_origin",
     "is_secure",
+    "limited_as",
     "limited_protocols",
     "own_names",
     "page_policy",

@@ -18,7 +18,11 @@ def client_address(connection: HTTPConnection) -> str:
 
     Behind a named proxy (`serve --trusted-proxy`) it is the address that the proxy reports; nobody else's report counts.
     """
-    host = connection.client.host if connection.client else ""
+    return network_of(connection.client.host if connection.client else "")
+
+
+def network_of(host: str) -> str:
+    """Return whose address this is: an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN."""
     try:
         address = ip_address(host.partition("%")[0])
     except ValueError:

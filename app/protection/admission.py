@@ -6,6 +6,7 @@ player's cookie. Whoever sends the operator's token is not limited: that is how 
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import math
 import re
@@ -42,6 +43,12 @@ _PATHS: dict[Action, re.Pattern[str]] = {
 
 WHAT: dict[Action, str] = {"join": "joins of a study", "session": "new boards", "episode": "new episodes"}
 WHERE: dict[By, str] = {"address": "this network", "player": "this browser"}
+
+
+def limited_as(connection: HTTPConnection) -> str | None:
+    """Return the address that a websocket's messages are counted for; None for whoever has the operator's token."""
+    key: str | None = connection.scope["limited_as"]
+    return key
 
 
 class Rates:
@@ -100,7 +107,7 @@ class Admission:
             await self._refuse(scope, receive, send, 503, detail, RETRY_AFTER_S)
             return
         try:
-            await self._app(scope, receive, send)
+            await self._app({**scope, "limited_as": key}, receive, send)
         finally:
             sockets.give_back(key)
 
@@ -128,9 +135,9 @@ def _action_of(scope: Scope) -> Action | None:
 
 
 def _player_of(scope: Scope) -> str | None:
-    """Return the player's cookie as it came: whoever forges many is still one address."""
+    """Return a digest of the player's cookie as it came: whoever forges many is still one address."""
     try:
         found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(COOKIE)
     except CookieError:
         return None
-    return found.value if found is not None else None
+    return hashlib.sha256(found.value.encode()).hexdigest() if found is not None else None  # as short however long it is

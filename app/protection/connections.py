@@ -6,10 +6,12 @@ import resource
 from collections import Counter
 from collections.abc import Callable
 
-from app.protection.buckets import BucketSize, TokenBucket
+from app.protection.addresses import network_of
+from app.protection.buckets import AddressBuckets, BucketSize
 
-MAX_BUCKETS = 10_000
-"""Addresses whose rates are remembered; beyond it, those that would be as new are forgotten."""
+PENALTY, PENALTY_DEBT = 100, 5
+"""Connections that an address may open less at once for each of its sockets that was closed for too much, and how many of them
+it may come to owe: whoever floods over one socket after the other soon opens one for six tokens of the bare rate."""
 
 OTHER_FILES = 256
 """File descriptors that a server needs besides its connections, at most."""
@@ -60,27 +62,30 @@ class Slots:
 class Connections:
     """The TCP connections of a server.
 
+    opened       how many one address may open
+    served       how many of these are served at once; the others wait for their turn
     named_proxy  says whether a peer's address is that of a named proxy: it speaks for many, so only the total counts there
     """
 
-    def __init__(self, slots: Slots, opening: BucketSize, named_proxy: Callable[[str], bool]) -> None:
-        self.slots, self._opening, self._named_proxy = slots, opening, named_proxy
-        self._buckets: dict[str, TokenBucket] = {}
+    def __init__(self, slots: Slots, opened: BucketSize, served: BucketSize, named_proxy: Callable[[str], bool]) -> None:
+        self.slots, self._named_proxy = slots, named_proxy
+        self._opened, self._served = AddressBuckets(opened), AddressBuckets(served)
 
     def key_of(self, peer: str) -> str | None:
         """Return what a peer is counted under; None for a named proxy."""
-        return None if self._named_proxy(peer) else peer
+        return None if self._named_proxy(peer) else network_of(peer)
 
     def take(self, key: str | None) -> bool:
         """Count a new connection and return True, or return False where it is one too many or came too soon."""
-        if key is not None and self._bucket(key).take():
+        if key is not None and not self._opened.of(key).take_if_there():
             return False
         return self.slots.take(key)
 
-    def _bucket(self, key: str) -> TokenBucket:
-        bucket = self._buckets.get(key)
-        if bucket is None:
-            if len(self._buckets) >= MAX_BUCKETS:
-                self._buckets = {each: kept for each, kept in self._buckets.items() if not kept.is_full}
-            bucket = self._buckets[key] = TokenBucket(self._opening)
-        return bucket
+    def turn_s(self, key: str | None) -> float:
+        """Return for how many seconds a connection that was taken waits until it is served."""
+        return 0.0 if key is None else self._served.of(key).take()
+
+    def punish(self, key: str | None) -> None:
+        """Let an address open fewer connections at once, since one of its sockets was closed for too much."""
+        if key is not None:
+            self._opened.of(key).take_away(PENALTY, PENALTY_DEBT)

@@ -17,6 +17,7 @@ from app.protection.buckets import TokenBucket
 from app.protection.socket_budget import POLICY_VIOLATION
 
 if TYPE_CHECKING:
+    from uvicorn._types import ASGISendEvent
     from websockets.frames import Frame
 
     from app.protection.service import Protection
@@ -33,7 +34,7 @@ LINGER_S = 1.0
 SLICE_BYTES = 1024
 """Bytes of a socket that are looked at before its limits are: 170 pings."""
 
-READ_BYTES = 8192
+READ_BYTES = 2048
 """Bytes that are read of one socket in a turn of the event loop: a quarter of a megabyte of small messages, asyncio's own
 measure, would keep everybody else waiting."""
 
@@ -64,6 +65,9 @@ class LimitedHttp(H11Protocol):
             self.loop.call_later(LINGER_S, transport.abort)
         else:
             self.loop.call_later(FIRST_REQUEST_S, self._abort_without_request)
+            if turn_s := connections.turn_s(self._key):
+                transport.pause_reading()
+                self.loop.call_later(turn_s, self._serve)
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
@@ -81,6 +85,14 @@ class LimitedHttp(H11Protocol):
         protocol = self.transport.get_protocol()
         if isinstance(protocol, LimitedWebSocket):
             protocol.on_lost = self._release
+            if self._key is not None:
+                protocol.of_address = self.protection.messages.of(self._key)
+            protocol.punish = lambda: self.protection.connections.punish(self._key)
+
+    def _serve(self) -> None:
+        """Read the first request: the connection's turn has come."""
+        if not self.transport.is_closing():
+            self.transport.resume_reading()
 
     def _release(self) -> None:
         if self._is_counted:
@@ -99,6 +111,10 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
     protection: ClassVar[Protection]
     on_lost: Callable[[], None] | None = None
     """What the HTTP connection that this one was before wants to be told when it is lost."""
+    punish: Callable[[], None] | None = None
+    """What is called when this one is closed for too much."""
+    of_address: TokenBucket | None = None
+    """The bucket of messages of all sockets of its address; None behind a named proxy."""
     _is_shut = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -125,6 +141,20 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         else:
             super().handle_ping()
 
+    async def send(self, message: ASGISendEvent) -> None:
+        await super().send(message)
+        if message["type"] == "websocket.close" and message.get("code") == POLICY_VIOLATION and not self._is_shut:
+            self._is_shut = True
+            self._stop_reading()
+
+    def _stop_reading(self) -> None:
+        """Read nothing more, and leave the other side time to read why it was closed; its address opens fewer from now on."""
+        if self.punish is not None:
+            self.punish()
+        self.read_paused = False  # nothing resumes it
+        self.transport.pause_reading()
+        self.loop.call_later(LINGER_S, self.transport.abort)
+
     def handle_pong(self, event: Frame) -> None:
         if self._pings.take():
             self._shut("pings")
@@ -139,13 +169,13 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             super().handle_cont(event)
 
     def send_receive_event_to_app(self) -> None:
-        if self._messages.take():
+        if self._messages.take() or (self.of_address is not None and not self.of_address.take_if_there()):
             self._shut("messages")
         else:
             super().send_receive_event_to_app()
 
     def _shut(self, kind: str) -> None:
-        """Close the socket with 1008; what still comes is read and dropped, so that the other side can read why."""
+        """Close the socket with 1008."""
         if self._is_shut:
             return
         self._is_shut = True
@@ -157,10 +187,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             self.transport.write(b"".join(self.conn.data_to_send()))
             self.close_sent = True
         self.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY_VIOLATION})
-        if self.read_paused:
-            self.read_paused = False
-            self.transport.resume_reading()
-        self.loop.call_later(LINGER_S, self.transport.abort)
+        self._stop_reading()
 
 
 def limited_protocols(protection: Protection) -> tuple[type[LimitedHttp], type[LimitedWebSocket]]:

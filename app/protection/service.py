@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from app.protection.buckets import BucketSize
+from app.protection.buckets import AddressBuckets, BucketSize
 from app.protection.connections import Connections, Slots, make_room
-from app.protection.socket_budget import SocketBudget
+from app.protection.socket_budget import Kind, SocketBudget
 from app.settings import Limits
 
 
@@ -19,6 +19,7 @@ class Protection:
     refusals     how often something was refused, by reason; `count` is called with each reason as well
     connections  the TCP connections
     sockets      the websockets among them, by the address that a named proxy reports
+    messages     those of all sockets of an address, of any kind
     """
 
     def __init__(
@@ -30,7 +31,11 @@ class Protection:
         named = ProxyHeadersMiddleware(None, list(trusted_proxies)).trusted_hosts  # type: ignore[arg-type]
         room = make_room(limits.connections)
         slots = Slots(room, limits.connections_per_address)
-        self.connections = Connections(slots, self.bucket_sizes["opened"], named.__contains__)
+        self.connections = Connections(slots, self.bucket_sizes["opened"], self.bucket_sizes["served"], named.__contains__)
+        self.messages = AddressBuckets(self.bucket_sizes["messages_per_address"])
+        self._together = {
+            kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets)) for kind, name in KINDS.items()
+        }
         sockets = max(1, limits.sockets * room // limits.connections)  # the others load pages
         self.sockets = Slots(sockets, limits.sockets_per_address)
 
@@ -39,21 +44,22 @@ class Protection:
         self.refusals[reason] += 1
         self._count(reason)
 
-    def socket_budget(self) -> SocketBudget:
-        """Return full buckets for the messages of one play socket."""
-        sizes = self.bucket_sizes
-        return SocketBudget(
-            {
-                "act": sizes["acts"],
-                "events": sizes["events"],
-                "history": sizes["histories"],
-                "expected": sizes["expectations"],
-                "bad": sizes["bad_messages"],
-                "refused": sizes["refused_acts"],
-            },
-            self.count_refusal,
-        )
+    def socket_budget(self, address: str | None) -> SocketBudget:
+        """Return full buckets for the messages of one play socket, beside those of all sockets of its address (None: alone)."""
+        sizes = {kind: self.bucket_sizes[name] for kind, name in KINDS.items()}
+        together = {} if address is None else {kind: buckets.of(address) for kind, buckets in self._together.items()}
+        return SocketBudget(sizes, together, self.count_refusal)
 
 
-BUCKETS = ("opened", "pings", "messages", "acts", "events", "histories", "expectations", "bad_messages", "refused_acts")
+KINDS: dict[Kind, str] = {
+    "act": "acts",
+    "events": "events",
+    "history": "histories",
+    "expected": "expectations",
+    "bad": "bad_messages",
+    "refused": "refused_acts",
+}
+"""The setting of each kind of message."""
+
+BUCKETS = ("opened", "served", "pings", "messages", "messages_per_address", *KINDS.values())
 """The settings that are sizes of token buckets."""

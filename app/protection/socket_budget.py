@@ -28,11 +28,14 @@ class TooManyMessagesError(Exception):
 class SocketBudget:
     """The buckets of one socket.
 
-    delay_s  how long to wait before the next message is read
+    together  the buckets of all sockets of its address
+    delay_s   how long to wait before the next message is read
     """
 
-    def __init__(self, sizes: dict[Kind, BucketSize], count_refusal: Callable[[str], None]) -> None:
-        self._sizes, self._count_refusal = sizes, count_refusal
+    def __init__(
+        self, sizes: dict[Kind, BucketSize], together: dict[Kind, TokenBucket], count_refusal: Callable[[str], None]
+    ) -> None:
+        self._sizes, self._together, self._count_refusal = sizes, together, count_refusal
         self._buckets: dict[Kind, TokenBucket] = {}
         self._slowed: dict[Kind, int] = {}
         self.delay_s = 0.0
@@ -43,6 +46,8 @@ class SocketBudget:
         if bucket is None:
             bucket = self._buckets[kind] = TokenBucket(self._sizes[kind])
         missing_s = bucket.take()
+        if kind in self._together:
+            missing_s = max(missing_s, self._together[kind].take())
         if not missing_s:
             self._slowed[kind] = 0
             return

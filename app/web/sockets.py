@@ -26,7 +26,7 @@ from app.play.messages import (
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
-from app.protection import POLICY_VIOLATION, TooManyMessagesError, has_own_origin
+from app.protection import POLICY_VIOLATION, TooManyMessagesError, has_own_origin, limited_as
 from app.storage.store import StoreError
 from app.web.access import is_owner, may_control, services_of, visible_session
 
@@ -62,7 +62,7 @@ class PlaySocket:
         self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
         self._may_control = may_control(websocket, session)
         self._expected = ExpectedDiscoveries()
-        self._budget = services_of(websocket).protection.socket_budget()
+        self._budget = services_of(websocket).protection.socket_budget(limited_as(websocket))
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""

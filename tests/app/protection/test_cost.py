@@ -28,7 +28,7 @@ def test_the_limits_cost_a_move_at_most_a_fifth_of_a_millisecond(serve, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr("app.web.listening.limited_protocols", lambda _: (H11Protocol, WebSocketsSansIOProtocol))
         bare = serve(database=tmp_path / "bare.db")
-    monkeypatch.setattr(bare.services.protection, "socket_budget", NoBudget)
+    monkeypatch.setattr(bare.services.protection, "socket_budget", lambda _: NoBudget())
     spent = {limited: [], bare: []}
     boards = {server: server.client().post("/api/sessions", json={"size": 42, "seed": 3}).json() for server in spent}
     with limited.socket(boards[limited]["session"]) as first, bare.socket(boards[bare]["session"]) as second:

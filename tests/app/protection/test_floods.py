@@ -123,7 +123,7 @@ def test_binary_messages_close_the_socket(server):
 
 @pytest.mark.parametrize("kind", ["history", "expected"])
 def test_requests_are_slowed_down_and_a_flood_of_them_closes_the_socket(serve, kind):
-    server = serve(limits=Limits(histories="5+100/s", expectations="5+100/s"))
+    server = serve(limits=Limits(histories="5+30/s", expectations="5+30/s"))
     _, begun = begin(server)
     code, reason = flood(server, begun, text({"kind": kind}), PATIENCE + 200)
     assert (code, f"({kind})" in reason) == (1008, True)

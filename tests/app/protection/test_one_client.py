@@ -1,0 +1,155 @@
+"""What one client can do by many connections, large boards and many stored events, and how long the others wait meanwhile."""
+
+import sqlite3
+import time
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from tests.support.others import measure, misbehaving
+from tests.support.servers import eventually
+
+pytestmark = pytest.mark.long
+
+CONNECTIONS = 5_000
+
+CONNECT = """
+import resource, selectors, socket, sys, time
+port, path, wanted = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+ask = f"GET {path} HTTP/1.1\\r\\nHost: 127.0.0.1:{port}\\r\\nUpgrade: websocket\\r\\nConnection: Upgrade\\r\\n"
+ask += "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\\r\\nSec-WebSocket-Version: 13\\r\\n\\r\\n"
+held = []
+for _ in range(wanted):
+    try:
+        each = socket.create_connection(("127.0.0.1", port), timeout=20, source_address=("127.0.0.2", 0))
+        each.sendall(ask.encode())
+        held.append(each)
+    except OSError:
+        pass
+print(len(held), flush=True)
+time.sleep(600)
+"""
+"""Opens sockets from an address of its own, one after the other as fast as they are accepted, and holds them."""
+
+EVENTS = """
+import json, sys
+from websockets.sync.client import connect
+url, origin, cookie, episode = sys.argv[1:]
+with connect(url, origin=origin, additional_headers={"Cookie": cookie}, proxy=None, compression=None, max_size=None) as socket:
+    number = 0
+    while True:
+        events = [{"kind": "blur", "client_ms": 1.0 + number / 1e6 + each / 1e9} for each in range(200)]
+        batch = {} if number % 2 else {"batch": f"b{number}"}
+        socket.send(json.dumps({"kind": "events", "episode": episode, "events": events, **batch}))
+        number += 1
+        while json.loads(socket.recv())["kind"] != "kept":
+            pass
+"""
+
+
+def descriptors(server):
+    return len(list(Path(f"/proc/{server.process.pid}/fd").iterdir()))
+
+
+def percentiles(trips):
+    return [float(np.percentile(trips, p)) for p in (50, 99, 100)]
+
+
+def test_five_thousand_sockets_of_one_client_leave_room_and_give_everything_back(spawn):
+    """Each asks for a websocket from 127.0.0.2; the others play from 127.0.0.1."""
+    server = spawn()
+    with server.client() as client:
+        begun = client.post("/api/sessions", json={"size": 21}).json()
+    measure(server, 2)
+    time.sleep(6)  # connections that were kept open for another request end
+    before = descriptors(server)
+    quiet = percentiles(measure(server, 6))
+    with misbehaving(CONNECT, server.port, f"/ws/sessions/{begun['session']}", CONNECTIONS) as connecting:
+        flooded = percentiles(measure(server, 12))
+        most = descriptors(server)
+        connecting.kill()
+    eventually(lambda: descriptors(server) <= before)
+    print(f"\n{CONNECTIONS:,} sockets of one client: median, p99 and worst wait of the others", end=" ")
+    print(", ".join(f"{ms:.1f}" for ms in quiet), "ms quiet;", ", ".join(f"{ms:.1f}" for ms in flooded), "ms;", end=" ")
+    print(f"descriptors {before} -> {most} -> {descriptors(server)}")
+    assert most < 1_100, "an address has at most 1,000 connections"
+    assert flooded[2] < 5_000, "before there were caps somebody waited 27 s"
+
+
+def moves_of(server, session, client, seconds):
+    """How many moves a board makes in some seconds."""
+    url = f"/api/sessions/{session}"
+    before = client.get(url).json()
+    time.sleep(seconds)
+    after = client.get(url).json()
+    assert after["episode"] == before["episode"]
+    assert after["outcome"] is None
+    return after["step"] - before["step"]
+
+
+def decision_ms():
+    """How long the planner takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
+    policy, episode, spent = policies.load("planner"), Episode.begin(EnvConfig.of("random", 128), seed=7), []
+    policy.reset(0)
+    for _ in range(20):
+        began = time.perf_counter()
+        action = policy.act(episode.codes)
+        spent.append((time.perf_counter() - began) * 1000)
+        episode.step(action)
+    return float(np.median(spent))
+
+
+def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decision(spawn):
+    """The honest board asks for 20 moves a second on 64x64; the thirty, each of another player, for 60 a second."""
+    server = spawn()
+    with ExitStack() as stack:
+        client = stack.enter_context(server.client())
+        honest = client.post("/api/sessions", json={"size": 64, "player": "frontier-cost", "seed": 3}).json()["session"]
+        client.post(f"/api/sessions/{honest}/pace", json={"moves_per_second": 20})
+        watched = [stack.enter_context(server.socket(honest, client))]
+        moves_of(server, honest, client, 1)
+        quiet_ms = 8000 / moves_of(server, honest, client, 8)
+        for number in range(30):
+            greedy = stack.enter_context(server.client())
+            body = {"size": 128, "player": "planner", "seed": number}
+            session = greedy.post("/api/sessions", json=body).json()["session"]
+            greedy.post(f"/api/sessions/{session}/pace", json={"moves_per_second": 60})
+            watched.append(stack.enter_context(server.socket(session, greedy)))
+        time.sleep(2)
+        busy_ms = 10_000 / max(1, moves_of(server, honest, client, 10))
+        one_ms = decision_ms()
+    print(
+        f"\nhonest board beside 30 planners on 128x128: {quiet_ms:.0f} -> {busy_ms:.0f} ms a move; one decision {one_ms:.0f} ms"
+    )
+    assert busy_ms < quiet_ms + 3 * one_ms + 50
+
+
+def count_events(path):
+    with closing(sqlite3.connect(path)) as db:
+        return db.execute("SELECT count(*) FROM input_events").fetchone()[0]
+
+
+def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(spawn, tmp_path):
+    """They come 200 at a time, nearly equal to each other, as fast as they are answered, with and without a batch's id."""
+    server = spawn()
+    with server.page() as client:
+        begun = client.post("/api/sessions", json={"size": 21}).json()
+        cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
+    measure(server, 2)
+    quiet = percentiles(measure(server, 8))
+    url = f"ws://127.0.0.1:{server.port}/ws/sessions/{begun['session']}"
+    with misbehaving(EVENTS, url, server.url, cookie, begun["frame"]["episode"]) as sending:
+        filling = percentiles(measure(server, 8))
+        eventually(lambda: count_events(tmp_path / "playground.db") == 50_000)
+        full = percentiles(measure(server, 8))
+        sending.kill()
+    for name, figures in (("quiet", quiet), ("while the events come", filling), ("with 50,000", full)):
+        print(f"\n{name}: median, p99 and worst wait of the others", ", ".join(f"{ms:.1f}" for ms in figures), "ms", end="")
+    assert max(filling[1], full[1]) <= 2 * quiet[1]
