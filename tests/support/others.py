@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 from websockets.asyncio.client import connect
 
@@ -47,6 +48,11 @@ def measure(server, seconds):
     return trips
 
 
+@contextmanager
 def misbehaving(code, *arguments):
-    """Start a process that runs Python code with arguments, as whoever misbehaves."""
-    return subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL)
+    """Run Python code with arguments in a process of its own, as whoever misbehaves, and end it."""
+    with subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
