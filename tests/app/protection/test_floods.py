@@ -3,9 +3,10 @@
 import json
 import struct
 import time
+from contextlib import suppress
 
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.protection.buckets import BucketSize, TokenBucket
 from app.protection.socket_budget import PATIENCE
@@ -152,6 +153,48 @@ def test_a_script_that_waits_for_each_frame_is_slowed_down_and_never_closed(serv
                 frame = socket.receive("frame")
                 while frame["step"] or frame["outcome"]:
                     frame = socket.receive("frame")
+
+
+def test_the_sockets_of_one_address_share_limits_and_those_of_another_do_not(serve):
+    server = serve(limits=Limits(histories="5+0.1/s", busy_sockets=2), trusted_proxies=("127.0.0.1",))
+    _, begun = begin(server)
+
+    def answers(address, sockets):
+        """How many of five requests over each of some sockets are answered at once."""
+        count = 0
+        for _ in range(sockets):
+            with server.socket(begun["session"], **{"X-Forwarded-For": address}) as socket:
+                socket.receive("history")  # on joining
+                for _ in range(5):
+                    socket.send({"kind": "history"})
+                with suppress(TimeoutError):
+                    for _ in range(5):
+                        socket.receive("history", seconds=1)
+                        count += 1
+        return count
+
+    assert answers("203.0.113.1", 3) == 11, "ten of two sockets, and the one that is answered before it waits"
+    assert answers("203.0.113.2", 1) == 5
+
+
+def test_a_socket_that_is_closed_for_too_much_costs_its_address_connections(serve):
+    server = serve(limits=Limits(opened="150+0.1/s"))
+    _, begun = begin(server)
+    codes = []
+    for _ in range(2):
+        codes.append(flood(server, begun, PING * 500, 1)[0])
+    assert codes == [1008, 1008]
+    with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
+        pass
+    assert refused.value.response.status_code == 503
+
+
+def test_connections_are_served_in_turn(serve):
+    server = serve(limits=Limits(served="1+4/s"))
+    began = time.monotonic()
+    for _ in range(3):
+        assert server.client().get("/healthz").status_code == 200
+    assert time.monotonic() - began >= 0.4
 
 
 def test_a_flood_leaves_the_board_as_it_was_and_the_player_comes_back(server):
