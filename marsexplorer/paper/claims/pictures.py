@@ -28,6 +28,7 @@ PICTURES = {
     "figure6": {
         "figure6-quadrants": "how often policies, rules and untrained walks make a U and never go back",
         "figure6-ppo": "where ppo goes on the levels, and the obstacles that it finds",
+        "figure6-ppo-works-21-s0": "the same for PPO as it works, trained on each level apart",
     },
     "figure7": {
         "figure7-coverage": "coverage against moves at three sizes",
@@ -36,7 +37,7 @@ PICTURES = {
     },
 }
 """Figure -> name of a picture that the page shows -> what it shows."""
-COLOURS, LARGEST_WIDTH = 256, 1150
+COLOURS, LARGEST_WIDTH = 192, 1040
 """Of a picture as it is shipped: colours of its palette, and pixels."""
 
 

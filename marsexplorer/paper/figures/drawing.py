@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from marsexplorer.evaluation import INFORMED
-from marsexplorer.evaluation.plots import PLOT_COLOURS
 from marsexplorer.files import replace_whole, write_whole
 
 ORDER = ("ppo", "ppo-paper", "frontier-utility", "frontier-cost", INFORMED)
@@ -21,6 +20,9 @@ FIXED_COLOURS = ("#0072B2", "#CC79A7", "#E69F00", "#D55E00", "#4D4D4D")
 
 ALGORITHM_COLOURS = {"ppo": "#0072B2", "a2c": "#56B4E9", "rainbow": "#009E73", "sac": "#882255"}
 """Of the four algorithms' learning curves, and of the policies that `marsexplorer paper` trained, in every figure."""
+
+SPARE_COLOURS = ("#332288", "#999933", "#661100", "#AA4499")
+"""Of any other policies, one after the other."""
 
 INK, SOFT_INK, LINE_COLOUR, SAND = "#1f2328", "#59636e", "#d8dde3", "#f6f1ea"
 """Text, lesser text, thin lines, and quiet surfaces."""
@@ -39,9 +41,8 @@ def colours_of(names: Sequence[str]) -> dict[str, str]:
     algorithms = {name: name.split("-")[0] for name in names}
     trained = {name: ALGORITHM_COLOURS[each] for name, each in algorithms.items() if each in ("a2c", "rainbow", "sac")}
     fixed = dict(zip(ORDER, FIXED_COLOURS, strict=True)) | trained
-    spare = [colour for colour in PLOT_COLOURS if colour not in FIXED_COLOURS]
     others = [name for name in in_order(names) if name not in fixed]
-    return fixed | {name: spare[number % len(spare)] for number, name in enumerate(others)}
+    return fixed | {name: SPARE_COLOURS[number % len(SPARE_COLOURS)] for number, name in enumerate(others)}
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -18,7 +18,7 @@ from marsexplorer.paper.episodes.quadrants import quadrant_map
 from marsexplorer.paper.episodes.scale import PER_CENT, Coverage, compare, last_shares, scale_rows, steps_of
 from marsexplorer.paper.episodes.visits import Visits, course_rates, has_free_neighbour, map_of, obstacles_of
 from marsexplorer.paper.figures import figure6, figure7
-from marsexplorer.paper.figures.drawing import save
+from marsexplorer.paper.figures.drawing import ORDER, colours_of, save
 from marsexplorer.policies import find_file
 from marsexplorer.terrain import generate
 
@@ -244,3 +244,8 @@ def test_the_shipped_results_are_whole_and_small():
 def test_the_shipped_results_are_drawn(tmp_path):
     assert len(figure6.draw(FOLDER, tmp_path)) >= len(figure6.POLICIES) + 2
     assert len(figure7.draw(FOLDER, tmp_path)) == 4
+
+
+def test_policies_that_are_drawn_together_have_different_colours():
+    names = ["a2c-works", "rainbow-works", "sac-works", "ppo-works", "ppo-works-21-s0", "ppo-priced", "frontier-priced", *ORDER]
+    assert len(set(colours_of(names).values())) == len(names)
