@@ -137,7 +137,8 @@ export function apply(state, event) {
       const kept = state.rival?.isReplay && player.frame.episode === state.player?.frame.episode ? state.rival : null;
       const rival = about.rival
         ? { ...boardOf(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
-      return { ...state, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival };
+      const link = about.session === state.player?.session ? state.link : "connecting"; // another session has a socket of its own
+      return { ...state, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link };
     }
     case "watched": {
       const { level, size, board } = event;

@@ -217,13 +217,13 @@ def test_a_second_tab_is_harmless(serve, player):
 
 
 def fits(page, test_ids, width, height):
-    """Every one of these elements is on the screen whole, without scrolling."""
-    for test_id in test_ids:
+    """Every one of these elements is on the screen whole, without scrolling, once a canvas has taken the size of its place."""
+
+    def is_whole(test_id):
         box = page.get_by_test_id(test_id).bounding_box()
-        assert box, test_id
-        assert box["x"] >= 0, test_id
-        assert box["x"] + box["width"] <= width + 1, test_id
-        assert box["y"] + box["height"] <= height + 1, f"{test_id} needs scrolling"
+        return box and box["x"] >= 0 and box["x"] + box["width"] <= width + 1 and box["y"] + box["height"] <= height + 1
+
+    eventually(lambda: [test_id for test_id in test_ids if not is_whole(test_id)] == [])
     assert page.evaluate("() => document.documentElement.scrollWidth") <= width
 
 

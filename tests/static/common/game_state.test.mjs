@@ -19,6 +19,13 @@ test("a session with a policy fills both boards", () => {
   assert.deepEqual(state.player.trail, [[0, 0]]);
 });
 
+test("another session is connecting until its own socket is open", () => {
+  const open = apply(begun(), { kind: "link", link: "open" });
+  assert.equal(begun().link, "connecting");
+  assert.equal(apply(open, { kind: "begun", about: about({ frame: frame({ episode: "e2" }) }) }).link, "open");
+  assert.equal(apply(open, { kind: "begun", about: about({ session: "s2" }) }).link, "connecting");
+});
+
 test("the mode follows from who plays and whether there is a rival", () => {
   assert.equal(modeOf(about({ rival: null })), "ranked");
   assert.equal(modeOf(about({ player: "frontier-cost" })), "watch");
