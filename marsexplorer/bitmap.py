@@ -57,17 +57,6 @@ def fill_rectangle(bits, base, shape, top, left, height, width):
 
 
 @inlined
-def row_mask(shape, word):
-    """Return the bits of word number `word` of a row that are cells of the grid."""
-    low = max(shape[RADIUS] - 64 * word, 0)
-    high = min(shape[RADIUS] + shape[COLS] - 64 * word, 64)
-    if high <= low:
-        return np.uint64(0)
-    full = ~np.uint64(0)
-    return (full >> np.uint64(64 - (high - low))) << np.uint64(low)
-
-
-@inlined
 def fill_runs(reached, free):
     """Return the free bits of one word that are connected, along the word, with a reached one."""
     # 1. Nearly always each run of free bits has a reached one, and all are connected. A one added to the first bit of each run
@@ -135,30 +124,23 @@ def flood(bits, base, reach, offset, shape, masks, row, col):
     reach[first + row * words + offset + (bit >> 6)] = np.uint64(1) << np.uint64(bit & 63)
 
     # 2. A row at a time: down the grid, then up, until neither reaches anything more. Above row 0 there is nothing, so from
-    #    there the first way up is made only when something was reached below.
-    is_first, grew = row > 0, True
-    while grew:
+    #    there the first way up is made only when something was reached below. One loop makes both ways, so that `sweep_row`
+    #    is compiled into it once; `at` begins one step before the first row of a way.
+    at, step, must_turn = first - words, words, row > 0
+    while True:
         grew = False
-        for r in range(rows):
-            at = first + r * words
-            grew |= sweep_row(bits, at, reach, at + offset, at + offset - words, masks, words)
-        if grew or is_first:
-            is_first, grew = False, False
-            for r in range(rows - 1, -1, -1):
-                at = first + r * words
-                grew |= sweep_row(bits, at, reach, at + offset, at + offset + words, masks, words)
+        for _ in range(rows):
+            at += step
+            grew |= sweep_row(bits, at, reach, at + offset, at + offset - step, masks, words)
+        if not (grew or must_turn):
+            break
+        at, step, must_turn = at + step, -step, False
 
 
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
     """Return uint64[words]: the bits of a row that are cells of the grid."""
-    shape = shape_of(config)
-    return np.array([row_mask_of(shape, word) for word in range(row_words(config.cols, config.sensor_radius))], np.uint64)
-
-
-@kernel
-def row_mask_of(shape, word):
-    """Do `row_mask`, called from Python."""
-    return row_mask(shape, word)
+    words, cells = row_words(config.cols, config.sensor_radius), (1 << config.cols) - 1 << config.sensor_radius
+    return np.array([cells >> 64 * word & 2**64 - 1 for word in range(words)], np.uint64)
 
 
 def bitmap_words(config: EnvConfig) -> int:

@@ -6,10 +6,11 @@ Steps cost tens of nanoseconds, so that columns made afterwards in NumPy would c
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from marsexplorer.bitmap import COLS, ROWS
 from marsexplorer.compiled import inlined, kernel
 from marsexplorer.config import COLLIDED, EXPLORED, OUT_OF_BOUNDS, RUNNING, TIMED_OUT
+from marsexplorer.lidar import ONE
 from marsexplorer.rules import (
     AT_START,
     BLOCK,
@@ -50,44 +51,77 @@ def describe(state, record, rules, shares):
         describe_one(state, i * record, rules, shares, 2 * i)
 
 
-@kernel
-def step_described(
-    actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed, last, last_codes,
-    shares, last_shares, ended, terminated, truncated, which,
+@inlined
+def step_block(
+    actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last, last_codes,
+    shares, last_shares, ended, which, count, first, end,
 ):  # fmt: skip
-    """Do `rules.step_autoreset` and `describe`, write the last shares of the worlds that ended, and list those.
+    """Do `step_described` for the worlds first..end - 1, and list those that ended from which[count] on.
 
-    ended, terminated, truncated  bool[num], written: how each episode went on
-    which                         int64[num], written from the front: the worlds that ended
-
-    Return how many ended, or -1 - the index of a world whose next seed has no solvable draw.
+    Return where that list ends, or -1 - the index of a world whose next seed has no solvable draw.
     """
-    count = 0
-    for first in range(0, actions.shape[0], BLOCK):
-        end = min(first + BLOCK, actions.shape[0])
-        move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
-        for i in range(first, end):
-            outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
-            if outcomes[i] != RUNNING:
-                describe_one(state, i * record, rules, last_shares, 2 * i)
-                which[count] = i
-                count += 1
-                if not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
-                    return -1 - i
-            describe_one(state, i * record, rules, shares, 2 * i)
+    # 1. Move. A world that ended begins anew, on a terrain all of whose cells count, so that all of them run now: hence
+    #    `describe_one` without its cases, and with both divisions in one instruction.
+    move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
+    bonus, cells = float(rules[BONUS]), float(rules[ROWS] * rules[COLS])
+    whole = bonus + bonus + cells
+    for i in range(first, end):
+        base, at = np.uint64(i) * np.uint64(record), np.uint64(2 * i)
+        outcomes[i] = np.uint8(settle(state, base, rules, rewards, i))
+        if outcomes[i] != RUNNING:
+            describe_one(state, i * record, rules, last_shares, 2 * i)
+            which[count] = i
+            count += 1
+            if not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
+                return np.int64(-1) - i
+        discovered, moves = (
+            float(np.int64(state[base + np.uint64(DISCOVERED)])),
+            float(np.int64(state[base + np.uint64(STEPS)])),
+        )
+        total = discovered - float(np.int64(state[base + np.uint64(AT_START)])) - R_MOVE * moves
+        shares[at] = np.true_divide(discovered, cells)
+        shares[at + ONE] = np.true_divide(total + bonus, whole)
 
-    # By itself, so that many worlds take one instruction.
-    for i in range(outcomes.shape[0]):
-        outcome = outcomes[i]
-        ended[i], truncated[i] = outcome != RUNNING, outcome == TIMED_OUT
-        terminated[i] = (outcome != RUNNING) & (outcome != TIMED_OUT)
+    # 2. The flags by themselves, with places that cannot be negative, so that many worlds take one instruction.
+    for i in range(first, end):
+        at, outcome = np.uint64(i), outcomes[np.uint64(i)]
+        ended[at], truncated[at] = outcome != RUNNING, outcome == TIMED_OUT
+        terminated[at] = (outcome != RUNNING) & (outcome != TIMED_OUT)
     return count
 
 
-@kernel
-def are_actions(actions: NDArray[np.int64]) -> bool:
+@inlined
+def are_actions(actions):
     """Return whether every number of int64[:] is an action code, 0..3: whether none has a higher bit."""
     bits = np.uint64(0)
     for i in range(actions.shape[0]):
         bits |= np.uint64(actions[i])
-    return bool(bits < np.uint64(4))
+    return bits < np.uint64(4)
+
+
+@kernel
+def step_described(
+    actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last, last_codes,
+    shares, last_shares, ended, which,
+):  # fmt: skip
+    """Do `rules.step_autoreset` and `describe`, write the last shares of the worlds that ended, and list those.
+
+    rewards                       float64[num], written, as are
+    terminated, truncated, ended  bool[num]: how each episode went on
+    which                         int64[num], written from the front: the worlds that ended
+
+    Return how many ended, or -1 - the index of a world whose next seed has no solvable draw, or -1 - num where some number is
+    no action and nothing has moved.
+    """
+    num = actions.shape[0]
+    if not are_actions(actions):
+        return np.int64(-1) - num
+    count = np.int64(0)
+    for first in range(0, num, BLOCK):
+        count = step_block(
+            actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last,
+            last_codes, shares, last_shares, ended, which, count, first, min(first + BLOCK, num),
+        )  # fmt: skip
+        if count < 0:
+            return count
+    return count

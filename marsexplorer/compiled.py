@@ -72,6 +72,15 @@ def inlined(function: F) -> F:
     return compiled
 
 
+def merged(function: F) -> F:
+    """Return the function for use inside kernels, put into theirs by LLVM: for what is long and used once.
+
+    `inlined` copies what numba knows of a function once for each of its blocks, which takes a second for the longest.
+    """
+    compiled: F = njit(forceinline=True, _nrt=False)(function)  # type: ignore[call-overload]
+    return compiled
+
+
 @intrinsic
 def popcount(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
     """Return the number of set bits in a uint64."""

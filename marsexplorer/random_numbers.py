@@ -51,7 +51,7 @@ def scaled(number, limit):
     return np.int64(((number >> np.uint64(32)) * np.uint64(limit)) >> np.uint64(32))
 
 
-@inlined
+@kernel
 def numbered_below(key, k, limit):
     """Return the k-th whole number in 0..limit-1 (int64) of the stream that a key (uint64) names."""
     return scaled(numbered(key, k), limit)

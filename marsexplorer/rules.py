@@ -28,7 +28,7 @@ from marsexplorer.compiled import inlined, kernel, prefetch
 from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
 from marsexplorer.lidar import ONE
 from marsexplorer.scan import scan
-from marsexplorer.terrain import draw_solvable, next_state
+from marsexplorer.terrain import draw_solvable, following
 
 POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, CELLS, ENOUGH, HEAD = range(9)
 """Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave, seed (NO_SEED for a given
@@ -213,7 +213,7 @@ def settle(state, base, rules, rewards, i):
     return outcome
 
 
-@kernel
+@inlined
 def begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
     """Keep the scalars and codes of a world that ended and start it on the seed that follows its own.
 
@@ -225,7 +225,7 @@ def begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
         last[i * HEAD + at] = state[base + at]
     for at in range(cbase, cbase + cells):
         last_codes[at] = codes[at]
-    seed = next_state(state[base + SEED])
+    seed = following(state[base + SEED])
     return start_seed(state, base, codes, cbase, sight, rules, masks, seed) > 0
 
 

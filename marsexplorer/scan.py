@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from marsexplorer.bitmap import COLS, RADIUS, ROWS, WORDS
-from marsexplorer.compiled import inlined, kernel, lowest, popcount
+from marsexplorer.compiled import inlined, kernel, lowest, merged, popcount
 from marsexplorer.config import FREE
 from marsexplorer.lidar import HEADER, NARROW, ONE, find_visible
 
@@ -57,7 +57,7 @@ def write_row(state, at, known, codes, cell, bits, shift, back, straddles):
         codes[cell + c] = np.uint8(FREE) + (np.uint8((blocked >> c) & ONE) << np.uint8(1))
 
 
-@inlined
+@merged
 def scan_narrow(state, obstacles, known, words, codes, corner, cols, sight, radius, shift):
     """Do `scan` for windows of four words, four rows of 16 bits in each."""
     side = radius + radius + ONE
@@ -111,7 +111,7 @@ def scan_narrow(state, obstacles, known, words, codes, corner, cols, sight, radi
     return np.int64(popcount(a) + popcount(b) + popcount(c) + popcount(d))
 
 
-@inlined
+@merged
 def scan_wide(state, obstacles, known, words, codes, corner, cols, sight, radius, shift):
     """Do `scan` for windows of any size."""
     lane, masks = sight[0], np.int64(sight[1])

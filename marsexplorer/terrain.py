@@ -46,10 +46,16 @@ from marsexplorer.random_numbers import finalize, numbered, numbered_below
 MAX_DRAWS = 1000
 
 
-@kernel
-def next_state(seed):  # uint64 -> uint64
-    """Return the seed that follows a seed, compiled."""
+@inlined
+def following(seed):
+    """Return the seed, uint64, that follows a seed."""
     return numbered(np.uint64(seed), 1) >> np.uint64(11)
+
+
+@kernel
+def next_state(seed):
+    """Do `following`, called from Python."""
+    return following(seed)
 
 
 @inlined
@@ -60,9 +66,10 @@ def draw_terrain(bits, base, shape, key):
     # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
+        longest = np.int64(3)  # not 3 itself: numba would compile `numbered_below` for this number alone
         for _ in range(count):
-            height = 1 + numbered_below(key, k + 1, 3)
-            width = 1 + numbered_below(key, k + 2, 3)
+            height = 1 + numbered_below(key, k + 1, longest)
+            width = 1 + numbered_below(key, k + 2, longest)
             top = numbered_below(key, k + 3, rows - height + 1)
             left = numbered_below(key, k + 4, cols - width + 1)
             fill_rectangle(bits, base, shape, top, left, height, width)

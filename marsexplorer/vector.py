@@ -12,13 +12,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marsexplorer.buffers import shared_array, write_values
-from marsexplorer.columns import are_actions
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 from marsexplorer.env import following, observation_space
 from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import DISCOVERED, SEED
 from marsexplorer.terrain import next_seed
-from marsexplorer.world import Worlds, live_positions, positions
+from marsexplorer.world import Worlds, live_positions, not_actions, positions
 
 try:
     from gymnasium.vector import AutoresetMode
@@ -109,16 +108,21 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
         given = np.ascontiguousarray(actions, np.int64)
-        if given.shape != (self.num_envs,) or not are_actions(given):
-            raise ValueError(f"actions must be {self.num_envs} numbers in 0..3, got {actions!r}")
-        worlds = self._worlds
+        if given.shape != (self.num_envs,):
+            raise not_actions(self.num_envs, actions)
+        if not given.flags.writeable:  # the kernels are compiled for arrays that are
+            given = given.copy()
         if self._which.size:
             self._final_obs[self._which] = None
-        self._which = worlds.step_described(given)
+        num = self.num_envs
+        rewards, (terminated, truncated) = np.empty(num), np.empty((2, num), np.bool_)
+        observations = self._observations()
+        values = None if self._raw else observations.reshape(-1)
+        self._which = self._worlds.step_described(given, rewards, terminated, truncated, values)
         info = self._lasting(self._info)
         if self._which.size:
             info.update(self._finals(self._which))
-        return self._observe(), worlds.rewards.copy(), worlds.terminated.copy(), worlds.truncated.copy(), info
+        return observations, rewards, terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[num_envs, 4]: which moves stay on the grid and off known obstacles."""
@@ -142,13 +146,17 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._worlds.close()
 
     def _observe(self) -> NDArray[Any]:
-        codes = self._worlds.codes
+        """Return the observations of the worlds as they stand."""
+        observations = self._observations()
+        if not self._raw:
+            write_values(self._worlds.codes.reshape(-1), STATE_VALUES, observations.reshape(-1))
+        return observations
+
+    def _observations(self) -> NDArray[Any]:
+        """Return where the observations stand, or are to be written to."""
         if self._raw:
-            return codes
-        if self._out is None:
-            return STATE_VALUES[codes]
-        write_values(codes.reshape(-1), STATE_VALUES, self._out.reshape(-1))
-        return self._out
+            return self._worlds.codes
+        return np.empty(self._worlds.codes.shape, np.float32) if self._out is None else self._out
 
     def _columns(self, shares: NDArray[np.float64], scalars: NDArray[np.uint64], mask: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the columns of an info as views of the worlds' arrays."""

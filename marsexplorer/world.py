@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from marsexplorer import terrain as terrains
 from marsexplorer.bitmap import pack, row_masks, unpack
+from marsexplorer.buffers import write_values
 from marsexplorer.columns import describe, step_described
 from marsexplorer.config import (
     ACTIONS,
@@ -26,6 +24,7 @@ from marsexplorer.config import (
     fewest_cells,
 )
 from marsexplorer.lidar import row_words, sight_table
+from marsexplorer.observation import STATE_VALUES
 from marsexplorer.rules import (
     AT_START,
     CELLS,
@@ -45,6 +44,7 @@ from marsexplorer.rules import (
     step_all,
     step_autoreset,
 )
+from marsexplorer.sharing import ThreadPool
 
 ADDED_SCALARS = (CELLS, ENOUGH)
 """Scalars that records did not have while all cells counted; checkpoints of training hold such records."""
@@ -83,10 +83,9 @@ class Worlds:
         self.last_scalars[:, CELLS] = config.n
         self._last_codes: NDArray[np.uint8] | None = None
         self.shares, self.last_shares = np.zeros(2 * num), np.zeros(2 * num)
-        self.ended, self.terminated, self.truncated = (np.zeros(num, np.bool_) for _ in range(3))
+        self.ended = np.zeros(num, np.bool_)
         self._which = np.zeros(num, np.int64)
-        self._bounds = [num * k // num_threads for k in range(num_threads + 1)]
-        self._threads = ThreadPoolExecutor(num_threads - 1, "marsexplorer") if num_threads > 1 else None
+        self._num_threads = num_threads
 
     def copy(self) -> Worlds:
         """Return the same worlds as they stand, which go on by themselves; for a stack without threads of its own.
@@ -100,6 +99,8 @@ class Worlds:
         other.codes = self.codes.copy()
         other._codes = other.codes.reshape(-1)
         other.rewards, other.outcomes = self.rewards.copy(), self.outcomes.copy()
+        for name in ("_arrays", "_described_arrays"):
+            vars(other).pop(name, None)
         return other
 
     def start(self, seeds: ArrayLike) -> None:
@@ -160,26 +161,56 @@ class Worlds:
         """
         if self.config.discoverable_only:
             self._step_and_start(actions)
+        elif self._pool is not None:
+            terminated, truncated = np.empty((2, self.num), np.bool_)
+            self._listed_after(self._pool.step(actions, self.rewards, terminated, truncated), actions)
         else:
-            self._in_parts(step_autoreset, actions, self._parts)
+            self._listed_after(step_autoreset(actions, *self._arrays), actions)
         return self.rewards
 
-    def step_described(self, actions: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Do `step_autoreset` and write `shares`, and `last_shares` where a world ended; return which ended, int64[:].
+    def step_described(
+        self,
+        actions: NDArray[np.int64],
+        rewards: NDArray[np.float64],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+        values: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.int64]:
+        """Do `step_autoreset` and write `shares`, `ended`, and `last_shares` where a world ended; return which ended, int64[:].
 
-        `ended`, `terminated` and `truncated`, bool[num], say how each episode went on.
+        rewards                float64[num], written
+        terminated, truncated  bool[num], written: how each episode went on
+        values                 float32[num * rows * cols], written: eq. 6 of the codes
+
+        ValueError when some action is none, with nothing moved.
         """
         if self.config.discoverable_only:
+            if actions.min() < 0 or actions.max() >= len(ACTIONS):
+                raise not_actions(self.num, actions)
             self._step_and_start(actions)
             self.describe()
             describe(self._last, HEAD, self._tables[1], self.last_shares)
-            self.ended[:], self.truncated[:] = self.outcomes != RUNNING, self.outcomes == TIMED_OUT
-            self.terminated[:] = self.ended & ~self.truncated
-            return np.flatnonzero(self.outcomes)
-        counts = self._in_parts(step_described, actions, self._described_parts)
-        if len(counts) == 1:
-            return self._which[: counts[0]]
-        return np.concatenate([self._which[first : first + k] + first for first, k in zip(self._bounds, counts, strict=False)])
+            self.ended[:], truncated[:], rewards[:] = self.outcomes != RUNNING, self.outcomes == TIMED_OUT, self.rewards
+            terminated[:] = self.ended & ~truncated
+            which = np.flatnonzero(self.outcomes)
+        elif self._pool is not None:
+            count = self._pool.step(actions, rewards, terminated, truncated, values)
+            return self._listed_after(count, actions)
+        else:
+            count = step_described(actions, rewards, terminated, truncated, *self._described_arrays)
+            which = self._listed_after(count, actions)
+        if values is not None:
+            write_values(self._codes, STATE_VALUES, values)
+        return which
+
+    def _listed_after(self, count: int, actions: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return which worlds ended by what a compiled step returned; ValueError where that is negative."""
+        if count >= 0:
+            return self._which[:count]
+        failed = -1 - count
+        if failed == self.num:
+            raise not_actions(self.num, actions)
+        raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED])))
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
@@ -195,45 +226,29 @@ class Worlds:
         describe(self._state, self._record, self._tables[1], self.shares)
 
     @cached_property
-    def _parts(self) -> list[tuple[Any, ...]]:
-        """What a compiled step takes besides the actions, for each thread: views of its worlds and a table of its own."""
-        sight, rules, masks = self._tables
-        arrays = (self.rewards, self.outcomes, self._listed, self._last, self.last_codes.reshape(-1))
-        return [
-            (state, self._record, codes, sight.copy(), rules, masks, *rest)
-            for state, codes, *rest in self._cut(self._state, self._codes, *arrays)
-        ]
+    def _arrays(self) -> tuple[Any, ...]:
+        """What the compiled `step_autoreset` takes besides the actions."""
+        last_codes = self.last_codes.reshape(-1)
+        own = (self.rewards, self.outcomes, self._listed, self._last, last_codes)
+        return (self._state, self._record, self._codes, *self._tables, *own)
 
     @cached_property
-    def _described_parts(self) -> list[tuple[Any, ...]]:
-        own = self._cut(self.shares, self.last_shares, self.ended, self.terminated, self.truncated, self._which)
-        return [(*part, *each) for part, each in zip(self._parts, own, strict=True)]
+    def _described_arrays(self) -> tuple[Any, ...]:
+        """What the compiled `step_described` takes besides the actions and what it writes for the caller."""
+        *worlds, _, outcomes, listed, last, last_codes = self._arrays
+        return (*worlds, outcomes, listed, last, last_codes, self.shares, self.last_shares, self.ended, self._which)
 
-    def _cut(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """Return for each thread the views of its worlds in arrays that have equally many numbers for each world."""
-        widths = [array.size // self.num for array in arrays]
-        return [
-            [array[a * width : b * width] for array, width in zip(arrays, widths, strict=True)]
-            for a, b in pairwise(self._bounds)
-        ]
-
-    def _in_parts(self, step: Callable[..., int], actions: NDArray[np.int64], parts: list[tuple[Any, ...]]) -> list[int]:
-        """Return what a compiled step gives for each thread's worlds; ValueError when it is -1 - index, see `unsolvable`."""
-        if self._threads is None:
-            counts = [step(actions, *parts[0])]
-        else:
-            given = [(actions[a:b], *part) for (a, b), part in zip(pairwise(self._bounds), parts, strict=True)]
-            others = [self._threads.submit(step, *each) for each in given[1:]]
-            counts = [step(*given[0]), *(other.result() for other in others)]
-        if min(counts) < 0:
-            failed = next(first - 1 - count for first, count in zip(self._bounds, counts, strict=False) if count < 0)
-            raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED])))
-        return counts
+    @cached_property
+    def _pool(self) -> ThreadPool | None:
+        """The threads that share each step, where there are several."""
+        if self._num_threads == 1:
+            return None
+        return ThreadPool(self._num_threads, self.num, self._described_arrays)
 
     def close(self) -> None:
         """End the threads of the stack, which makes no further steps."""
-        if self._threads is not None:
-            self._threads.shutdown()
+        if self._pool is not None:
+            self._pool.close()
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """Return copies of the worlds of these indices: all that changes with a step.
@@ -313,6 +328,11 @@ def cells_that_count(config: EnvConfig, terrain: ArrayLike, start: tuple[int, in
     worlds = Worlds(config)
     worlds.start_on(0, terrain, start)
     return int(worlds.scalars[0, CELLS])
+
+
+def not_actions(num: int, actions: Any) -> ValueError:
+    """Return the error for what are no actions of `num` worlds."""
+    return ValueError(f"actions must be {num} numbers in 0..3, got {actions!r}")
 
 
 def check_terrain(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]) -> NDArray[np.bool_]:

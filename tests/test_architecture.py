@@ -277,7 +277,13 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.bitmap": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar"},
     "marsexplorer.buffers": {"marsexplorer.compiled"},
-    "marsexplorer.columns": {"marsexplorer.compiled", "marsexplorer.config", "marsexplorer.rules"},
+    "marsexplorer.columns": {
+        "marsexplorer.bitmap",
+        "marsexplorer.compiled",
+        "marsexplorer.config",
+        "marsexplorer.lidar",
+        "marsexplorer.rules",
+    },
     "marsexplorer.compiled": set(),
     "marsexplorer.config": set(),
     "marsexplorer.env": {
@@ -448,6 +454,13 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.scan": {"marsexplorer.bitmap", "marsexplorer.compiled", "marsexplorer.config", "marsexplorer.lidar"},
     "marsexplorer.score": {"marsexplorer.config"},
+    "marsexplorer.sharing": {
+        "marsexplorer.bitmap",
+        "marsexplorer.columns",
+        "marsexplorer.compiled",
+        "marsexplorer.observation",
+        "marsexplorer.rules",
+    },
     "marsexplorer.terrain": {
         "marsexplorer.bitmap",
         "marsexplorer.compiled",
@@ -473,7 +486,6 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.vector": {
         "marsexplorer.buffers",
-        "marsexplorer.columns",
         "marsexplorer.config",
         "marsexplorer.env",
         "marsexplorer.observation",
@@ -483,10 +495,13 @@ ALLOWED: dict[str, set[str]] = {
     },
     "marsexplorer.world": {
         "marsexplorer.bitmap",
+        "marsexplorer.buffers",
         "marsexplorer.columns",
         "marsexplorer.config",
         "marsexplorer.lidar",
+        "marsexplorer.observation",
         "marsexplorer.rules",
+        "marsexplorer.sharing",
         "marsexplorer.terrain",
     },
 }
@@ -550,6 +565,7 @@ LIBRARIES: dict[str, set[str]] = {
     "marsexplorer.random_numbers": {"numpy"},
     "marsexplorer.rules": {"numpy"},
     "marsexplorer.scan": {"numpy"},
+    "marsexplorer.sharing": {"llvmlite", "numba", "numpy"},
     "marsexplorer.terrain": {"numpy"},
     "marsexplorer.training": {"cmaes", "gymnasium", "matplotlib", "numpy", "ray", "tensorboardX", "torch"},
     "marsexplorer.vector": {"gymnasium", "numpy"},
