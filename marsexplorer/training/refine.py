@@ -5,7 +5,7 @@ on the pairs of actions found so far. The loss of a pair is the logistic one of 
 whatever chance says of single pairs, in the mean it is lowest where the better action has the higher logit (cost-sensitive
 classification; Lagoudakis and Parr 2003, "Reinforcement learning as classification").
 
-Episodes are branched on grids of the sizes asked for. On the other larger grids the network is anchored to what it was: there
+Episodes are branched on grids of the sizes asked for. On grids of other sizes the network is anchored to what it was: there
 its probabilities are fitted to those that it began with, and so are its values everywhere. The same network, rounds and seed
 give the same weights, whatever the number of processes.
 """
@@ -47,15 +47,15 @@ class RefineConfig:
     tasks_per_level           tasks of a round on each family of terrains and size: large obstacles have the most to learn from
     episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as many moves are made
     pairs_per_episode         pairs of actions branched off each episode, about
-    anchor_sizes              sides of the larger grids, and episodes of a task there; none where episodes are branched,
-                              but on the first where they are branched on all
-    anchor_levels             levels of the larger grids
+    anchor_sizes              sides of the other grids, and episodes of a task there; none where episodes are branched, but on
+                              the first where they are branched on all
+    anchor_levels             levels of the other grids
     first_round_tasks         tasks of the first round, as a multiple of a later one's
     first_round_steps         gradient steps of the first round, as a multiple of a later one's
     gradient_steps            of a round
     batch_size, newest_pairs  pairs in a gradient step, half of them of the newest `newest_pairs`
     max_pairs                 pairs kept besides those of the first round
-    max_observations          observations kept from the larger grids
+    max_observations          observations kept from the other grids
     anchor_batch_size         observations of those in a gradient step
     learning_rate             of AdamW; first_round_learning_rate: at the beginning of the first round, annealed linearly
     weight_decay              of AdamW, for all weights but the prior's
@@ -72,7 +72,7 @@ class RefineConfig:
     )  # fmt: skip
     episodes_per_task: int = 64
     pairs_per_episode: int = 16
-    anchor_sizes: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16))
+    anchor_sizes: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16), (21, 48), (21, 48))
     anchor_levels: tuple[str, ...] = ("random",)
     first_round_tasks: int = 18
     first_round_steps: int = 14

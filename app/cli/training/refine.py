@@ -63,8 +63,8 @@ def refine(
     """Improve a policy that `train --recipe best` made, POLICY being its name or file.
 
     Its episodes are branched: at some steps another move is made and the episode is played to its end, so that the network
-    learns which moves would have been better. On larger grids that are not branched the network is kept close to what it was,
-    or to the rules that --prices brings. The folder --out gets the policy with its card and a log after every round; Ctrl-C
+    learns which moves would have been better. On grids that are not branched the network is kept close to what it was, or to
+    the rules that --prices brings. The folder --out gets the policy with its card and a log after every round; Ctrl-C
     loses only the round under way. Refining takes about 3 GiB of memory, and 1 GiB more for each process.
 
     \b

@@ -140,6 +140,11 @@ def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     assert {(task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"} == {(84, 0)}
 
 
+def test_a_network_that_is_refined_on_larger_grids_is_held_to_what_it_was_on_the_usual_ones(net):
+    run = RefineRun(with_prices(net), 4, RefineConfig(sizes=(42,)))
+    assert {task.size for task in run.make_tasks() if not task.pairs_per_episode} == {21, 84}
+
+
 def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
     weights = {name: tensor.numpy() for name, tensor in with_prices(net).state_dict().items()}
     pairs = play_task((weights, EpisodeTask("1-1-1", 33, SEED, 2, 12)))
