@@ -11,6 +11,7 @@ import asyncio
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -52,6 +53,7 @@ class _Write:
     work: Callable[[], Any]
     then: Callable[[Any], None] | None
     done: asyncio.Future[Any]
+    notice: Notice | None
     deadline: float
     claim: threading.Lock = field(default_factory=threading.Lock)
     """Whoever acquires it decides: the thread makes the write, or the event loop refuses it."""
@@ -70,6 +72,8 @@ class WriteQueue:
     def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
         self._commit, self._roll_back = commit, roll_back
         self._gathered: list[_Write] = []
+        self._unanswered: deque[_Write] = deque()
+        self._timer: asyncio.TimerHandle | None = None
         self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
         self._waiting = 0
         self._thread: threading.Thread | None = None
@@ -95,7 +99,7 @@ class WriteQueue:
 
     def start(self) -> None:
         """Let a thread make the writes from now on; call it on the running event loop."""
-        self._loop, self._is_ending = asyncio.get_running_loop(), False
+        self._loop, self._is_ending, self._timer = asyncio.get_running_loop(), False, None
         self._thread = threading.Thread(target=self._make_writes, name="writes", daemon=True)
         self._thread.start()
 
@@ -129,16 +133,15 @@ class WriteQueue:
         if self._is_ending or self._waiting >= MAX_WAITING:
             raise WriteRefusedError(ENDS if self._is_ending else FULL)
         loop = self._loop
-        write = _Write(work, then, loop.create_future(), loop.time() + PATIENCE_S)
+        write = _Write(work, then, loop.create_future(), notice, loop.time() + PATIENCE_S)
         self._waiting += 1
+        self._unanswered.append(write)
+        if self._timer is None:
+            self._set_timer()
         self._gathered.append(write)
         if len(self._gathered) == 1:
             loop.call_soon(self._hand_over)
-        timer = loop.call_later(NOTICE_S, self._tell_why, write, notice)
-        try:
-            return await write.done  # type: ignore[no-any-return]
-        finally:
-            timer.cancel()
+        return await write.done  # type: ignore[no-any-return]
 
     def wait_for_lock(self) -> bool:
         """Wait a moment for another program's lock; return False when the write that is being made has waited long enough.
@@ -159,23 +162,32 @@ class WriteQueue:
             self._gathered = []
 
     def _make_writes(self) -> None:
-        waiting, batch = list[_Write](), list[_Write]()
+        waiting, batch, is_last = deque[_Write](), list[_Write](), False
         try:
-            while (handed := self._queue.get()) is not None:
-                waiting += handed
-                while waiting:
-                    batch, waiting = waiting[:MOST_TOGETHER], waiting[MOST_TOGETHER:]
-                    for write in batch:
-                        self._make(write)
-                    self._commit_all(batch)
-                    self._call(self._answer, batch)
-                    batch = []
+            while waiting or not is_last:
+                if not waiting:
+                    is_last = self._take(waiting)
+                    continue
+                while waiting and len(batch) < MOST_TOGETHER:
+                    batch.append(waiting.popleft())
+                    self._make(batch[-1])
+                    if not waiting and not is_last and not self._queue.empty():
+                        is_last = self._take(waiting)  # it came meanwhile, and shares the commit
+                self._commit_all(batch)
+                self._call(self._answer, batch)
+                batch = []
         except BaseException:
             _log.exception("the thread that makes the writes has failed")
             self.fault = BROKEN
             with suppress(Exception):
                 self._roll_back()
-            self._call(self._fail, batch + waiting)
+            self._call(self._fail, [*batch, *waiting])
+
+    def _take(self, waiting: deque[_Write]) -> bool:
+        """Take what was handed over, wait for it if need be, and return whether nothing comes after it."""
+        handed = self._queue.get()
+        waiting.extend(handed or ())
+        return handed is None
 
     def _make(self, write: _Write) -> None:
         if not write.claim.acquire(blocking=False):
@@ -216,6 +228,12 @@ class WriteQueue:
                 write.done.set_result(write.result)
             else:
                 write.done.set_exception(write.error)
+        self._drop_answered()
+
+    def _drop_answered(self) -> None:
+        """Forget the oldest writes as far as they are answered; mostly none are left, since answers come in order."""
+        while self._unanswered and self._unanswered[0].done.done():
+            self._unanswered.popleft()
 
     def _fail(self, batch: Sequence[_Write]) -> None:
         """Refuse what was being made and what waits, since the thread has ended."""
@@ -227,11 +245,24 @@ class WriteQueue:
             write.error = StoreError(BROKEN)
         self._answer(waiting)
 
-    def _tell_why(self, write: _Write, notice: Notice | None) -> None:
+    def _set_timer(self) -> None:
+        """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer serves all of them."""
+        self._timer = self._loop.call_at(self._unanswered[0].deadline - PATIENCE_S + NOTICE_S, self._look_at_waiting)
+
+    def _look_at_waiting(self) -> None:
+        self._timer = None
+        self._drop_answered()
+        while self._unanswered and self._unanswered[0].deadline - PATIENCE_S + NOTICE_S <= self._loop.time():
+            self._tell_why(self._unanswered.popleft())
+            self._drop_answered()
+        if self._unanswered:
+            self._set_timer()
+
+    def _tell_why(self, write: _Write) -> None:
         """Tell whoever waits why, and refuse the write when it has not begun in time."""
         self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
-        if notice is not None:
-            task = self._loop.create_task(_send(notice, WAITS if self._is_locked else SLOW))
+        if write.notice is not None:
+            task = self._loop.create_task(_send(write.notice, WAITS if self._is_locked else SLOW))
             self._notices.add(task)
             task.add_done_callback(self._notices.discard)
 

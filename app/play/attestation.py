@@ -19,7 +19,8 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any, Literal, get_args
 
-from app.storage.input_events import has_copied_timing, input_events
+from app.storage.chain import BegunHash, begin_hash
+from app.storage.input_events import count_input_events, has_copied_timing, input_events
 from app.storage.store import Store
 from marsexplorer.config import ACTIONS
 
@@ -148,9 +149,43 @@ def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) 
     return Attested("supervised" if is_supervised else "attested")
 
 
-def attest_stored(store: Store, episode_id: str, conditions: Conditions) -> Attested:
-    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too."""
-    found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+@dataclass(frozen=True)
+class Ending:
+    """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
+
+    events      their hash, for the chain
+    conditions  by which they were compared with the moves; None for a script's episode
+    attested    the level, other episodes' timing not compared yet; None for a script's episode
+    """
+
+    events: BegunHash
+    conditions: Conditions | None = None
+    attested: Attested | None = None
+
+
+def prepare_end(store: Store, episode_id: str, conditions: Conditions | None, last: Row | None) -> Ending:
+    """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
+
+    conditions  None for a script's episode, which has no level
+    last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
+    """
+    events = begin_hash(store.connection, episode_id)
+    if conditions is None:
+        return Ending(events)
+    moves = [*store.steps(episode_id), *([] if last is None else [last])]
+    return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
+
+
+def attest_stored(store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None) -> Attested:
+    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too.
+
+    ending  what was prepared of it; what has changed since is compared again
+    """
+    found = None
+    if ending is not None and ending.conditions == conditions and ending.events.until == count_input_events(store, episode_id):
+        found = ending.attested
+    if found is None:
+        found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
     if found.level != "unattested" and has_copied_timing(store, episode_id):
         return Attested("unattested", COPIED)
     return found

@@ -269,10 +269,14 @@ class Lobby:
             ]
             running = [board for board in (*boards, *left) if board.number and not board.episode.ended]
             abandoned = [(board, board.current, board.abandoned()) for board in running]
+            endings = [await board.prepare_end(board.current) for board in running]
 
             def record() -> tuple[list[Attested | None], list[bool]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
-                    found = [board.closing(current, episode, now) for board, current, episode in abandoned]
+                    found = [
+                        board.closing(current, episode, now, ending)
+                        for (board, current, episode), ending in zip(abandoned, endings, strict=True)
+                    ]
                     self.store.next_episode([closing for closing, _ in found], rows)
                 hidden = [board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)]
                 return [attested for _, attested in found], hidden

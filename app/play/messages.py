@@ -7,7 +7,7 @@ the end.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Annotated, Any, Literal, Self
 
@@ -261,6 +261,8 @@ class Kept(BaseModel):
 
 FromPage = Act | HistoryRequest | Events | ExpectedRequest
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
+_encode: Callable[[Any], str] = json.JSONEncoder(separators=(",", ":")).encode
+"""Built once: `json.dumps` with separators of its own would build an encoder for each message."""
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
 
 
@@ -296,7 +298,7 @@ def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) 
         "score": None if hides_scores else float(episode.score),
         "outcome": episode.outcome if episode.ended else None,
     }
-    return json.dumps(frame, separators=(",", ":"))
+    return _encode(frame)
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
@@ -311,7 +313,7 @@ def encode_history(episode_id: str, episode: Episode) -> str:
     positions = [[int(row), int(col)] for row, col in episode.path]
     discovered = [int(count) for count in episode.discoveries]
     history = {"kind": "history", "episode": episode_id, "positions": positions, "discovered": discovered}
-    return json.dumps(history, separators=(",", ":"))
+    return _encode(history)
 
 
 def encode_thought(
@@ -332,7 +334,7 @@ def encode_thought(
         "value": round(float(value), 3) if isfinite(value) else None,
         "goal": None if goal is None else [int(goal[0]), int(goal[1])],
     }
-    return json.dumps(thought, separators=(",", ":"))
+    return _encode(thought)
 
 
 def encode_error(detail: str) -> str:

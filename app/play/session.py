@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any, Literal, Protocol
 
 from app.database_file.write_queue import Notice
-from app.play.attestation import Attested, Conditions, attest_stored, key_map_of, level_reaches
+from app.play.attestation import Attested, Conditions, Ending, attest_stored, key_map_of, level_reaches, prepare_end
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
 from app.storage.input_events import InputEventRow, add_input_events
@@ -96,7 +96,8 @@ class Session:
     is_second      whether it is the second of the two: a rival's or a replay's
     attested       the level of the current episode since it has ended here, else None
     touched        monotonic seconds of the last access
-    changing       held from the check of a move, or of whatever else changes the episode, until it is committed
+    changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
+                   committed
     """
 
     def __init__(
@@ -179,13 +180,17 @@ class Session:
             if is_deviation:
                 current = dataclasses.replace(current, driver=SCRIPT)
             row = self._step_row(move, episode.step(move.action), episode.discovered)
+            ending = await self.prepare_end(current, row) if episode.ended else None
 
             def record() -> tuple[Attested | None, bool]:
+                if not is_deviation and not episode.ended:  # one statement, without a transaction around it
+                    self._store.add_step(row)
+                    return None, self.hides_scores(current.id)
                 with self._store.transaction():
                     if is_deviation and self.participation is not None:
                         self.participation.note_script(current.id)
                     self._store.add_step(row)
-                    attested = self._close(current, episode, row.server_ms) if episode.ended else None
+                    attested = self._close(current, episode, row.server_ms, ending) if episode.ended else None
                 return attested, self.hides_scores(current.id)
 
             def publish(found: tuple[Attested | None, bool]) -> None:
@@ -204,12 +209,13 @@ class Session:
         async with self.changing:
             self._check_current(episode, self.episode.steps if step is None else step)
             current, abandoned, at_ms = self.current, self.abandoned(), self._clock()
+            ending = await self.prepare_end(current)
 
             def record() -> tuple[Attested | None, bool]:
                 with self._store.transaction():
                     if note is not None:
                         note()
-                    attested = self._close(current, abandoned, at_ms)
+                    attested = self._close(current, abandoned, at_ms, ending)
                 return attested, self.hides_scores(current.id)
 
             await self._store.write(record, then=lambda found: self.go_on(current, abandoned, *found))
@@ -235,11 +241,34 @@ class Session:
         episode.abandon()
         return episode
 
-    def closing(self, current: EpisodeRow, episode: Episode, at_ms: int) -> tuple[Closing, Attested | None]:
-        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`."""
-        attested = self._attest(current)
+    async def prepare_end(self, current: EpisodeRow, last: StepRow | None = None) -> Ending | None:
+        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that none come.
+
+        There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
+
+        last  the move that ends it; None when it is abandoned
+        """
+        if not self.is_human:
+            return None  # its board keeps no input events
+
+        def prepare() -> Ending:
+            row = None if last is None else dataclasses.asdict(last)
+            return prepare_end(self._store, current.id, self._conditions(current), row)
+
+        return await self._store.read(prepare)
+
+    def closing(
+        self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None
+    ) -> tuple[Closing, Attested | None]:
+        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
+
+        ending  of `prepare_end`
+        """
+        conditions = self._conditions(current)
+        attested = None if conditions is None else attest_stored(self._store, current.id, conditions, ending)
         level, reason = (None, None) if attested is None else (attested.level, attested.reason)
-        return Closing(current.id, episode.record(), at_ms, level, reason), attested
+        events = None if ending is None else ending.events
+        return Closing(current.id, episode.record(), at_ms, level, reason, events), attested
 
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
@@ -247,7 +276,8 @@ class Session:
 
     async def keep_events(self, events: Events) -> None:
         """Store input events of an episode of this board, each once; RefusedError where none are kept."""
-        await self._store.write(partial(self._keep_events, events))
+        async with self.changing:
+            await self._store.write(partial(self._keep_events, events))
 
     def _keep_events(self, events: Events) -> None:
         if self.participation is not None:
@@ -306,23 +336,22 @@ class Session:
         self.thought = ""
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 
-    def _close(self, current: EpisodeRow, episode: Episode, at_ms: int) -> Attested | None:
+    def _close(self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
-        closing, attested = self.closing(current, episode, at_ms)
-        self._store.close_episode(*closing)
+        closing, attested = self.closing(current, episode, at_ms, ending)
+        self._store.next_episode([closing], ())
         if self.participation is not None:
             self.participation.note_end()
         return attested
 
-    def _attest(self, current: EpisodeRow) -> Attested | None:
-        """Return the level of an episode by the stored rows; None for a script's or a policy's."""
+    def _conditions(self, current: EpisodeRow) -> Conditions | None:
+        """Return what the level of an episode depends on besides its rows; None for a script's or a policy's."""
         if current.driver != HUMAN:
             return None
         study = self.participation
         key_map = key_map_of(study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
-        conditions = Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
-        return attest_stored(self._store, current.id, conditions)
+        return Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:

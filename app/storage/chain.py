@@ -51,6 +51,19 @@ class Head(NamedTuple):
     head: str
 
 
+class BegunHash(NamedTuple):
+    """The salted hash of an open episode's input events so far, which the entry of its end goes on with.
+
+    salt   of the entry to come
+    until  number of the first event that is not in it
+    found  SHA-256 of those that are
+    """
+
+    salt: bytes
+    until: int
+    found: hashlib._Hash
+
+
 class _Part(NamedTuple):
     table: str
     columns: str
@@ -123,16 +136,42 @@ OWNERS: dict[Kind, str] = {
 """Kind -> the ids (SQL) of everything that has an entry."""
 
 
-def compute(conn: sqlite3.Connection, thing: Thing, salt: bytes, version: int = VERSION) -> dict[str, str]:
-    """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table."""
+def compute(
+    conn: sqlite3.Connection, thing: Thing, salt: bytes, version: int = VERSION, begun: BegunHash | None = None
+) -> dict[str, str]:
+    """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
+
+    begun  of `begin_hash` with the same salt: the input events that it covers are not read again
+    """
     covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
     parts = {}
-    for table, columns, where in _PARTS[version, thing.kind]:
-        found = hashlib.sha256(salt + canonical([table, columns]))
-        for row in select(conn, f"SELECT {columns} FROM {table} WHERE {where}", covered):
+    for part in _PARTS[version, thing.kind]:
+        if begun is not None and part is _EVENTS and covered["until"] == _BEYOND:
+            found, first = begun.found.copy(), begun.until
+        else:
+            found, first = _empty_hash(part, salt), thing.first
+        for row in select(conn, _rows_of(part), {**covered, "first": first}):
             found.update(canonical(row))
-        parts[table] = found.hexdigest()
+        parts[part.table] = found.hexdigest()
     return parts
+
+
+def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
+    """Return the hash of an open episode's input events so far: any connection can make it before the episode's end."""
+    salt, until = secrets.token_bytes(_SALT_BYTES), 0
+    found = _empty_hash(_EVENTS, salt)
+    for row in select(conn, _rows_of(_EVENTS), {"id": episode_id, "first": 0, "until": _BEYOND}):
+        found.update(canonical(row))
+        until = row[0] + 1
+    return BegunHash(salt, until, found)
+
+
+def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:
+    return hashlib.sha256(salt + canonical([part.table, part.columns]))
+
+
+def _rows_of(part: _Part) -> str:
+    return f"SELECT {part.columns} FROM {part.table} WHERE {part.where}"
 
 
 def combine(parts: Mapping[str, str]) -> str:
@@ -151,18 +190,20 @@ def head(conn: sqlite3.Connection) -> Head:
     return Head(0, "") if found is None else Head(*found)
 
 
-def append(conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0) -> None:
+def append(conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0, begun: BegunHash | None = None) -> None:
     """Append an entry of a thing as it is now; call it inside the transaction that wrote the rows.
 
     What was found not to fit its rows stays so: a later change makes nothing sound.
+
+    begun  of an episode's input events, where some of them were hashed before: they must be as they were then
     """
     thing = Thing(kind, ident, first)
     sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
         WHERE s.kind = ? AND s.id = ? AND s.first = ? AND c.version = ?"""
     for (stored,) in select(conn, sql, (*thing, UNSOUND)).fetchall():
         return append_unsound(conn, kind, ident, stored)
-    salt = secrets.token_bytes(_SALT_BYTES)
-    parts = compute(conn, thing, salt)
+    salt = secrets.token_bytes(_SALT_BYTES) if begun is None else begun.salt
+    parts = compute(conn, thing, salt, begun=begun)
     return _append(conn, thing, VERSION, combine(parts), salt, parts)
 
 

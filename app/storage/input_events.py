@@ -26,7 +26,7 @@ COMPARED_EPISODES = 5_000
 MAX_STARTS = 50
 """Most places at which a batch may begin that are compared with events of an earlier schema, which knew no batches."""
 
-_FIRST = "SELECT coalesce(max(number) + 1, 0) FROM input_events WHERE episode_id = ?"
+_FIRST = "SELECT coalesce(max(number) + 1, 0) AS first FROM input_events WHERE episode_id = ?"
 _ENDED = "SELECT ended_ms FROM episodes WHERE id = ?"
 _BATCH = "SELECT 1 FROM event_batches WHERE episode_id = ? AND batch = ?"
 _UNBATCHED = "SELECT min(first) FROM event_batches WHERE episode_id = ?"
@@ -84,6 +84,11 @@ def add_input_events(
 def input_events(reader: Reader, episode_id: str) -> list[dict[str, Any]]:
     """Return an episode's input events in order."""
     return reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id])
+
+
+def count_input_events(reader: Reader, episode_id: str) -> int:
+    """Return how many input events of an episode are kept: they are numbered from 0 on, and none goes while it runs."""
+    return int(reader.query(_FIRST, [episode_id])[0]["first"])
 
 
 def has_copied_timing(reader: Reader, episode_id: str) -> bool:

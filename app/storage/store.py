@@ -128,21 +128,29 @@ class Resumable:
 
 
 class Closing(NamedTuple):
-    """What closes an episode; `attestation` is its level, of a person's alone, and `reason` why it is not attested."""
+    """What closes an episode.
+
+    attestation  its level, of a person's alone
+    reason       why it is not attested
+    events       the hash of its input events, where it was begun before
+    """
 
     episode_id: str
     record: Record
     at_ms: int
     attestation: str | None = None
     reason: str | None = None
+    events: chain.BegunHash | None = None
 
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
     (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8)"""
-# The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing.
+# The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
+# be a script's in an episode that is a person's still.
 _ADD_STEP = """INSERT INTO steps SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
     WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
-    AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL)"""
+    AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL AND (driver <> 'human' OR ?11 = 'human'))"""
+_BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
     trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
     attestation_reason = CASE WHEN driver = 'human' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
@@ -255,10 +263,12 @@ class Store(Reader):
         return self._db.conn
 
     @contextmanager
-    def transaction(self) -> Iterator[None]:
+    def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
         """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it.
 
         On the thread of the writes it is committed together with those that wait; one that fails is taken back alone.
+
+        is_one_statement  the block executes one statement, which SQLite itself takes back if it fails
 
         LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
         WriteRefusedError while another program holds the lock for writing.
@@ -269,16 +279,17 @@ class Store(Reader):
             yield
             return
         is_first, step = not self._conn.in_transaction, self._step
+        has_savepoint = not is_first and not is_one_statement
         self._is_within = True
         try:
-            self._begin(is_first)
+            self._begin(is_first, has_savepoint)
             try:
                 yield
-                if not is_first:
+                if has_savepoint:
                     self._conn.execute("RELEASE part")
             except BaseException as error:
                 self._step = step
-                self._take_back(is_first, error)
+                self._take_back(is_first, has_savepoint, error)
                 raise
         except sqlite3.Error as error:
             raise self._not_taken(error) from error
@@ -287,12 +298,13 @@ class Store(Reader):
         if not self.writes.is_started:
             self._commit()
 
-    def _begin(self, is_first: bool) -> None:
+    def _begin(self, is_first: bool, has_savepoint: bool) -> None:
         """Begin a transaction, or a part of one; on the thread of the writes wait for another program's lock."""
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         if not is_first:
-            self._conn.execute("SAVEPOINT part")
+            if has_savepoint:
+                self._conn.execute("SAVEPOINT part")
             return
         while True:
             try:
@@ -305,14 +317,14 @@ class Store(Reader):
                     raise WriteRefusedError(LOCKED) from error
         self._began = time.perf_counter()
 
-    def _take_back(self, is_first: bool, error: BaseException) -> None:
+    def _take_back(self, is_first: bool, has_savepoint: bool, error: BaseException) -> None:
         """Take back what a transaction wrote, and nothing of those before it that are not committed yet."""
         if not self._conn.in_transaction:
             if not is_first:  # SQLite has taken back everything, as it may on a full disk
                 self._undone = self._not_taken(error)
         elif is_first:
             self._conn.execute("ROLLBACK")
-        else:
+        elif has_savepoint:
             self._conn.execute("ROLLBACK TO part")
             self._conn.execute("RELEASE part")
 
@@ -405,16 +417,26 @@ class Store(Reader):
             row.episode_id, row.step, row.action, row.reward, row.discovered, row.server_ms,
             row.client_ms, row.key_down_ms, row.key_up_ms, row.input, row.driver,
         )  # fmt: skip
+        if row.step > 0 and closing is None and self._add_step_alone(values):
+            return
         with self.transaction():
+            if row.driver != "human":
+                self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
             self._step = row.episode_id, row.step
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
-            if row.driver != "human":
-                self._conn.execute("UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'", (row.episode_id,))
             if closing is not None:
                 self._close(Closing(row.episode_id, closing, row.server_ms))
+
+    def _add_step_alone(self, values: tuple[Any, ...]) -> bool:
+        """Add a step by one statement, as most can be; return False when nothing was added."""
+        with self.transaction(is_one_statement=True):
+            if self._conn.execute(_ADD_STEP, values).rowcount != 1:
+                return False
+            self._step = values[0], values[1]
+        return True
 
     def close_episode(
         self, episode_id: str, record: Record, at_ms: int, attestation: str | None = None, reason: str | None = None
@@ -485,7 +507,7 @@ class Store(Reader):
             self._conn.execute(_ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id))
 
     def _close(self, closing: Closing) -> None:
-        episode_id, record, at_ms, attestation, reason = closing
+        episode_id, record, at_ms, attestation, reason, events = closing
         totals = (
             record.outcome,
             record.steps,
@@ -496,7 +518,7 @@ class Store(Reader):
         values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version, attestation, reason)
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
-        chain.append(self._conn, "episode", episode_id)
+        chain.append(self._conn, "episode", episode_id, begun=events)
 
 
 def is_busy(error: sqlite3.Error) -> bool:

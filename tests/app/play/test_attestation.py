@@ -1,10 +1,14 @@
 """The level of an episode by its rows: what people's networks and clocks do passes, what was made up does not."""
 
 import random
+from contextlib import closing
 
 import pytest
 
-from app.play.attestation import LEVELS, Attested, Conditions, attest, key_map_of, level_reaches
+from app.play.attestation import LEVELS, Attested, Conditions, attest, attest_stored, key_map_of, level_reaches, prepare_end
+from app.storage.input_events import InputEventRow, add_input_events
+from app.storage.store import StepRow, Store
+from tests.support.recorded import add_session, open_episode
 
 STARTED = 1_790_000_000_000
 CODES = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
@@ -288,3 +292,31 @@ def test_nobody_presses_ten_times_in_four_hundred_milliseconds_or_fifty_times_in
     assert "50 presses in" in played(60, gap_ms=55.0, latency_ms=0.5).level().reason
     assert played(60, gap_ms=65.0, latency_ms=0.5).level().level == "attested"
     assert played(9, gap_ms=30.0, latency_ms=0.5).level().level == "attested", "a burst of nine"
+
+
+def kept(store, episode_id, moves, events):
+    """Put moves and events of an `Episode` into a store."""
+    for event in events:
+        add_input_events(
+            store, episode_id, [InputEventRow(*(event[name] for name in InputEventRow._fields))], event["server_ms"]
+        )
+    for move in moves:
+        store.add_step(StepRow(episode_id, reward=0.0, discovered=1, key_up_ms=None, **move))
+
+
+def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_something_has_changed(tmp_path):
+    """The last move is not stored yet when the end is prepared, and nothing of it may come later unseen."""
+    made = played(20)
+    elsewhere = Conditions(STARTED, {each: {0} for each in CONDITIONS.key_map})
+    with closing(Store(tmp_path / "play.db")) as store:
+        episode_id = open_episode(store, add_session(store), seed=1, started_ms=STARTED)[0].id
+        kept(store, episode_id, made.moves[:-1], made.events[:-2])
+        early = prepare_end(store, episode_id, CONDITIONS, made.moves[-1])
+        kept(store, episode_id, [], made.events[-2:])
+        ending = prepare_end(store, episode_id, CONDITIONS, made.moves[-1])
+        kept(store, episode_id, made.moves[-1:], [])
+        assert prepare_end(store, episode_id, None, None).attested is None
+        assert (early.attested.level, ending.attested.level) == ("unattested", "attested")
+        for each in (ending, early, None):
+            assert attest_stored(store, episode_id, CONDITIONS, each).level == "attested"
+            assert attest_stored(store, episode_id, elsewhere, each).level == "unattested"

@@ -15,7 +15,7 @@ from app.storage.chain import Thing
 from app.storage.erasure import forget
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.merging import merge
-from app.storage.store import Store
+from app.storage.store import Closing, Store
 from app.storage.studies import StudyStore
 from app.study.verification import verify_database
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play
@@ -64,6 +64,29 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
     again, second = open_episode(store, session, seed=2, number=1)
     add_steps(store, again, second, free_moves(second)[:1])
     assert kinds(store) == ["session", "episode"]
+    assert verify_database(store.path).findings == ()
+
+
+@pytest.mark.parametrize("before", [0, 1, 4])
+def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_the_end_makes(store, before):
+    """Of four events some are hashed before the end, the others come later."""
+    row, episode = open_episode(store, add_session(store), seed=1)
+    add_steps(store, row, episode, free_moves(episode)[:2])
+    events = [InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)]
+    add_input_events(store, row.id, events[:before], 5)
+    begun = chain.begin_hash(store.connection, row.id)
+    add_input_events(store, row.id, events[before:], 5)
+    episode.abandon()
+    store.next_episode([Closing(row.id, episode.record(), 6, "declared", events=begun)], ())
+    sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
+    salt, parts, whole = store.connection.execute(sql).fetchone()
+    table = json.loads(parts)["input_events"]
+    lines = [["input_events", "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms"]]
+    lines += [[number, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5] for number in range(4)]
+    said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+    assert table == hashlib.sha256(salt + said.encode()).hexdigest()
+    made = chain.compute(store.connection, Thing("episode", row.id), salt)
+    assert (made, chain.combine(made)) == (json.loads(parts), whole)
     assert verify_database(store.path).findings == ()
 
 
