@@ -49,7 +49,7 @@ export function thoughtOf(board) {
 export function goalText(boards) {
   const goals = boards.flatMap((board) => {
     const goal = thoughtOf(board)?.goal;
-    return goal ? [`${boards.length > 1 ? `${board.name} ` : ""}row ${goal[0]}, column ${goal[1]}`] : [];
+    return goal ? [`row ${goal[0]}, column ${goal[1]}${boards.length > 1 ? ` (${board.name})` : ""}`] : [];
   });
   return goals.join("; ");
 }

@@ -52,7 +52,7 @@ const connections = createConnections({
 });
 const { moves, telemetry } = startInput({
   page: window, board: board.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [board.viewer],
-  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, onEnter: () => false,
+  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
   onActivity: () => { actedAt_ms = performance.now(); }, send: (message) => connections.send("player", message), painted: board.painted,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
 });

@@ -7,7 +7,7 @@ import { goal, standing } from "./words.js";
 /** @typedef {import("../common/game_state.js").State} State */
 
 /**
- * Paint the mode, the badge, the terrain and the connection.
+ * Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
  * @param {State} state
  * @param {Document} page
  * @param {string} rival the policy that will play after a ranked episode
@@ -25,6 +25,11 @@ export function paintBar(state, page, rival) {
   paintLink(by("link"), state.link, "live");
   put(by("goal"), goal(state.player?.frame ?? null));
   put(by("standing"), standing(state, rival));
+  const watched = state.mode === "watch" ? state : null;
+  put(by("tab-player"), watched?.player?.name ?? "You");
+  put(by("tab-rival"), watched?.rival?.name ?? "Policy");
+  put(by("key-player"), watched?.player?.name ?? "you");
+  put(by("key-rival"), watched?.rival?.name ?? "policy");
   page.body.dataset.mode = state.mode;
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
 }

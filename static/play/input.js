@@ -27,20 +27,21 @@ export const REPEAT_SETTING = "mars.repeat";
  *   driven      the newest frame of a board that is driven here, else null
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before rocks that are known
+ *   isConnecting  whether the socket of the board's session is being opened
  *   announce    says a sentence to screen readers, politely
  *   onActivity  anything was pressed: the user is there
  * @param {{page: Window & typeof globalThis, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean, driven: () => Frame | null,
- *   painted: () => Frame | null, isPractice: () => boolean, announce: (text: string) => void, onActivity: () => void,
- *   onEnter: (event: KeyboardEvent) => boolean}} how
+ *   painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean, announce: (text: string) => void,
+ *   onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how
  */
-export function startInput({ page, board, frames, pad, settings, send, driven, painted, isPractice, announce, onActivity, onEnter }) {
+export function startInput({ page, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
   const now_ms = () => page.performance.now();
   const sendEvents = () => telemetry.sendAll();
   const mark = createDropMark(board, announce);
   const sound = createSound(settings.sound, { storage: page.localStorage, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
-    sender: createMoveSender({ send, now_ms, sendEvents }), frame: driven, isPractice, sendEvents, now_ms,
+    sender: createMoveSender({ send, now_ms, sendEvents }), frame: driven, isPractice, isConnecting, sendEvents, now_ms,
     onDropped(reason, count) {
       mark.show(reason, count);
       sound.play({ kind: "blocked" });

@@ -100,7 +100,7 @@ const connections = createConnections({
 });
 const { moves, telemetry } = startInput({
   page: window, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") },
-  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => state.mode === "practice", pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
+  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"), frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
   send: (message) => connections.send("player", message), painted: painter.playersFrame,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });

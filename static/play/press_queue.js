@@ -1,6 +1,7 @@
 // @ts-check
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
 // stops before a rock or an edge that the page knows; elsewhere each press is a move. No press acts on a terrain that it was not made for.
+// Presses on a session whose socket is not open yet wait for its first frame.
 import { groundAhead } from "./known_ground.js";
 
 /**
@@ -23,12 +24,13 @@ export const MAX_WAITING = 400;
  *   sender       sends moves, and says which wait for their answer
  *   frame        the newest of the board that is driven here, else null
  *   isPractice   whether presses into known rocks and edges are dropped
+ *   isConnecting  whether the socket of the session on the board is being opened: nothing can be sent, and nothing is lost
  *   sendEvents   sends the input events of the presses, which go before their moves
  *   onDropped    some presses will make no move; 0 where a held key has stopped
- * @param {{sender: Sender, frame: () => Frame | null, isPractice: () => boolean, sendEvents: () => void, now_ms: () => number,
- *   onDropped: (reason: Reason, count: number) => void}} how
+ * @param {{sender: Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean, sendEvents: () => void,
+ *   now_ms: () => number, onDropped: (reason: Reason, count: number) => void}} how
  */
-export function createPressQueue({ sender, frame, isPractice, sendEvents, now_ms, onDropped }) {
+export function createPressQueue({ sender, frame, isPractice, isConnecting, sendEvents, now_ms, onDropped }) {
   /** @type {Press[]} */
   let queue = [];
   let last_ms = -Infinity;
@@ -74,7 +76,7 @@ export function createPressQueue({ sender, frame, isPractice, sendEvents, now_ms
    * @param {Frame} on of an episode that has not ended
    */
   function pump(on) {
-    while (queue.length > 0 && !sender.isFull()) {
+    while (queue.length > 0 && !isConnecting() && !sender.isFull()) {
       const { action, timing, pressed_ms } = queue[0];
       const ground = isPractice() ? groundAhead(on, sentActions(), action) : "free";
       if (ground === "unknown" && sender.pending().length > 0) return;
@@ -120,7 +122,7 @@ export function createPressQueue({ sender, frame, isPractice, sendEvents, now_ms
       if (reason) return onDropped(reason, 1);
       if (queue.length >= MAX_WAITING) return onDropped("full", 1);
       const isAlone = queue.length === 0 && sender.pending().length === 0;
-      if (!isAlone) {
+      if (!isAlone || isConnecting()) {
         queue = [...queue, { action, timing, pressed_ms }];
         return pump(on);
       }

@@ -1,8 +1,10 @@
 """Every press is answered or dropped in sight: bursts without pauses, a held key, presses after the end, and Enter there."""
 
+import asyncio
 import re
 import time
 
+from app.protection import Admission
 from tests.browser.test_attested import ATTESTED, level_of, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D
 from tests.support.servers import eventually
@@ -81,4 +83,24 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     me.wait(is_next)
     me.page.keyboard.press("Enter")
     me.wait(f"window.mars.state.player.frame.episode !== '{episode}'")
+    assert me.errors == []
+
+
+def test_a_press_waits_for_the_socket_of_a_new_session(serve, player, monkeypatch):
+    """Each socket of this server opens late, as over a slow line."""
+    admit = Admission.__call__
+
+    async def admit_late(self, scope, receive, send):
+        await asyncio.sleep(0.7 if scope["type"] == "websocket" else 0)
+        await admit(self, scope, receive, send)
+
+    monkeypatch.setattr(Admission, "__call__", admit_late)
+    me = player(serve(), NO_3D)
+    me.goto()
+    me.page.get_by_test_id("mode-ranked").click()
+    me.wait("window.mars.state.mode === 'ranked' && window.mars.state.link === 'connecting'")
+    me.hand.press(me.page.keyboard, KEY_OF["south"])
+    assert me.state("link") == "connecting", "the socket opened too soon for this test"
+    me.wait("window.mars.state.player.frame.step === 1")
+    assert dropped(me) == 0
     assert me.errors == []

@@ -85,6 +85,28 @@ def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(s
     assert me.errors == []
 
 
+def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where_it_heads(serve, player):
+    me = player(serve(), NO_3D, 390, 844, has_touch=True, reduced_motion="reduce")
+    page = me.page
+    me.begin(rival="frontier-cost", size=[9, 12], seed=5)
+    me.wait(FIRST)
+    assert [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")] == ["You", "Policy"]
+    me.begin(player="frontier-priced", rival="frontier-cost", size=[9, 12], seed=5)
+    me.wait("mars.state.mode === 'watch'")
+    for role, name in (("player", "frontier-priced"), ("rival", "frontier-cost")):
+        tab = page.get_by_test_id(f"tab-{role}")
+        eventually(lambda tab=tab, name=name: tab.inner_text() == name)
+        tab.click()
+        page.get_by_test_id("show-thoughts").check()
+        said = page.get_by_test_id("thoughts-goal")
+        said.wait_for()
+        eventually(lambda said=said, name=name: f"({name})" in said.inner_text())
+        assert name in page.get_by_test_id("key").inner_text()
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    keep_picture(page, "watched-390")
+    assert me.errors == []
+
+
 def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_end(serve, player):
     me = player(serve(), NO_3D)
     about = me.begin(size=[5, 7])

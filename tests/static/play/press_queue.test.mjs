@@ -13,14 +13,15 @@ function desk({ row = ".".repeat(60), isPractice = true } = {}) {
   let col = 0;
   let step = 0;
   let isOpen = true;
+  let isConnecting = false;
   let outcome = null;
   let seen = 4;
   const grid = () => [[...row].map((mark, at) => (at === col ? "@" : at < seen ? mark : "?")).join("")];
   const take = (episode = "e1") => ({ kind: "frame", episode, step, outcome, position: [0, col], rows: 1, cols: row.length, grid: grid() });
   let frame = take();
   const sender = createMoveSender({ send: (message) => isOpen && line.push(message) > 0, sendEvents: () => {}, now_ms: () => now });
-  const queue = createPressQueue({ sender, frame: () => frame, isPractice: () => isPractice, sendEvents: () => line.push("events"),
-    now_ms: () => now, onDropped: (reason, count) => dropped.push([reason, count]) });
+  const queue = createPressQueue({ sender, frame: () => frame, isPractice: () => isPractice, isConnecting: () => isConnecting,
+    sendEvents: () => line.push("events"), now_ms: () => now, onDropped: (reason, count) => dropped.push([reason, count]) });
   return {
     queue, dropped, sender,
     acts: () => line.filter((message) => message.kind === "act"),
@@ -29,6 +30,8 @@ function desk({ row = ".".repeat(60), isPractice = true } = {}) {
     repeat: (action = "east") => queue.repeat(action, TIMING),
     wait(ms) { now += ms; },
     lose() { isOpen = false; },
+    connect() { [isOpen, isConnecting] = [false, true]; },
+    connected() { [isOpen, isConnecting] = [true, false]; queue.receive(frame); },
     /** The server makes the next move that it has not made yet. */
     answer() {
       const act = line.filter((message) => message.kind === "act")[step];
@@ -152,6 +155,25 @@ test("a refusal and a lost connection drop all that waits, with a reason", () =>
   lost.lose();
   lost.press("east", 1000);
   assert.deepEqual(lost.dropped, [["lost", 6], ["lost", 1]]);
+});
+
+test("presses on a board whose socket is being opened wait for its first frame, or are dropped when it is lost", () => {
+  for (const isPractice of [true, false]) {
+    const on = desk({ isPractice });
+    on.connect();
+    on.press("east", 1000);
+    on.press("east", 200);
+    assert.equal(on.repeat(), true, "a held key waits too");
+    on.wait(300);
+    assert.deepEqual([on.acts(), on.dropped], [[], []]);
+    on.connected();
+    assert.deepEqual(on.acts().map(({ step, client_ms }) => [step, client_ms]), [[0, 2500], [1, 2500]]);
+    const lost = desk({ isPractice });
+    lost.connect();
+    lost.press();
+    lost.queue.drop();
+    assert.deepEqual([lost.acts(), lost.dropped], [[], [["lost", 1]]]);
+  }
 });
 
 test("a refusal because the episode had ended does not count the move that ended it", () => {
