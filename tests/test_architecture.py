@@ -522,7 +522,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.moves": {"click", "numpy", "scipy"},
     "app.operators": {"argon2", "pyotp"},
     "app.play": {"itsdangerous", "numpy", "pydantic"},
-    "app.protection": {"limits", "secure", "starlette", "uvicorn", "websockets"},
+    "app.protection": {"h11", "limits", "secure", "starlette", "uvicorn", "websockets"},
     "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},
     "app.replay": {"PIL", "av", "jinja2", "markupsafe", "numpy"},
     "app.report": {"jinja2", "matplotlib", "numpy"},

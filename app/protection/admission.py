@@ -1,11 +1,13 @@
-"""Rates of what costs the most: joining studies, beginning boards and episodes, opening sockets; sockets have caps as well.
+"""Rates of requests, and of what costs the most: joining studies, beginning boards and episodes; sockets have caps.
 
-The rates are counted by the library `limits`, for each address (behind a named proxy the address that it reports) and for each
-player's cookie. Whoever sends the operator's token is not limited: that is how `marsexplorer simulate` plays a whole study.
+Requests of an address take turns at their rate (behind a named proxy the address is the one that it reports). The rates of what
+costs the most are counted by the library `limits`, for each address and for each player's cookie. Whoever sends the operator's
+token is not limited: that is how `marsexplorer simulate` plays a whole study.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import math
@@ -13,6 +15,7 @@ import re
 import time
 from http.cookies import CookieError, SimpleCookie
 from typing import Literal, get_args
+from weakref import WeakValueDictionary
 
 from limits import parse_many
 from limits.storage import MemoryStorage
@@ -32,6 +35,13 @@ By = Literal["address", "player"]
 
 TOKEN_HEADER = "x-mars-token"
 """The header that holds the operator's token, `limits.token`."""
+
+PROBES = frozenset({"/healthz", "/readyz"})
+"""What watches over the server: however many pages an address asks for, these requests have a rate of their own."""
+
+PATIENCE_S = 2.0
+"""Seconds that a request may wait for its turn; one that would wait longer is refused. A thousand requests at the default rate
+take as long, which is as many as the connections of one address can ask for at once."""
 
 COOKIE = "mars_player"
 _PATHS: dict[Action, re.Pattern[str]] = {
@@ -75,11 +85,12 @@ class Rates:
 
 
 class Admission:
-    """Refuses actions beyond their rates with 429, and sockets beyond their caps with 503; both say when to come back."""
+    """Lets requests wait for their turn, and refuses what is too much with 429 (sockets: 503) and when to come back."""
 
     def __init__(self, app: ASGIApp, protection: Protection, answer: Answer) -> None:
         self._app, self._protection, self._answer = app, protection, answer
         self._rates = Rates(protection.limits)
+        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         token = protection.limits.token
         self._token = b"" if token is None else token.get_secret_value().encode()
 
@@ -87,19 +98,38 @@ class Admission:
         if scope["type"] == "websocket":
             await self._admit_socket(scope, receive, send)
             return
-        action = _action_of(scope) if scope["type"] == "http" else None
-        if action is not None and not self._has_token(scope):
-            keys: dict[By, str] = {"address": client_address(HTTPConnection(scope))}
-            if player := _player_of(scope):
-                keys["player"] = player
-            if (refusal := self._rates.refusal(action, keys)) is not None:
-                self._protection.count_refusal(f"rate_{action}")
-                await self._refuse(scope, receive, send, 429, *refusal)
-                return
+        if scope["type"] != "http" or self._has_token(scope):
+            await self._app(scope, receive, send)
+            return
+        address = client_address(HTTPConnection(scope))
+        asker = f"{address} probes" if scope["path"] in PROBES else address
+        wait_s = self._protection.requests.of(asker).take_within(PATIENCE_S)
+        if wait_s is None:
+            self._protection.count_refusal("rate_request")
+            again_s = math.ceil(PATIENCE_S)
+            detail = f"too many requests from {WHERE['address']}: try again in {again_s} s"
+            await self._refuse(scope, receive, send, 429, detail, again_s)
+            return
+        if wait_s:
+            await asyncio.sleep(wait_s)
+        await self._begin_in_turn(asker)
+        action = _action_of(scope)
+        if action is not None and (refusal := self._rates.refusal(action, _keys_of(scope, address))) is not None:
+            self._protection.count_refusal(f"rate_{action}")
+            await self._refuse(scope, receive, send, 429, *refusal)
+            return
         await self._app(scope, receive, send)
+
+    async def _begin_in_turn(self, asker: str) -> None:
+        """Let one request or socket of an address begin in a turn of the event loop, so that others are served between."""
+        turn = self._turns.setdefault(asker, asyncio.Lock())
+        async with turn:
+            await asyncio.sleep(0)
 
     async def _admit_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         key = None if self._has_token(scope) else client_address(HTTPConnection(scope))
+        if key is not None:
+            await self._begin_in_turn(key)
         sockets = self._protection.sockets
         if not sockets.take(key):
             self._protection.count_refusal("sockets")
@@ -132,6 +162,12 @@ def _action_of(scope: Scope) -> Action | None:
     return next(
         (action for action, ends in _PATHS.items() if (at := path.rfind("/api/")) >= 0 and ends.fullmatch(path, at)), None
     )
+
+
+def _keys_of(scope: Scope, address: str) -> dict[By, str]:
+    """Return whom an action is counted for: an address, and the player whose cookie came."""
+    player = _player_of(scope)
+    return {"address": address} if player is None else {"address": address, "player": player}
 
 
 def _player_of(scope: Scope) -> str | None:

@@ -47,12 +47,20 @@ class TokenBucket:
         self._at_s = now_s
         return max(0.0, -self._tokens / self._size.rate)
 
+    def take_within(self, patience_s: float) -> float | None:
+        """Take a token and return for how many seconds it is missing, or take none and return None where that is too long.
+
+        Whoever is refused owes nothing.
+        """
+        missing_s = self.take()
+        if missing_s <= patience_s:
+            return missing_s
+        self._tokens += 1.0
+        return None
+
     def take_if_there(self) -> bool:
-        """Take a token and return True, or return False and take none: whoever is refused owes nothing."""
-        if self.take():
-            self._tokens += 1.0
-            return False
-        return True
+        """Take a token and return True, or return False and take none."""
+        return self.take_within(0.0) is not None
 
     def take_away(self, count: float, debt: float) -> None:
         """Take some tokens, down to a debt of some at most."""

@@ -1,15 +1,18 @@
 """Uvicorn's protocol classes with limits: what is refused here never reaches the application.
 
-A connection beyond the caps is answered 503 with Retry-After. A connection that sends no request is closed. A socket whose
-pings or messages come faster than any page sends them is closed with 1008.
+A connection beyond the caps is answered 503 with Retry-After. A connection that sends no request is closed, and one whose
+request comes too slowly is answered 408. A socket whose pings or messages come faster than any page sends them is closed with
+1008.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
@@ -24,9 +27,6 @@ if TYPE_CHECKING:
 
 RETRY_AFTER_S = 30
 """What a refused browser is told to wait, in seconds."""
-
-FIRST_REQUEST_S = 20.0
-"""How long a new connection may take to send its first request."""
 
 LINGER_S = 1.0
 """How long a refused connection may take to read why."""
@@ -53,6 +53,9 @@ class LimitedHttp(H11Protocol):
     _key: str | None = None
     _is_counted = False
     _is_refused = False
+    _awaited: Literal["headers", "body"] | None = None
+    """The part of a request that has begun to come, or of a first one that is due."""
+    _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -63,19 +66,21 @@ class LimitedHttp(H11Protocol):
         if self._is_refused:
             self.protection.count_refusal("connections")
             self.loop.call_later(LINGER_S, transport.abort)
+        elif turn_s := connections.turn_s(self._key):
+            transport.pause_reading()
+            self.loop.call_later(turn_s, self._serve)
         else:
-            self.loop.call_later(FIRST_REQUEST_S, self._abort_without_request)
-            if turn_s := connections.turn_s(self._key):
-                transport.pause_reading()
-                self.loop.call_later(turn_s, self._serve)
+            self._watch(is_coming=True)
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self._release()
+        self._await(None)
 
     def data_received(self, data: bytes) -> None:
         if not self._is_refused:
             super().data_received(data)
+            self._watch(is_coming=True)
         elif not self.transport.is_closing():
             self.transport.write(_full_answer(is_page=b"text/html" in data))
             self.transport.close()
@@ -89,20 +94,51 @@ class LimitedHttp(H11Protocol):
                 protocol.of_address = self.protection.messages.of(self._key)
             protocol.punish = lambda: self.protection.connections.punish(self._key)
 
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._watch(is_coming=False)
+
     def _serve(self) -> None:
         """Read the first request: the connection's turn has come."""
         if not self.transport.is_closing():
             self.transport.resume_reading()
+            self._watch(is_coming=True)
+
+    def _watch(self, is_coming: bool) -> None:
+        """Await the part of a request that is not whole; between requests (not `is_coming`) uvicorn's own time limit holds."""
+        if self.transport.is_closing() or self.transport.get_protocol() is not self:
+            self._await(None)
+        elif self.conn.their_state is h11.SEND_BODY:
+            self._await("body")
+        else:
+            self._await("headers" if is_coming and self.conn.their_state is h11.IDLE else None)
+
+    def _await(self, part: Literal["headers", "body"] | None) -> None:
+        """Give a part of a request its seconds, unless they run already."""
+        if part == self._awaited:
+            return
+        if self._deadline is not None:
+            self._deadline.cancel()
+        limits = self.protection.limits
+        self._awaited = part
+        self._deadline = None if part is None else self.loop.call_later(getattr(limits, f"{part}_s"), self._end_slow, part)
 
     def _release(self) -> None:
         if self._is_counted:
             self._is_counted = False
             self.protection.connections.slots.give_back(self._key)
 
-    def _abort_without_request(self) -> None:
-        if self.scope is None and not self.transport.is_closing() and self.transport.get_protocol() is self:
-            self.protection.count_refusal("no_request")
-            self.transport.abort()
+    def _end_slow(self, part: Literal["headers", "body"]) -> None:
+        """Close a connection whose request did not come in time, with an answer where something of it came."""
+        if self.transport.is_closing():
+            return
+        is_silent = self.scope is None and not self.conn.trailing_data[0]
+        self.protection.count_refusal("no_request" if is_silent else f"slow_{part}")
+        if not is_silent and self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            seconds = getattr(self.protection.limits, f"{part}_s")
+            self.transport.write(_json_answer("408 Request Timeout", f"the {part} of a request must come within {seconds:g} s"))
+        self.transport.close()
+        self.loop.call_later(LINGER_S, self.transport.abort)
 
 
 class LimitedWebSocket(WebSocketsSansIOProtocol):
@@ -174,6 +210,20 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         else:
             super().send_receive_event_to_app()
 
+    def handle_parser_exception(self) -> None:
+        """Close a socket whose message breaks the protocol; reading nothing more, so that no reset overtakes the reason."""
+        if self._is_shut:
+            return
+        self._is_shut = True
+        self.stop_keepalive()
+        assert self.conn.close_sent is not None
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": self.conn.close_sent.code})
+        self.read_paused = False  # nothing resumes it
+        self.transport.pause_reading()
+        self.loop.call_later(LINGER_S, self.transport.abort)
+
     def _shut(self, kind: str) -> None:
         """Close the socket with 1008."""
         if self._is_shut:
@@ -198,8 +248,16 @@ def limited_protocols(protection: Protection) -> tuple[type[LimitedHttp], type[L
 
 def _full_answer(is_page: bool) -> bytes:
     """Return the whole answer to a refused connection's request: a page where a browser asks for one, else JSON."""
-    body = (_FULL_PAGE if is_page else f'{{"detail": "{FULL}"}}').encode()
-    kind = "text/html; charset=utf-8" if is_page else "application/json"
-    lines = ("HTTP/1.1 503 Service Unavailable", f"content-type: {kind}", f"content-length: {len(body)}",
-             f"retry-after: {RETRY_AFTER_S}", "cache-control: no-store", "connection: close", "", "")  # fmt: skip
-    return "\r\n".join(lines).encode() + body
+    status, wait = "503 Service Unavailable", f"retry-after: {RETRY_AFTER_S}"
+    return _whole_answer(status, "text/html; charset=utf-8", _FULL_PAGE, wait) if is_page else _json_answer(status, FULL, wait)
+
+
+def _json_answer(status: str, detail: str, *headers: str) -> bytes:
+    return _whole_answer(status, "application/json", json.dumps({"detail": detail}), *headers)
+
+
+def _whole_answer(status: str, kind: str, body: str, *headers: str) -> bytes:
+    """Return an answer after which the connection is closed, as it is sent."""
+    lines = (f"HTTP/1.1 {status}", f"content-type: {kind}", f"content-length: {len(body.encode())}", *headers,
+             "cache-control: no-store", "connection: close", "", body)  # fmt: skip
+    return "\r\n".join(lines).encode()

@@ -1,4 +1,7 @@
-"""How the middleware of this package refuses a request: with a status and one sentence."""
+"""How the middleware of this package refuses a request: with a status and one sentence, and the connection is closed.
+
+So whoever asks on regardless needs a connection for each request, and an address opens these at a rate (`limits.opened`).
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ Answer = Callable[[Request, int, str], Response]
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, status: int, detail: str, answer: Answer) -> None:
-    """Answer a request, or the handshake of a socket, with a status and a sentence."""
+    """Answer a request, or the handshake of a socket, with a status and a sentence, and close the connection."""
     response = answer(Request(scope), status, detail) if scope["type"] == "http" else JSONResponse({"detail": detail}, status)
+    response.headers["connection"] = "close"
     await response(scope, receive, send)

@@ -20,6 +20,7 @@ class Protection:
     connections  the TCP connections
     sockets      the websockets among them, by the address that a named proxy reports
     messages     those of all sockets of an address, of any kind
+    requests     the HTTP requests of an address
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Protection:
         slots = Slots(room, limits.connections_per_address)
         self.connections = Connections(slots, self.bucket_sizes["opened"], self.bucket_sizes["served"], named.__contains__)
         self.messages = AddressBuckets(self.bucket_sizes["messages_per_address"])
+        self.requests = AddressBuckets(self.bucket_sizes["requests"])
         self._together = {
             kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets)) for kind, name in KINDS.items()
         }
@@ -61,5 +63,5 @@ KINDS: dict[Kind, str] = {
 }
 """The setting of each kind of message."""
 
-BUCKETS = ("opened", "served", "pings", "messages", "messages_per_address", *KINDS.values())
+BUCKETS = ("opened", "served", "requests", "pings", "messages", "messages_per_address", *KINDS.values())
 """The settings that are sizes of token buckets."""

@@ -4,6 +4,7 @@ import re
 import shutil
 import ssl
 import subprocess
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from websockets.sync.client import connect
 
 from app.operators.delays import FREE_ATTEMPTS
+from app.web.listening import uvicorn_config
 from tests.support.browser import free_port
 from tests.support.servers import PATIENCE_S, Socket, eventually
 
@@ -85,7 +87,10 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
         trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
         cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
         url = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
-        with connect(url, ssl=trusting, origin=server.public, additional_headers={"Cookie": cookie}, proxy=None) as connection:
+        cookies = {"Cookie": cookie}
+        with connect(
+            url, ssl=trusting, origin=server.public, additional_headers=cookies, proxy=None, open_timeout=PATIENCE_S
+        ) as connection:
             board = Socket(connection)
             board.act(board.receive("frame"), "east", input="key")
             assert board.frame_after(0)["step"] == 1
@@ -96,6 +101,19 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
     logged = "".join(path.read_text() for path in server.nginx.glob("*.log"))
     assert "ada-5f1" not in logged
     assert session not in logged
+
+
+def test_idle_connections_are_closed_by_nginx_before_the_server_closes_them(proxied):
+    """Else a request that nginx sends in that moment is lost, and one that changes something is answered 502."""
+    (ours_s,) = re.findall(r"^  keepalive_timeout (\d+)s;", CONFIG.read_text(), re.M)
+    server = proxied((f"keepalive_timeout {ours_s}s", "keepalive_timeout 1s"))
+    servers_s = uvicorn_config(server.app).timeout_keep_alive
+    assert int(ours_s) < servers_s
+    with browser(server) as client:
+        assert client.get("/healthz").status_code == 200
+        began, slots = time.monotonic(), server.services.protection.connections.slots
+        eventually(lambda: slots.open == 0)
+        assert time.monotonic() - began < servers_s - 1
 
 
 def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):

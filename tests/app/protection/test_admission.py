@@ -1,16 +1,23 @@
 """Caps on connections and sockets, and rates of joins, boards and episodes: by address and by cookie."""
 
+import asyncio
+import gc
 import json
+import re
 import socket as sockets
 import subprocess
 import sys
+import time
+import tracemalloc
 from contextlib import ExitStack
 from pathlib import Path
+from statistics import median
 
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from app.settings import Limits
+from app.protection import Admission, Protection
+from app.settings import STATIC, Limits
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -91,9 +98,22 @@ def test_connections_of_one_address_come_no_faster_than_their_rate(serve):
     assert codes == ["200"] * 5 + ["503"] * 2
 
 
-def test_a_connection_without_a_request_is_closed(serve, monkeypatch):
-    monkeypatch.setattr("app.protection.protocols.FIRST_REQUEST_S", 0.1)
-    server = serve()
+def test_connections_that_are_refused_leave_no_debt(serve):
+    """Twenty are refused, and the next comes as soon as it may: after half a second, not after ten."""
+    server = serve(limits=Limits(opened="3+2/s"))
+    codes = []
+    for _ in range(23):
+        with opened(server) as connection:
+            codes.append(ask(connection)[9:12])
+    assert codes[:3] == ["200"] * 3
+    assert codes.count("503") >= 15
+    time.sleep(1)
+    with opened(server) as connection:
+        assert ask(connection)[9:12] == "200"
+
+
+def test_a_connection_without_a_request_is_closed(serve):
+    server = serve(limits=Limits(headers_s=0.1))
     with opened(server) as silent:
         assert silent.recv(1) == b""
     assert server.services.protection.refusals["no_request"] == 1
@@ -161,6 +181,105 @@ def test_addresses_are_distinguished_behind_a_named_proxy_alone(serve):
     assert codes(serve(limits=Limits(sessions_per_address="2/hour"))) == [201, 201, 429, 429]
 
 
+def test_the_addresses_of_one_ipv6_network_are_one(serve):
+    """A home has the 2**64 addresses of its network; an IPv4 address that is written as IPv6 is the same address."""
+    server = serve(limits=Limits(sessions_per_address="2/hour"), trusted_proxies=("127.0.0.1",))
+
+    def begin(address):
+        return server.client(headers={"X-Forwarded-For": address}).post("/api/sessions", json={"size": 9}).status_code
+
+    assert [begin(f"2001:db8:1:2:{each}::7") for each in ("1", "2", "ffff")] == [201, 201, 429]
+    assert begin("2001:db8:1:3::7") == 201
+    assert [begin(each) for each in ("203.0.113.9", "::ffff:203.0.113.9", "203.0.113.9")] == [201, 201, 429]
+    keys = [server.services.protection.connections.key_of(f"2001:db8:1:{each}::7%eth0") for each in ("2", "2:9", "3")]
+    assert keys == ["2001:db8:1:2::/64", "2001:db8:1:2::/64", "2001:db8:1:3::/64"]
+
+
+def test_long_cookies_are_not_kept(server):
+    """A rate remembers a player by a digest: a hundred cookies of 50 kB take less than one megabyte."""
+    client = server.client()
+
+    def join(number):
+        cookie = f"mars_player={number:05d}{'x' * 50_000}"
+        assert client.post("/api/studies/none/join", headers={"Cookie": cookie}).status_code == 404
+
+    join(0)
+    tracemalloc.start()
+    try:
+        for number in range(1, 101):
+            join(number)
+        gc.collect()
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1_000_000
+
+
+def answers_at_once(server, count):
+    """Ask for what is not there, over as many connections at once; return the answers, and how many seconds they took."""
+    began = time.monotonic()
+    with ExitStack() as stack:
+        asked = [stack.enter_context(opened(server)) for _ in range(count)]
+        for each in asked:
+            each.sendall(b"GET /nowhere HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        answers = [b"".join(iter(lambda each=each: each.recv(65536), b"")).decode() for each in asked]
+    return answers, time.monotonic() - began
+
+
+def test_requests_of_one_address_wait_for_their_turn_and_are_refused_where_that_takes_too_long(serve):
+    server = serve(limits=Limits(requests="5+5/s", token=TOKEN))
+    answers, seconds = answers_at_once(server, 30)
+    codes = [answer[9:12] for answer in answers]
+    assert 15 <= codes.count("404") <= 20, "five at once, and ten within the two seconds that one may wait"
+    assert codes.count("429") == 30 - codes.count("404")
+    assert seconds > 1.5
+    refused = answers[codes.index("429")]
+    assert "retry-after: 2\r\n" in refused
+    assert "too many requests from this network: try again in 2 s" in refused
+    assert server.services.protection.refusals["rate_request"] == codes.count("429")
+
+
+def test_one_request_of_an_address_begins_in_a_turn_of_the_event_loop():
+    """So ten that come at once keep somebody else waiting for one of them, and not for ten."""
+    turn, begun = 0, []
+
+    async def count_turns():
+        nonlocal turn
+        while True:
+            turn += 1
+            await asyncio.sleep(0)
+
+    async def answer(scope, receive, send):
+        begun.append((scope["client"][0], turn))
+
+    async def ask_eleven_times():
+        counting, admission = asyncio.create_task(count_turns()), Admission(answer, Protection(Limits()), None)
+        scope = {"type": "http", "method": "GET", "path": "/", "headers": []}
+        addresses = [*["192.0.2.1"] * 10, "192.0.2.2"]
+        await asyncio.gather(*(admission({**scope, "client": (each, 1)}, None, None) for each in addresses))
+        counting.cancel()
+
+    asyncio.run(ask_eleven_times())
+    assert len({at for address, at in begun if address == "192.0.2.1"}) == 10
+    assert "192.0.2.2" in [address for address, _ in begun[:2]]
+
+
+def test_probes_and_whoever_has_the_token_have_no_part_in_that_rate(serve):
+    server = serve(limits=Limits(requests="1+0.1/s", token=TOKEN))
+    client = server.client()
+    assert [client.get("/nowhere").status_code for _ in range(2)] == [404, 429]
+    assert [client.get("/healthz").status_code for _ in range(2)] == [200, 429], "they have the same rate for themselves"
+    assert client.get("/nowhere", headers={"X-Mars-Token": TOKEN}).status_code == 404
+
+
+def test_a_request_that_is_refused_closes_its_connection(serve):
+    """Whoever asks on needs new connections, which an address opens at a rate; for a foreign host no other rate is counted."""
+    client = serve(limits=Limits(requests="2+0.1/s")).client()
+    for headers, status in (({"Host": "evil.example"}, 400), ({"Origin": "http://["}, 403), ({}, 200), ({}, 200), ({}, 429)):
+        answer = client.get("/", headers=headers)
+        assert (answer.status_code, answer.headers.get("connection")) == (status, "close" if status >= 400 else None)
+
+
 def test_a_class_of_a_hundred_people_behind_one_address_plays_unhindered(server, tmp_path):
     """Each joins, loads what the page asks for and begins a board; the default settings refuse nothing."""
     freeze(tmp_path / "studies")
@@ -173,3 +292,44 @@ def test_a_class_of_a_hundred_people_behind_one_address_plays_unhindered(server,
             for step, action in enumerate(("south", "north")):
                 socket.act({**frame, "step": step}, action)
         assert not server.services.protection.refusals
+
+
+async def load_page(port, files, spent):
+    """Load files as a browser does, over six connections; return how many were not found there or were refused."""
+
+    async def load(some):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        missed = 0
+        for path in some:
+            writer.write(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+            head = (await reader.readuntil(b"\r\n\r\n")).decode()
+            await reader.readexactly(int(re.search(r"content-length: (\d+)", head)[1]))
+            missed += head[9:12] != "200"
+        writer.close()
+        return missed
+
+    began = time.monotonic()
+    missed = sum(await asyncio.gather(*(load(files[first::6]) for first in range(6))))
+    spent.append(time.monotonic() - began)
+    return missed
+
+
+@pytest.mark.long
+def test_a_class_of_a_hundred_people_loads_the_page_in_one_moment(spawn, tmp_path):
+    """With the default rate of requests and with none; each person loads the page and 60 of its files."""
+    static = [path for folder in ("common", "play") for path in sorted((STATIC / folder).iterdir())]
+    files = ["/", *(f"/static/{path.relative_to(STATIC)}" for path in static if path.suffix in (".js", ".css"))][:61]
+
+    async def everybody(server, people):
+        spent = []
+        missed = await asyncio.gather(*(load_page(server.port, files, spent) for _ in range(people)))
+        return sum(missed), spent
+
+    for name, limits in (("without a rate", {"requests": "1000000+1000000/s"}), ("with the default rate", {})):
+        server = spawn(database=str(tmp_path / f"{len(limits)}.db"), limits=limits)
+        asyncio.run(everybody(server, 1))
+        missed, spent = asyncio.run(everybody(server, 100))
+        print(f"\n{name}: {len(spent)} people have {len(files)} files after {median(spent):.1f} s, the last after", end=" ")
+        print(f"{max(spent):.1f} s; {missed} refused", end="")
+        assert missed == 0
+        server.kill()

@@ -3,12 +3,13 @@
 import json
 import struct
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.protection.buckets import BucketSize, TokenBucket
+from app.protection.connections import PENALTY, PENALTY_DEBT
 from app.protection.socket_budget import PATIENCE
 from app.settings import Limits
 from tests.support.servers import eventually
@@ -177,6 +178,19 @@ def test_the_sockets_of_one_address_share_limits_and_those_of_another_do_not(ser
     assert answers("203.0.113.2", 1) == 5
 
 
+def test_messages_of_any_kind_have_a_limit_over_all_sockets_of_an_address(serve):
+    server = serve(limits=Limits(messages_per_address="30+0.1/s"))
+    client, begun = begin(server)
+    with ExitStack() as stack:
+        first, second = (stack.enter_context(server.socket(begun["watch"], client, path="/ws/watch/")) for _ in range(2))
+        for socket in (first, second):
+            socket.receive("frame")
+        first.connection.socket.sendall(text("ignored") * 20)
+        assert first.connection.ping().wait(20)
+        second.connection.socket.sendall(text("ignored") * 20)
+        assert why_closed(second) == (1008, "too many messages")
+
+
 def test_a_socket_that_is_closed_for_too_much_costs_its_address_connections(serve):
     server = serve(limits=Limits(opened="150+0.1/s"))
     _, begun = begin(server)
@@ -187,6 +201,17 @@ def test_a_socket_that_is_closed_for_too_much_costs_its_address_connections(serv
     with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
         pass
     assert refused.value.response.status_code == 503
+
+
+def test_an_address_whose_sockets_were_closed_owes_a_few_connections_and_no_more():
+    now = [0.0]
+    bucket = TokenBucket(BucketSize.parse("150+1/s"), lambda: now[0])
+    for _ in range(20):
+        bucket.take_away(PENALTY, PENALTY_DEBT)
+    now[0] = PENALTY_DEBT + 0.5
+    assert not bucket.take_if_there()
+    now[0] = PENALTY_DEBT + 1.5
+    assert bucket.take_if_there()
 
 
 def test_connections_are_served_in_turn(serve):

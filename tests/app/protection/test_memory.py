@@ -55,10 +55,13 @@ def come_and_go(server, number):
 
 
 def begin(spawn):
-    """Start a server on which what happens once has happened: code compiled, caches filled, threads started."""
+    """Start a server on which what happens once has happened: code compiled, caches filled, threads started.
+
+    Each thread that reads has a connection to the database, so as many people come at once as later.
+    """
     server = spawn(idle_s=1.0, limits=UNLIMITED)
-    for number in range(150):
-        come_and_go(server, number)
+    with ThreadPoolExecutor(8) as people:
+        list(people.map(lambda number: come_and_go(server, number), range(200)))
     return server
 
 

@@ -1,6 +1,7 @@
 """What one client can do by many connections, large boards and many stored events, and how long the others wait meanwhile."""
 
 import sqlite3
+import threading
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -8,10 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.storage.input_events import MAX_EVENTS_PER_EPISODE, InputEventRow, add_input_events
+from app.storage.store import Store
+from app.study.verification import verify_database
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.others import measure, misbehaving
+from tests.support.recorded import NOW, add_session, add_steps, free_moves, open_episode
 from tests.support.servers import eventually
 
 pytestmark = pytest.mark.long
@@ -137,7 +142,7 @@ def count_events(path):
 
 def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(spawn, tmp_path):
     """They come 200 at a time, nearly equal to each other, as fast as they are answered, with and without a batch's id."""
-    server = spawn()
+    server = spawn(limits={"events": "1000000+1000000/s"})
     with server.page() as client:
         begun = client.post("/api/sessions", json={"size": 21}).json()
         cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
@@ -151,3 +156,45 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
     for name, figures in (("quiet", quiet), ("while the events come", filling), ("with 50,000", full)):
         print(f"\n{name}: median, p99 and worst wait of the others", ", ".join(f"{ms:.1f}" for ms in figures), "ms", end="")
     assert max(filling[1], full[1]) <= 2 * quiet[1]
+
+
+def boards_full_of_events(path, boards):
+    """Store boards with a move and as many input events as are kept; return their sessions."""
+    events = [InputEventRow("keydown", "KeyW", False, True, 100.0 + number, 0, 2.5) for number in range(MAX_EVENTS_PER_EPISODE)]
+    sessions = []
+    with closing(Store(path)) as store:
+        for seed in range(boards):
+            sessions.append(add_session(store, f"player {seed}"))
+            row, episode = open_episode(store, sessions[-1], seed, number=1, started_ms=NOW - 1000)
+            for first in range(0, len(events), 5_000):
+                add_input_events(store, row.id, events[first : first + 5_000], NOW)
+            add_steps(store, row, episode, free_moves(episode)[:1])
+    return sessions
+
+
+def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn, tmp_path):
+    """Twelve episodes are abandoned, one after the other; in the quiet time as many that have no event."""
+    sessions = boards_full_of_events(tmp_path / "playground.db", 12)
+    server = spawn()
+    with server.client() as client:
+        empty = [client.post("/api/sessions", json={"size": 21}).json()["session"] for _ in sessions]
+
+        def end(ending):
+            for session in ending:
+                client.post(f"/api/sessions/{session}/episodes", json={}).raise_for_status()
+                time.sleep(0.1)
+
+        def measure_while_ending(ending):
+            thread = threading.Thread(target=end, args=[ending])
+            thread.start()
+            trips = measure(server, 10)
+            thread.join()
+            return percentiles(trips)
+
+        measure(server, 2)
+        quiet, busy = measure_while_ending(empty), measure_while_ending(sessions)
+    for name, figures in (("quiet", quiet), ("while episodes of 50,000 events end", busy)):
+        print(f"\n{name}: median, p99 and worst wait of the others", ", ".join(f"{ms:.1f}" for ms in figures), "ms", end="")
+    server.kill()
+    assert verify_database(tmp_path / "playground.db").findings == ()
+    assert busy[1] <= 2 * quiet[1] + 50, "where the thread of the writes did it all, they waited for most of a second"

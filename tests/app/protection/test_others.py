@@ -34,6 +34,23 @@ for _ in range(int(sys.argv[5])):
 """
 """Floods over some sockets of one address, and opens the next when one is closed; without a message it opens and leaves."""
 
+GETS = """
+import sys, threading
+from http.client import HTTPConnection, HTTPException
+def flood():
+    while True:
+        try:
+            each = HTTPConnection("127.0.0.1", int(sys.argv[1]), timeout=5, source_address=("127.0.0.2", 0))
+            while True:
+                each.request("GET", "/")
+                each.getresponse().read()
+        except (OSError, HTTPException):
+            each.close()
+for _ in range(int(sys.argv[5])):
+    threading.Thread(target=flood).start()
+"""
+"""Asks for the page over some connections, each time as soon as the answer is there; the arguments are those of FLOOD."""
+
 FLOODS = {
     "pings": (b"", 9),
     "history": (b'{"kind":"history"}', 1),
@@ -41,6 +58,7 @@ FLOODS = {
     "refused": (b'{"kind":"act","episode":"x","step":0,"action":"north"}', 1),
     "events": (b'{"kind":"events","episode":"x","events":[{"kind":"blur","client_ms":1}]}', 1),
     "opening": (b"", 1),
+    "requests": (b"", 0),
 }
 
 
@@ -55,7 +73,7 @@ def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind,
             paths[each] = f"/ws/sessions/{client.post('/api/sessions', json={'size': 21}).json()['session']}"
     measure(server, 2)  # the first moves of a process take longer
     message, opcode = FLOODS[kind]
-    script = FLOOD.replace("while message:", "while True:") if opcode == 9 else FLOOD
+    script = {0: GETS, 9: FLOOD.replace("while message:", "while True:")}.get(opcode, FLOOD)
     trips = {server: [], other: []}
     for _ in range(ROUNDS):
         for flooded in (other, server):
