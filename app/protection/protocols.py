@@ -38,6 +38,9 @@ READ_BYTES = 2048
 """Bytes that are read of one socket in a turn of the event loop: a quarter of a megabyte of small messages, asyncio's own
 measure, would keep everybody else waiting."""
 
+DISCARDED_BYTES = 2**18
+"""Bytes that are read at once of a socket whose message breaks the protocol: nothing looks at them."""
+
 FULL = "The playground is full at the moment: too many connections are open. Wait half a minute, then load the page again."
 _FULL_PAGE = (
     '<!doctype html><html lang="en"><meta charset="utf-8"><title>The playground is full</title>'
@@ -189,7 +192,13 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             self.punish()
         self.read_paused = False  # nothing resumes it
         self.transport.pause_reading()
-        self.loop.call_later(LINGER_S, self.transport.abort)
+        self._close_later()
+
+    def _close_later(self) -> None:
+        """Close the connection once the other side had time to read why: without a timer Uvicorn does as soon as the application ends."""
+        if self.close_timer is not None:
+            self.close_timer.cancel()
+        self.close_timer = self.loop.call_later(LINGER_S, self.transport.abort)
 
     def handle_pong(self, event: Frame) -> None:
         if self._pings.take():
@@ -211,7 +220,10 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             super().send_receive_event_to_app()
 
     def handle_parser_exception(self) -> None:
-        """Close a socket whose message breaks the protocol; reading nothing more, so that no reset overtakes the reason."""
+        """Close a socket whose message breaks the protocol; what still comes is discarded.
+
+        Unread, it would reset the connection, or keep the other side sending, before the reason can be read.
+        """
         if self._is_shut:
             return
         self._is_shut = True
@@ -220,9 +232,9 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True
         self.queue.put_nowait({"type": "websocket.disconnect", "code": self.conn.close_sent.code})
-        self.read_paused = False  # nothing resumes it
-        self.transport.pause_reading()
-        self.loop.call_later(LINGER_S, self.transport.abort)
+        self.transport.max_size = DISCARDED_BYTES
+        self.transport.resume_reading()
+        self._close_later()
 
     def _shut(self, kind: str) -> None:
         """Close the socket with 1008."""
