@@ -158,8 +158,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        if hasattr(transport, "max_size"):
-            transport.max_size = READ_BYTES
+        self._read_at_once(READ_BYTES)
         self._pings = TokenBucket(self.protection.bucket_sizes["pings"])
         self._messages = TokenBucket(self.protection.bucket_sizes["messages"])
 
@@ -195,7 +194,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         self._close_later()
 
     def _close_later(self) -> None:
-        """Close the connection once the other side had time to read why: without a timer Uvicorn does as soon as the application ends."""
+        """Close the connection once the other side had time to read why; without a timer Uvicorn does with the application."""
         if self.close_timer is not None:
             self.close_timer.cancel()
         self.close_timer = self.loop.call_later(LINGER_S, self.transport.abort)
@@ -219,6 +218,10 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         else:
             super().send_receive_event_to_app()
 
+    def _read_at_once(self, size: int) -> None:
+        if hasattr(self.transport, "max_size"):
+            self.transport.max_size = size
+
     def handle_parser_exception(self) -> None:
         """Close a socket whose message breaks the protocol; what still comes is discarded.
 
@@ -232,7 +235,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True
         self.queue.put_nowait({"type": "websocket.disconnect", "code": self.conn.close_sent.code})
-        self.transport.max_size = DISCARDED_BYTES
+        self._read_at_once(DISCARDED_BYTES)
         self.transport.resume_reading()
         self._close_later()
 
