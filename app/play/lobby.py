@@ -68,8 +68,6 @@ class Lobby:
         self._resuming = asyncio.Lock()
         self._thread = ThreadPoolExecutor(THREADS, "policies")
         self._decisions = DecisionQueue(self._thread, decision_s)
-        found = store.sessions_to_resume(sources.clock_ms())
-        self._rivals = {each.session.rival_of: each.session.id for each in found if each.session.rival_of}
 
     def __len__(self) -> int:
         """Return how many sessions are in memory."""
@@ -106,8 +104,6 @@ class Lobby:
         boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
         await self._open_episodes(boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left)
-        if len(boards) == 2:
-            self._rivals[boards[0].id] = boards[1].id
         player = self._add_group(boards).player
         if replayed is not None:
             replayed.pair_with(player)
@@ -186,15 +182,11 @@ class Lobby:
         """Unload, again and again until cancelled, what nobody subscribes to or has asked for within `idle_s`."""
         while True:
             await asyncio.sleep(min(60.0, self._idle_s / 4))
-            horizon = time.monotonic() - self._idle_s
-            for group in {id(group): group for group in self._groups.values()}.values():
-                if all(_is_idle(board, horizon) for board in group.boards):
-                    self._unload(group)
+            self._unload_idle(time.monotonic() - self._idle_s)
 
     def forget(self, deleted: Sequence[str]) -> None:
-        """Forget some sessions, which are deleted, and which of them had rivals."""
+        """Unload some sessions, which are deleted."""
         for session_id in deleted:
-            self._rivals.pop(session_id, None)
             if (group := self._groups.get(session_id)) is not None:  # somebody asked for it just then
                 self._unload(group)
 
@@ -329,7 +321,7 @@ class Lobby:
         """
         found = self.store.resume_session(session_id, self.sources.clock_ms())
         player_id = session_id if found is None else found.session.rival_of or session_id
-        ids = [player_id, self._rivals.get(player_id)]
+        ids = [player_id, self.store.rival_of(player_id)]
         rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
         if found is None or rows[0] is None:
             raise UnknownSessionError(session_id)
@@ -342,6 +334,12 @@ class Lobby:
         session = Session(row.session, self.store, self.sources.clock_ms, participation)
         session.begin(row.episode, episode, hides_scores)
         return session
+
+    def _unload_idle(self, horizon: float) -> None:
+        """Unload what has been idle since a time (monotonic seconds)."""
+        for group in {id(group): group for group in self._groups.values()}.values():
+            if all(_is_idle(board, horizon) for board in group.boards):
+                self._unload(group)
 
     def _unload(self, group: BoardGroup) -> None:
         for agent in group.agents.values():

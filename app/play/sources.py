@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.storage.playground import sessions_after
+import numpy as np
+
+from app.storage.playground import session_of_row, sessions_after
 from app.storage.reader import now_ms
 from app.storage.store import Store
 from marsexplorer.config import MAX_SEED
@@ -30,29 +33,74 @@ class Sources:
 WATCH_ID_DIGITS = 24
 """Hexadecimal digits of an id by which a board is watched: 96 bits."""
 
+SESSIONS_A_LOOK = 5_000
+"""Sessions whose ids for watching are worked out together, in some 10 ms of a reading thread."""
+
+MAX_FOUND = 1_000
+"""Ids whose sessions are remembered; beyond it, all of them are forgotten and found again."""
+
 
 class WatchIds:
     """The ids by which one database's boards are watched: each has one of its own, which grants nothing but watching.
 
     An id is a keyed hash (HMAC-SHA256) of its session's id under the secret of the database. Nobody can guess it or tell the
     session from it, nothing has to be stored, and boards of earlier versions have one as well. No list and no export holds it.
+    Memory holds 16 bytes of each session that there ever was: the first 64 bits of its id, and the number of its row.
     """
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._key = store.secret().encode()
-        self._sessions: dict[str, str] = {}
-        self._last_row = 0
+        self._prefixes, self._rows = array("Q"), array("Q")
+        self._found: dict[str, str] = {}
 
     def of(self, session_id: str) -> str:
         """Return the id by which a session's board is watched: 24 hexadecimal digits."""
-        return hmac.new(self._key, b"watch:" + session_id.encode(), hashlib.sha256).hexdigest()[:WATCH_ID_DIGITS]
+        return hmac.digest(self._key, b"watch:" + session_id.encode(), hashlib.sha256).hex()[:WATCH_ID_DIGITS]
 
     async def session(self, watch_id: str) -> str | None:
         """Return the id of the session whose board an id shows; None where it shows none."""
-        if len(watch_id) == WATCH_ID_DIGITS and watch_id not in self._sessions:
-            last = self._last_row
-            for row, session_id in await self._store.read(lambda: sessions_after(self._store, last)):  # those that are new
-                self._last_row = max(row, self._last_row)
-                self._sessions[self.of(session_id)] = session_id
-        return self._sessions.get(watch_id)
+        if len(watch_id) != WATCH_ID_DIGITS or not set(watch_id) <= _DIGITS:
+            return None
+        if watch_id not in self._found:
+            candidates = self._candidates(watch_id)
+            while not candidates and await self._look_further():
+                candidates = self._candidates(watch_id)
+            for row in candidates:
+                await self._remember(watch_id, row)
+        return self._found.get(watch_id)
+
+    def _candidates(self, watch_id: str) -> list[int]:
+        """Return the rows of the sessions whose ids for watching begin as this one: almost always one or none."""
+        prefixes = np.frombuffer(self._prefixes, np.uint64)
+        return [self._rows[at] for at in np.flatnonzero(prefixes == np.uint64(_prefix(watch_id)))]
+
+    async def _look_further(self) -> bool:
+        """Take in sessions that are new; return whether there may be more."""
+        last = self._rows[-1] if self._rows else 0
+
+        def read() -> tuple[array[int], array[int]]:
+            found = sessions_after(self._store, last, SESSIONS_A_LOOK)
+            return array("Q", [_prefix(self.of(each)) for _, each in found]), array("Q", [row for row, _ in found])
+
+        prefixes, rows = await self._store.read(read)
+        if last == (self._rows[-1] if self._rows else 0):  # nobody else took them in meanwhile
+            self._prefixes.extend(prefixes)
+            self._rows.extend(rows)
+        return bool(rows)
+
+    async def _remember(self, watch_id: str, row: int) -> None:
+        """Remember the session in a row if it is the one that an id shows."""
+        session_id = await self._store.read(lambda: session_of_row(self._store, row))
+        if session_id is not None and self.of(session_id) == watch_id:
+            if len(self._found) >= MAX_FOUND:
+                self._found.clear()
+            self._found[watch_id] = session_id
+
+
+_DIGITS = frozenset("0123456789abcdef")
+
+
+def _prefix(watch_id: str) -> int:
+    """Return the first 64 bits of an id for watching."""
+    return int(watch_id[:16], 16)

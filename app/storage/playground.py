@@ -114,9 +114,16 @@ def newest_episode(store: Store, session_id: str) -> str | None:
     return None if found is None else str(found[0])
 
 
-def sessions_after(store: Store, row: int) -> list[tuple[int, str]]:
-    """Return (row number, id) of the sessions that were stored after the one with a row number, in that order."""
-    return store.connection.execute("SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid", [row]).fetchall()
+def sessions_after(store: Store, row: int, most: int) -> list[tuple[int, str]]:
+    """Return (row number, id) of the first sessions that were stored after the one with a row number, in that order."""
+    sql = "SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid LIMIT ?"
+    return store.connection.execute(sql, [row, most]).fetchall()
+
+
+def session_of_row(store: Store, row: int) -> str | None:
+    """Return the id of the session with a row number; None where it was deleted."""
+    found = store.connection.execute("SELECT id FROM sessions WHERE rowid = ?", [row]).fetchone()
+    return None if found is None else str(found[0])
 
 
 class Deleted(NamedTuple):

@@ -162,7 +162,7 @@ _EPISODE = """e.*, (e.ended_ms IS NOT NULL) AS ended, d.day AS daily_day, d.comm
 _LATEST = f"""SELECT {_EPISODE} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
     LEFT JOIN daily_attempts d ON d.episode_id = e.id
-    WHERE (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
+    WHERE s.id = :id AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
 
 
 class Store(Reader):
@@ -449,25 +449,25 @@ class Store(Reader):
         sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
         return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
 
-    def sessions_to_resume(self, now_ms: int | None = None) -> list[Resumable]:
-        """Return each session's latest episode when it is open, or when the session was alive within a day."""
-        return [self._resumable(row) for row in self._latest("", {}, now_ms)]
-
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
-        """Return what `sessions_to_resume` holds for one id, a participant's at any age; None when it holds nothing."""
+        """Return a session's latest episode when it is open, or when the session was alive within a day; else None.
+
+        A participant's is returned at any age.
+        """
         board = self.connection.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
-        values = {"id": session_id, "participants": board and board[0]}
-        found = self._latest(" AND s.id = :id", values, now_ms)
-        return self._resumable(found[0]) if found else None
+        now = int(time.time() * 1000) if now_ms is None else now_ms
+        values = {"id": session_id, "participants": board and board[0], "since": now - DAY_MS}
+        return next((self._resumable(row) for row in list(self._db.query(_LATEST, values))), None)
+
+    def rival_of(self, session_id: str) -> str | None:
+        """Return the id of the session of a player's rival; None without one."""
+        found = self.connection.execute("SELECT id FROM sessions WHERE rival_of = ?", [session_id]).fetchone()
+        return None if found is None else str(found[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
         """Return an episode as it stands now, open or ended, and its session; None when there is none."""
         sql = f"SELECT {_EPISODE} FROM episodes e LEFT JOIN daily_attempts d ON d.episode_id = e.id WHERE e.id = ?"
         return next((self._resumable(row) for row in list(self._db.query(sql, [episode_id]))), None)
-
-    def _latest(self, extra: str, values: dict[str, Any], now_ms: int | None) -> list[dict[str, Any]]:
-        now = int(time.time() * 1000) if now_ms is None else now_ms
-        return list(self._db.query(_LATEST + extra, {"participants": None, **values, "since": now - DAY_MS}))
 
     def _resumable(self, row: dict[str, Any]) -> Resumable:
         session = dict(self._db.table("sessions").get(row["session_id"]))

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Sequence
 
-from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from app.storage.store import EpisodeRow, Resumable, SessionRow, StepRow, Store
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -22,6 +22,12 @@ def add_session(store: Store, player: str | None = "ada", driver: str = "human",
     session = f"recorded-session-{next(_numbers)}"
     store.add_session(SessionRow(session, player, driver, rival_of, "follow", 2.0, NOW))
     return session
+
+
+def resumable(store: Store, now_ms: int) -> list[Resumable]:
+    """Return every session that a server would resume, in the order in which they were stored."""
+    ids = [row["id"] for row in store.query("SELECT id FROM sessions ORDER BY rowid")]
+    return [found for each in ids if (found := store.resume_session(each, now_ms)) is not None]
 
 
 def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMALL, number: int = 0, **rest):

@@ -15,6 +15,7 @@ from app.storage.store import Store
 from app.study.verification import verify_database
 from marsexplorer.episode import replay
 from tests.support import earlier
+from tests.support.recorded import resumable
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def test_a_chain_of_an_earlier_schema_keeps_its_head_and_goes_on_with_entries_of
     with closing(Store(path)) as store:
         assert tuple(chain.head(store.connection)) == (was["entries"], was["head"])
         store.add_player("somebody-new", 1)
-        (running, *_) = (found for found in store.sessions_to_resume(0) if not found.ended)
+        (running, *_) = (found for found in resumable(store, 0) if not found.ended)
         episode = restore_episode(running.episode, running.actions)
         episode.abandon()
         store.close_episode(running.episode.id, episode.record(), running.episode.started_ms + 1, "unattested", "given up")
@@ -158,7 +159,7 @@ def test_every_episode_of_an_old_database_simulates_to_what_was_recorded(old):
 def test_an_episode_that_was_running_in_an_old_database_goes_on(old):
     path, expected = old
     with closing(Store(path)) as store:
-        running = [found for found in store.sessions_to_resume(0) if not found.ended]
+        running = [found for found in resumable(store, 0) if not found.ended]
         assert {found.episode.id: len(found.actions) for found in running} == expected["running"]
 
 

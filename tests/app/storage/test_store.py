@@ -16,7 +16,7 @@ from app.storage.database import APPLICATION_ID, StoreError
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
-from tests.support.recorded import NOW, SMALL, add_session, add_steps, free_moves, open_episode, play, tour
+from tests.support.recorded import NOW, SMALL, add_session, add_steps, free_moves, open_episode, play, resumable, tour
 
 STEP = StepRow(
     episode_id="", step=0, action=1, reward=0.5, discovered=9, server_ms=NOW,
@@ -76,7 +76,7 @@ def test_a_record_that_does_not_fit_the_steps_closes_nothing_and_takes_its_step_
     with pytest.raises(StoreError, match="not open with 5 steps"):
         store.add_step(replace(STEP, episode_id=row.id), record)
     assert store.steps(row.id) == []
-    assert not store.sessions_to_resume(NOW)[0].ended
+    assert not resumable(store, NOW)[0].ended
 
 
 def test_closing_and_opening_the_next_episodes_is_all_or_nothing(store):
@@ -98,7 +98,7 @@ def test_one_step_from_a_script_makes_a_human_episode_a_scripts_for_ever(store):
     moves = free_moves(episode)
     for move, driver in zip(moves[:3], ("human", "script", "human"), strict=True):
         add_steps(store, row, episode, [move], driver)
-    assert store.sessions_to_resume(NOW)[0].episode.driver == "script"
+    assert resumable(store, NOW)[0].episode.driver == "script"
     assert [step["driver"] for step in store.steps(row.id)] == ["human", "script", "human"]
 
 
@@ -180,7 +180,7 @@ def test_unfinished_episodes_resume_where_they_stood_after_a_restart(path):
     add_steps(store, row, episode, free_moves(episode)[:3])
     store.close()
     again = Store(path)
-    found = again.sessions_to_resume(NOW + 30 * DAY_MS)
+    found = resumable(again, NOW + 30 * DAY_MS)
     assert [each.episode for each in found] == [row]
     assert (found[0].session.pace_mode, found[0].session.moves_per_second) == ("timed", 6.5)
     assert (found[0].actions, found[0].ended) == (bytes(episode.actions), False)
@@ -192,7 +192,7 @@ def test_an_ended_session_resumes_within_a_day_only(store):
     row = play(store, seed=1)
     assert store.resume_session(row.session_id, NOW).ended
     assert store.resume_session(row.session_id, NOW + 2 * DAY_MS) is None
-    assert store.sessions_to_resume(NOW + 2 * DAY_MS) == []
+    assert resumable(store, NOW + 2 * DAY_MS) == []
     assert store.resume_session("nobody", NOW) is None
 
 

@@ -1,0 +1,90 @@
+"""Boards are found by their ids for watching, and memory keeps next to nothing of a session that has left."""
+
+import asyncio
+import gc
+import tracemalloc
+from collections import OrderedDict, defaultdict
+from types import FunctionType, ModuleType
+
+from app.play.sources import WatchIds
+from app.storage.store import Store
+from tests.support.recorded import add_session
+from tests.support.servers import eventually
+
+BYTES_A_SESSION = 40
+"""Most that memory holds of a session: its id for watching takes 16, an array that grows a few more."""
+
+
+def test_nothing_in_memory_goes_by_the_ids_of_a_session_that_has_left(serve):
+    server = serve(idle_s=0.2)
+    client = server.page()
+    begun = client.post("/api/sessions", json={"size": 9, "rival": "frontier-cost"}).json()
+    ids = {begun["session"], begun["rival"]["session"], begun["frame"]["episode"]}
+    with server.socket(begun["session"], client) as socket:
+        socket.receive("frame")
+    assert server.on_loop(_watched(server, begun["watch"])) == begun["session"]
+
+    eventually(lambda: len(server.services.lobby) == 0)
+    eventually(lambda: not _keyed_by(ids, server.services), 10)
+
+
+def _keyed_by(ids, root):
+    """Return the sets and dictionaries within an object, at any depth, of which one of the ids is a member."""
+    seen, left, found = {id(root)}, [root], []
+    while left:
+        for each in gc.get_referents(left.pop()):
+            if id(each) in seen or isinstance(each, (type, ModuleType, FunctionType, str, bytes)):
+                continue
+            seen.add(id(each))
+            left.append(each)
+            if type(each) in (dict, set, OrderedDict, defaultdict) and any(one in each for one in ids):
+                found.append(each)
+    return found
+
+
+async def _watched(server, watch):
+    return await server.services.lobby.watch_ids.session(watch)
+
+
+def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_path, monkeypatch):
+    monkeypatch.setattr("app.play.sources.SESSIONS_A_LOOK", 300)
+    store, count = Store(tmp_path / "playground.db"), 1_200
+    with store.transaction():
+        sessions = [add_session(store) for _ in range(count)]
+
+    def look_for(session):
+        return asyncio.run(watch_ids.session(watch_ids.of(session)))
+
+    watch_ids = WatchIds(store)
+    assert look_for(sessions[-1]) == sessions[-1]
+    gc.collect()
+    tracemalloc.start()
+    try:
+        watch_ids = WatchIds(store)
+        assert look_for(sessions[-1]) == sessions[-1]
+        gc.collect()
+        grown = tracemalloc.get_traced_memory()[0] / count
+    finally:
+        tracemalloc.stop()
+    assert grown < BYTES_A_SESSION
+    assert [look_for(each) for each in sessions[::100]] == sessions[::100]
+    with store.transaction():
+        store.connection.execute("DELETE FROM sessions WHERE id = ?", [sessions[7]])
+        sessions.append(add_session(store))
+    assert look_for(sessions[7]) is None
+    assert look_for(sessions[-1]) == sessions[-1]
+    for other in (
+        watch_ids.of("nobody"),
+        watch_ids.of(sessions[2])[:-1] + "x",
+        watch_ids.of(sessions[2]).upper(),
+        "x" * 24,
+        "",
+    ):
+        assert asyncio.run(watch_ids.session(other)) is None
+    last = watch_ids.of(sessions[2])[-1]
+    forged = watch_ids.of(sessions[2])[:-1] + ("0" if last != "0" else "1")
+    assert asyncio.run(watch_ids.session(forged)) is None, "its first 64 bits are those of a session"
+    monkeypatch.setattr("app.play.sources.MAX_FOUND", 20)
+    assert [look_for(each) for each in sessions[50:]] == sessions[50:]
+    assert len(watch_ids._found) <= 20
+    store.close()
