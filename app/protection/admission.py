@@ -61,11 +61,21 @@ def limited_as(connection: HTTPConnection) -> str | None:
     return key
 
 
+MAX_IDLE = 1_000
+"""Addresses and players who have done nothing of late and are kept in mind all the same, at most as many as have."""
+
+
 class Rates:
-    """How often each action was done of late, by address and by player."""
+    """How often each action was done of late, by address and by player.
+
+    The storage of `limits` forgets what was done, but not who had done it: each hit would leave a name behind for ever, and
+    walk over all of them. Here the names go as well, now and then, so that this costs little.
+    """
 
     def __init__(self, limits: Limits) -> None:
-        self._limiter = MovingWindowRateLimiter(MemoryStorage())
+        self._storage = MemoryStorage()
+        self._limiter = MovingWindowRateLimiter(self._storage)
+        self._most_names = MAX_IDLE
         self._rates = {
             (action, by): parse_many(getattr(limits, f"{action}s_per_{by}"))
             for action in get_args(Action)
@@ -81,7 +91,20 @@ class Rates:
                 return f"too many {WHAT[action]} from {WHERE[by]} ({rate} at most): try again in {wait_s} s", wait_s
         for _, rate, key in asked:
             self._limiter.hit(rate, *key)
+        if len(self) > self._most_names:
+            self._forget_idle()
         return None
+
+    def __len__(self) -> int:
+        """Return how many rates of an address or a player are kept in mind."""
+        return len(self._storage.events)
+
+    def _forget_idle(self) -> None:
+        """Forget who has done nothing of late; only the caller's thread adds anything to a list that is empty."""
+        events = self._storage.events
+        for name in [name for name, done in events.copy().items() if not done]:
+            del events[name]
+        self._most_names = max(MAX_IDLE, 2 * len(events))
 
 
 class Admission:

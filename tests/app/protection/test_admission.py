@@ -17,6 +17,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from app.protection import Admission, Protection
+from app.protection.admission import MAX_IDLE, Rates
 from app.settings import STATIC, Limits
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -193,6 +194,22 @@ def test_the_addresses_of_one_ipv6_network_are_one(serve):
     assert [begin(each) for each in ("203.0.113.9", "::ffff:203.0.113.9", "203.0.113.9")] == [201, 201, 429]
     keys = [server.services.protection.connections.key_of(f"2001:db8:1:{each}::7%eth0") for each in ("2", "2:9", "3")]
     assert keys == ["2001:db8:1:2::/64", "2001:db8:1:2::/64", "2001:db8:1:3::/64"]
+
+
+def test_rates_of_players_who_have_done_nothing_of_late_are_dropped():
+    rates = Rates(Limits(sessions_per_player="60/second", sessions_per_address="1000000/second"))
+
+    def begin(players):
+        for player in players:
+            assert rates.refusal("session", {"address": "192.0.2.1", "player": f"player {player}"}) is None
+
+    begin(range(2 * MAX_IDLE))
+    assert len(rates) > MAX_IDLE, "they are kept as long as they count"
+    time.sleep(1.1)
+    begin(["last"])  # the storage walks over them in a thread that each hit starts
+    eventually(lambda: sum(bool(done) for done in list(rates._storage.events.values())) <= 2)
+    begin(range(2 * MAX_IDLE, 4 * MAX_IDLE))
+    assert len(rates) <= 2 * MAX_IDLE + 2
 
 
 def test_long_cookies_are_not_kept(server):
