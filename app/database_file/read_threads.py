@@ -31,7 +31,9 @@ FULL = "more people ask for something than the server's disk can read: try again
 class ReadThreads(Generic[C]):
     """A few threads for short reads; any other thread that reads gets a connection of its own as well.
 
-    connect  opens a connection that only reads
+    The threads and their connections are there from the start, so that a server does not come to hold more of them later.
+
+    connect  opens a connection that only reads; its errors are passed on
     """
 
     def __init__(self, connect: Callable[[], C]) -> None:
@@ -39,8 +41,23 @@ class ReadThreads(Generic[C]):
         self._own = threading.local()
         self._connections: list[C] = []
         self._opening = threading.Lock()
-        self._pool = ThreadPoolExecutor(THREADS, "reads")
+        self._pool = ThreadPoolExecutor(THREADS, "reads", self._keep_connection)
         self._waiting = 0
+        try:
+            for _ in range(THREADS):
+                self._connections.append(connect())
+        except BaseException:
+            self.close()
+            raise
+        self._unused = self._connections.copy()
+        have_started = threading.Barrier(THREADS + 1)
+        for _ in range(THREADS):  # while the others wait, each of these needs a thread of its own
+            self._pool.submit(have_started.wait)
+        have_started.wait()
+
+    def __len__(self) -> int:
+        """Return how many connections are open."""
+        return len(self._connections)
 
     async def run(self, work: Callable[[], T]) -> T:
         """Return the result of `work()`, called on one of the threads; StoreError at once while MAX_WAITING reads wait."""
@@ -69,6 +86,10 @@ class ReadThreads(Generic[C]):
         for connection in self._connections:
             connection.close()
         self._connections.clear()
+
+    def _keep_connection(self) -> None:
+        """Keep one of the connections that were opened at the start for this thread."""
+        self._own.connection = self._unused.pop()
 
 
 def _runs_a_loop() -> bool:

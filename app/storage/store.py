@@ -53,6 +53,9 @@ Control = Literal["cookie", "bearer"]
 
 T = TypeVar("T")
 DAY_MS = 86_400_000
+READ_CACHE_KB = 256
+"""Memory of each reading connection for pages of the database (SQLite's default: 2,000). A connection drops them all after the
+next commit, and reads from the system's own cache what it had no room for."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +207,7 @@ class Store(Reader):
     def start_threads(self) -> None:
         """From now on write on one thread and read on others; call it on the running event loop."""
         self._conn.execute("PRAGMA busy_timeout = 0")  # the thread waits by itself, and says why
-        self._reads = ReadThreads(lambda: open_read_only(self.path))
+        self._reads = ReadThreads(self._open_for_reading)
         self.writes.start()
 
     def stop_threads(self) -> None:
@@ -214,6 +217,12 @@ class Store(Reader):
             self._reads.close()
             self._reads = None
             self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
+
+    def _open_for_reading(self) -> Database:
+        """Open a connection of a thread that reads."""
+        db = open_read_only(self.path)
+        db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
+        return db
 
     async def write(self, work: Callable[[], T], notice: Notice | None = None, then: Callable[[T], None] | None = None) -> T:
         """Return the result of `work()`, which may write and sees everything written before it, once that is committed.

@@ -1,0 +1,68 @@
+"""Reads go over a fixed number of connections, each of which keeps little in memory."""
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.database_file.read_threads import THREADS, ReadThreads
+from app.storage.store import READ_CACHE_KB
+from tests.support.servers import eventually
+
+
+def test_all_that_the_store_reads_goes_over_the_connections_that_were_opened_at_the_start(serve):
+    server = serve(idle_s=0.2)
+    reads = server.services.store._reads
+
+    def visit(number):
+        client = server.page()
+        begun = client.post("/api/sessions", json={"size": 9}).json()
+        for url in ("/", "/me", f"/watch/{begun['watch']}", "/daily", "/leaderboard", "/api/me/session", "/api/episodes",
+                    "/api/daily", f"/api/watch/{begun['watch']}", "/api/leaderboard", "/healthz", "/readyz"):  # fmt: skip
+            assert client.get(url).status_code == 200, url
+
+    assert len(reads) == THREADS
+    with ThreadPoolExecutor(6) as people:
+        list(people.map(visit, range(6)))
+    eventually(lambda: len(server.services.lobby) == 0)
+    assert len(reads) == THREADS
+    found = server.on_loop(server.services.store.read(lambda: server.services.store.query("PRAGMA cache_size")))
+    assert found == [{"cache_size": -READ_CACHE_KB}]
+
+
+def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_the_start():
+    opened = []
+
+    class Connection:
+        def __init__(self):
+            self.is_open = True
+            opened.append(self)
+
+        def close(self):
+            self.is_open = False
+
+    async def read_at_once(reads):
+        together = threading.Barrier(THREADS)
+
+        def read():
+            together.wait(10)
+            return reads.connection()
+
+        return await asyncio.gather(*(reads.run(read) for _ in range(THREADS)))
+
+    reads = ReadThreads(Connection)
+    assert len(opened) == len(reads) == THREADS
+    assert set(asyncio.run(read_at_once(reads))) == set(opened)
+    assert len(opened) == THREADS
+    reads.close()
+    assert not any(each.is_open for each in opened)
+
+    def fail():
+        if len(opened) == THREADS + 2:
+            raise OSError("no more files")
+        return Connection()
+
+    with pytest.raises(OSError, match="no more files"):
+        ReadThreads(fail)
+    assert not any(each.is_open for each in opened)
