@@ -521,7 +521,7 @@ LIBRARIES: dict[str, set[str]] = {
     "app.monitoring": {"prometheus_client", "pythonjsonlogger", "starlette"},
     "app.moves": {"click", "numpy", "scipy"},
     "app.operators": {"argon2", "pyotp"},
-    "app.play": {"itsdangerous", "numpy", "pydantic"},
+    "app.play": {"itsdangerous", "msgspec", "numpy", "pydantic"},
     "app.protection": {"h11", "limits", "secure", "starlette", "uvicorn", "websockets"},
     "app.release": {"cryptography", "gymnasium", "jinja2", "numpy"},
     "app.replay": {"PIL", "av", "jinja2", "markupsafe", "numpy"},

@@ -7,10 +7,11 @@ the end.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Annotated, Any, Literal, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
@@ -261,9 +262,8 @@ class Kept(BaseModel):
 
 FromPage = Act | HistoryRequest | Events | ExpectedRequest
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
-_encode: Callable[[Any], str] = json.JSONEncoder(separators=(",", ":")).encode
-"""Built once: `json.dumps` with separators of its own would build an encoder for each message."""
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
+_ENCODER = msgspec.json.Encoder()
 
 
 def parse_message(text: str) -> FromPage:
@@ -298,7 +298,7 @@ def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) 
         "score": None if hides_scores else float(episode.score),
         "outcome": episode.outcome if episode.ended else None,
     }
-    return _encode(frame)
+    return _ENCODER.encode(frame).decode()
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
@@ -313,7 +313,7 @@ def encode_history(episode_id: str, episode: Episode) -> str:
     positions = [[int(row), int(col)] for row, col in episode.path]
     discovered = [int(count) for count in episode.discoveries]
     history = {"kind": "history", "episode": episode_id, "positions": positions, "discovered": discovered}
-    return _encode(history)
+    return _ENCODER.encode(history).decode()
 
 
 def encode_thought(
@@ -334,7 +334,7 @@ def encode_thought(
         "value": round(float(value), 3) if isfinite(value) else None,
         "goal": None if goal is None else [int(goal[0]), int(goal[1])],
     }
-    return _encode(thought)
+    return _ENCODER.encode(thought).decode()
 
 
 def encode_error(detail: str) -> str:
