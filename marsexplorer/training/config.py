@@ -1,4 +1,4 @@
-"""Training configurations: `best`, which explores best from the observation, and `paper`, what the paper did."""
+"""Training configurations: `best`, which learns from nothing, `priced`, which begins as priced rules, and `paper`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT
+from marsexplorer.policies.files.formats import PAPER_FORMAT
 from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network import model, paper_model
 from marsexplorer.policies.network.paper_network import PolicyNetwork
 from marsexplorer.policies.network.paper_policy import save_paper_network
 from marsexplorer.policies.network.shape import NetworkShape
-from marsexplorer.training.envs import EncoderFactory, feature_encoder, state_matrix_encoder
+from marsexplorer.training.envs import EncoderFactory, feature_encoder, priced_encoder, state_matrix_encoder
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
@@ -29,6 +29,10 @@ class TrainConfig:
     name                                what `--recipe` calls it
     network                             "features": ours, on features of the observation; on the state matrix alone the
                                         paper's, "authors": in the sizes of the authors' repository, "rllib": in RLlib's
+    sees_prices                         whether ours is given the prices of unknown cells too, and begins as the priced rules
+    prior_scale                         of such a network, factor of the logits that it begins with: as they are, the rules are
+                                        almost certain of every move, so that no other is tried
+    rule_coef                           of such a network, coefficient of its cross-entropy to the rules, on 21x21, 42x42, 84x84
     mask                                whether invalid moves have no probability; "rllib" never masks
     reward_per_cell                     rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus                           whether eq. 8 pays +-n where an episode ends, on the levels that have it
@@ -51,6 +55,9 @@ class TrainConfig:
 
     name: str = "best"
     network: str = "features"
+    sees_prices: bool = False
+    prior_scale: float = 1.0
+    rule_coef: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mask: bool = True
     reward_per_cell: float = 0.18
     has_bonus: bool = True
@@ -90,12 +97,19 @@ class TrainConfig:
     @property
     def make_encoder(self) -> EncoderFactory:
         """What makes the network's observation of an environment."""
-        return feature_encoder if self.network == "features" else state_matrix_encoder
+        if self.network != "features":
+            return state_matrix_encoder
+        return priced_encoder if self.sees_prices else feature_encoder
 
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network; ValueError when it cannot serve all the environments."""
         if self.network == "features":
-            return model.Net() if self.mask else PolicyNetwork(NetworkShape("features", "policy", critic="shared"))
+            if not self.mask:
+                return PolicyNetwork(NetworkShape("features", "policy", critic="shared"))
+            net = model.Net(self.sees_prices)
+            if self.sees_prices:
+                net.prior.data *= self.prior_scale
+            return net
         shapes = {(config.rows, config.cols) for config in env_configs}
         if len(shapes) != 1:
             raise ValueError(f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}")
@@ -110,7 +124,7 @@ class TrainConfig:
         if isinstance(net, PolicyNetwork):
             save_paper_network(net, net.shape, path, card)
         else:
-            save_network(net, path, card, NETWORK_FORMAT if isinstance(net, model.Net) else PAPER_FORMAT)
+            save_network(net, path, card, model.format_of(net) if isinstance(net, model.Net) else PAPER_FORMAT)
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
@@ -123,9 +137,10 @@ class TrainConfig:
         if unknown:
             raise ValueError(f"the settings {', '.join(sorted(unknown))} are of a later version; use that version")
         network = {"network": "rllib", "mask": False} if stored["name"] == "paper" else {}
-        entropy = stored["target_entropy"]
         values: dict[str, Any] = {name: float("inf") if value is None else value for name, value in stored.items()}
-        return cls(**{**network, **values, "target_entropy": None if entropy is None else tuple(entropy)})
+        values["target_entropy"] = stored["target_entropy"]
+        tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+        return cls(**{**network, **values, **tuples})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values (None for no bound)."""
@@ -135,6 +150,14 @@ class TrainConfig:
 
 RECIPES = {
     "best": TrainConfig(),
+    "priced": TrainConfig(
+        name="priced",
+        sees_prices=True,
+        prior_scale=0.4,
+        rule_coef=(0.0, 0.7, 10.0),  # few of the moves are made on 84x84
+        target_entropy=(0.15, 0.03),
+        gamma=0.999,
+    ),
     # The appendix gives gamma, the learning rate, lambda, the KL coefficient and the clip; the rest is RLlib 1.0.1's default
     # for PPO: train_batch_size 4000, kl_target 0.01, vf_loss_coeff 1, vf_clip_param 10, no entropy, no clipping of gradients,
     # a value network of its own. Its 30 passes in minibatches of 128 are APPENDIX_PASSES: 960 gradient steps an update and an

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import MixedEnvs, Observation, StepResult, TrainingEnvs, make_envs, rewards_in_moves
 from marsexplorer.training.interrupts import postponed_interrupt
@@ -322,11 +323,23 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
             loss = loss - run.ent_coef * entropy
         if config.kl_coef:
             loss = loss + run.kl_coef * kl
+        if any(config.rule_coef):
+            loss = loss + rule_divergence(config, minibatch.obs[1], log_probs)
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
     torch.nn.utils.clip_grad_norm_(run.net.parameters(), config.max_grad_norm)
     run.optimizer.step()
     return float(entropy.detach()), float((ratio.detach() - 1).abs().mean()), float(kl.detach())
+
+
+def rule_divergence(config: TrainConfig, moves: Tensor, log_probs: Tensor) -> Tensor:
+    """Return the mean cross-entropy of the policy to the rules that its network began as, each weighted by its grid's size.
+
+    moves, log_probs  float32[batch, 4, numbers of a move], float32[batch, 4] of a minibatch
+    """
+    rules, nearness = rule_probabilities(moves, config.prior_scale)
+    coef = (nearness * torch.tensor(config.rule_coef, device=moves.device)).sum(1)
+    return -(coef * (rules * log_probs.clamp(min=MIN_LOG_PROB)).sum(1)).mean()
 
 
 def value_errors(config: TrainConfig, values: Tensor, minibatch: Minibatch) -> Tensor:

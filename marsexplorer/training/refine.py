@@ -12,12 +12,14 @@ give the same weights, whatever the number of processes.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from concurrent.futures import Executor
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -92,6 +94,24 @@ class RefineConfig:
     max_grad_norm: float = 1.0
 
 
+DEFAULT_CONFIG = RefineConfig()
+"""What `config_for` changes."""
+
+
+def config_for(rounds: int, sizes: tuple[int, ...], was_refined: bool) -> RefineConfig:
+    """Return the configuration of a run of so many rounds, of which the first is the longest.
+
+    was_refined  whether the network has been refined before: then it is no longer almost certain of every move
+    """
+    return replace(
+        DEFAULT_CONFIG,
+        sizes=tuple(dict.fromkeys(sizes)),
+        first_round_tasks=max(1, round(0.6 * rounds)),
+        first_round_steps=max(1, round(0.45 * rounds)),
+        logit_scale=1.0 if was_refined else DEFAULT_CONFIG.logit_scale,
+    )
+
+
 @dataclass(frozen=True)
 class EpisodeTask:
     """Episodes to play in a process of its own; pairs_per_episode 0 asks for sampled observations instead of pairs."""
@@ -149,9 +169,17 @@ class SampleBuffer:
         indices = torch.randint(low, len(self), (count,))
         return [column[indices] for column in self.columns]
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return the rows."""
+        return {"columns": self.columns, "num_permanent": self._num_permanent}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Hold the rows that `state_dict` returned."""
+        self.columns, self._num_permanent = state["columns"], state["num_permanent"]
+
 
 class RefineRun:
-    """A run under way: `train_round` makes a round.
+    """A run under way: `train_round` makes a round; `state_dict` and `load_state_dict` save and restore it between two.
 
     net          the network as it plays
     rounds_done  rounds made so far
@@ -166,16 +194,50 @@ class RefineRun:
         self._original = deepcopy(net).eval().requires_grad_(False)
         self._learner = deepcopy(net).train()
         with torch.no_grad():
-            for weights in self._learner.policy_head[-1].parameters():
+            prior = [weights for name, weights in self._learner.named_parameters() if name == "prior"]
+            for weights in [*self._learner.policy_head[-1].parameters(), *prior]:
                 weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
-        prior = [weights for name, weights in self._learner.named_parameters() if name == "prior"]
         others = [weights for name, weights in self._learner.named_parameters() if name != "prior"]
         groups: list[dict[str, Any]] = [{"params": others}, *({"params": [each], "weight_decay": 0.0} for each in prior)]
         self._optimizer = torch.optim.AdamW(groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay)
         self._pairs = SampleBuffer(self.config.max_pairs)
         self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must agree for a state to go on in this run, as JSON has it: configuration, seed and first weights."""
+        digest = hashlib.sha256()
+        for tensor in self._original.state_dict().values():
+            digest.update(tensor.numpy().tobytes())
+        identity = {"config": asdict(self.config), "seed": self.seed, "began_with": digest.hexdigest()}
+        return cast(dict[str, Any], json.loads(json.dumps(identity)))
+
+    def state_dict(self, with_samples: bool = True) -> dict[str, Any]:
+        """Return everything that changes; without the samples where no further round is to be made."""
+        buffers = {"pairs": self._pairs.state_dict(), "observations": self._observations.state_dict()} if with_samples else {}
+        return {
+            "rounds_done": self.rounds_done,
+            "num_pairs": self.num_pairs,
+            "next_seed": self._next_seed,
+            "net": self.net.state_dict(),
+            "learner": self._learner.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "rng_state": torch.get_rng_state(),
+            **buffers,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
+        self.rounds_done, self.num_pairs, self._next_seed = (state[name] for name in ("rounds_done", "num_pairs", "next_seed"))
+        self.net.load_state_dict(state["net"])
+        self._learner.load_state_dict(state["learner"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        for name, buffer in (("pairs", self._pairs), ("observations", self._observations)):
+            if name in state:
+                buffer.load_state_dict(state[name])
+        torch.set_rng_state(state["rng_state"])
 
     def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""

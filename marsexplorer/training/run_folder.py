@@ -1,6 +1,6 @@
 """The folder of a training run: its log, learning curve, checkpoints and policy file.
 
-NAME.safetensors   the policy with its card, NAME being the folder's
+NAME.safetensors   the policy with its card, NAME being the folder's; NAME-ppo.safetensors in a run that goes on to refine it
 checkpoint.pt      what `--resume` goes on from (see `checkpoint`)
 log.jsonl          a line for each update
 curve.png          moves of an episode against steps played: as sampled in training, and greedily on validation terrains
@@ -50,14 +50,20 @@ class RunFolder:
 
     card       what the policy's card says besides the numbers of the run
     on_update  called with the metrics of each update and the seconds that the run has taken
+    suffix     of the policy file's name
     """
 
     def __init__(
-        self, folder: Path, run: TrainingRun, card: dict[str, Any], on_update: Callable[[UpdateMetrics, float], None]
+        self,
+        folder: Path,
+        run: TrainingRun,
+        card: dict[str, Any],
+        on_update: Callable[[UpdateMetrics, float], None],
+        suffix: str = "",
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self._run, self._card, self._on_update = folder, run, card, on_update
-        self.policy = folder / f"{folder.resolve().name}.safetensors"
+        self.policy = folder / f"{folder.resolve().name}{suffix}.safetensors"
         self._lines: list[dict[str, Any]] = []
         self._seconds_before, self._started, self._saved = 0.0, time.monotonic(), time.monotonic()
         self._tensorboard = make_summary_writer(folder)

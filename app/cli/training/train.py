@@ -1,9 +1,8 @@
-"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints."""
+"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints; then refine it."""
 
 from __future__ import annotations
 
 import platform
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.console import PATH, configs_of, levels_option, reason, seed_option, sizes_option
+from app.cli.training.cards import commit, hardware, measure_policy
+from app.cli.training.refining import RefineOutput, refine_policy
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -24,17 +25,17 @@ TIMED_UPDATES = 4
 """Updates that are timed to find how many steps fit into --minutes."""
 PRINT_INTERVAL_S = 15
 """Seconds between two lines where stderr is no terminal."""
-HELD_OUT_TERRAINS = 200
-"""Terrains that the finished policy is measured on for its card."""
+REFINE_CHECKPOINT = "refine.pt"
+"""The file in a run's folder that its refining goes on from."""
 
 
 @click.command(short_help="Train a policy on this machine.")
 @click.option(
     "--recipe",
-    type=click.Choice(["best", "paper"]),
+    type=click.Choice(["best", "priced", "paper"]),
     default="best",
     show_default=True,
-    help="best explores best; paper is the training of the paper.",
+    help="best learns from nothing; priced sees the prices of unknown cells and begins as their rules; paper is the paper's.",
 )
 @click.option(
     "--network",
@@ -50,7 +51,14 @@ HELD_OUT_TERRAINS = 200
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="Train for this many moves instead, rounded up to whole updates.")
-@seed_option("The same seed and steps give the same weights.")
+@click.option(
+    "--refine",
+    "rounds",
+    type=click.IntRange(min=1),
+    help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes of --refine.  [default: one for each core]")
+@seed_option("The same seed, steps and rounds give the same weights.")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @click.option(
     "--resume", is_flag=True, help="Go on with the run in --out; give the options it began with, --steps as it printed."
@@ -66,6 +74,8 @@ def train(
     sizes: tuple[Any, ...],
     minutes: float | None,
     steps: int | None,
+    rounds: int | None,
+    workers: int | None,
     seed: int,
     out: Path | None,
     resume: bool,
@@ -75,13 +85,16 @@ def train(
 
     The folder --out gets the policy file, a log, a learning curve (curve.png), TensorBoard events and, every minute,
     a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as without the interruption. At the end
-    the policy and the frontier rules play 200 terrains that training never uses; the policy's card gets the figures.
+    the policy and the frontier rules play terrains that training never uses, 200 of 21x21 and fewer larger ones; the policy's
+    card gets the figures. With --refine the folder also keeps what PPO came to, NAME-ppo.safetensors, and after every round
+    another checkpoint, which may take 1 GB while rounds are left; --minutes are those of PPO.
 
     \b
     Examples:
       marsexplorer train                                          30 minutes on level random, 21x21
       marsexplorer train --minutes 5 --seed 1 --out runs/quick
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
+      marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
       marsexplorer train --recipe paper --minutes 60
       marsexplorer serve --policy runs/quick/quick.safetensors
     """
@@ -96,35 +109,53 @@ def train(
     from marsexplorer.training.run_folder import resumed_config
 
     configs = configs_of(levels, sizes)
+    _check_rounds(rounds, workers, recipe, sizes)
     _check_device(device)
     changes: dict[str, Any] = {**(APPENDIX_PASSES if appendix else {}), **({"network": network} if network else {})}
     config = replace(RECIPES[recipe], **changes)
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
+    if resume and rounds is None and (folder / REFINE_CHECKPOINT).exists():
+        raise click.UsageError(f"the run in {folder} is being refined; give the --refine that it began with")
     try:
         if resume:
             config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
         what = f"{recipe}{' --appendix' if appendix else ''}{f' --network {network}' if network else ''}"
-        command = f"marsexplorer train --recipe {what} {options} --steps {steps} --seed {seed} --out {folder.name}"
+        refining = f" --refine {rounds}" if rounds else ""
+        command = f"marsexplorer train --recipe {what} {options} --steps {steps}{refining} --seed {seed} --out {folder.name}"
         click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
-        _train(run, steps, folder, resume, command)
+        trained = _train(run, steps, folder, resume, command, suffix="-ppo" if rounds else "")
+        if rounds:
+            _refine(run, trained, rounds, workers, command)
     except OSError as error:
         raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
 
-def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str) -> None:
-    """Make the run, write its folder and print how the policy does on held-out terrains."""
+def _check_rounds(rounds: int | None, workers: int | None, recipe: str, sizes: tuple[Any, ...]) -> None:
+    """Raise UsageError where a policy cannot be refined as it was asked for."""
+    if rounds is None:
+        if workers is not None:
+            raise click.UsageError("--workers are the processes of --refine; add it, or leave them out")
+        return
+    if recipe == "paper":
+        raise click.UsageError("--refine is for the recipes best and priced; the paper's network is not refined")
+    if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
+        raise click.UsageError("--refine plays square grids of sides 21 to 84; give such a --size, or leave --refine out")
+
+
+def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str, suffix: str) -> Path:
+    """Make the run, write its folder, print how the policy does on held-out terrains and return its file."""
     from marsexplorer.training.ppo import train as train_network
     from marsexplorer.training.run_folder import RunFolder
 
     with _progress_bar(run) as on_update:
-        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update)
+        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update, suffix)
         if resume:
             run_folder.resume()
         try:
@@ -135,13 +166,45 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
                 run_folder.save()
             click.echo(f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume", err=True)
             raise
-    click.echo(f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, run.env_configs[0])}")
+    click.echo(f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, _measured(run))}")
+    return run_folder.policy
+
+
+def _refine(run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str) -> None:
+    """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
+    from marsexplorer.evaluation.episodes import cores
+    from marsexplorer.policies.files.card import read_card
+    from marsexplorer.policies.network.model import load_net
+    from marsexplorer.training.refine import RefineRun, config_for
+
+    folder, processes = trained.parent, workers or cores()
+    sizes = tuple(config.rows for config in run.env_configs)
+    refine_run = RefineRun(load_net(trained), run.seed, config_for(rounds, sizes, was_refined=False))
+    file = folder / f"{folder.resolve().name}.safetensors"
+    own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
+    log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
+    output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, False, log, checkpoint)
+    output.resume()
+    try:
+        refine_policy(output, processes)
+    except KeyboardInterrupt:
+        done = refine_run.rounds_done
+        click.echo(f"stopped after {done} of {rounds} rounds of refining; go on with: {command} --resume", err=True)
+        raise
+    click.echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
+
+
+def _measured(run: TrainingRun) -> list[EnvConfig]:
+    """Return the configurations that the finished policy is measured on: the first level at every size."""
+    return [config for config in run.env_configs if config.level == run.env_configs[0].level]
 
 
 def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     """Return what the policy's card says besides the numbers of the run."""
     where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs))
     what = "PPO as in the paper" if run.config.name == "paper" else "A network trained by PPO"
+    if run.config.sees_prices:
+        what = "A network that began as rules by the prices of unknown cells, trained by PPO"
     return {
         "summary": f"{what}: {steps:,} moves on {where}.",
         "command": command,
@@ -149,32 +212,6 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
         "hardware": f"{platform.machine()}, one thread" if run.device == "cpu" else run.device,
         "size": [run.env_configs[0].rows, run.env_configs[0].cols],
     }
-
-
-def measure_policy(file: Path, save_policy: Callable[[dict[str, Any]], None], config: EnvConfig) -> str:
-    """Return a sentence on how the policy in a file does on held-out terrains.
-
-    save_policy   is called with the numbers, to write them into the card
-    """
-    from marsexplorer.evaluation import RULES, evaluate
-    from marsexplorer.training.envs import EVALUATION_SEEDS
-
-    table = evaluate([str(file), *RULES], config, HELD_OUT_TERRAINS, EVALUATION_SEEDS.start)
-    own, *rules = table.rows
-    best = min(row.steps_mean for row in rules)
-    where = f"{config.level} {config.rows}x{config.cols}"
-    numbers = {
-        "terrains": HELD_OUT_TERRAINS,
-        "first_seed": EVALUATION_SEEDS.start,
-        "steps": round(own.steps_mean, 2),
-        "completion": own.completion,
-        "collisions": own.collisions,
-        "score": round(own.score_mean, 4),
-        "best_rule_steps": round(best, 2),
-    }
-    save_policy({"results": {where: numbers}})
-    steps = f"{own.steps_mean:.1f} steps to 99 % on {HELD_OUT_TERRAINS} terrains of {where} ({own.completion:.0%} explored)"
-    return f"{steps}, the best rule {best:.1f}"
 
 
 def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], device: str) -> int:
@@ -204,17 +241,6 @@ def _check_device(device: str) -> None:
 
     if not torch.cuda.is_available():
         raise click.UsageError("--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out")
-
-
-def commit() -> str | None:
-    """Return the commit of the checkout this runs from, None outside one."""
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-        )
-    except OSError:
-        return None
-    return done.stdout.strip() or None
 
 
 @contextmanager

@@ -30,8 +30,8 @@ from marsexplorer.policies.network.features import (
     RememberedFeatures,
     num_action_features,
 )
-from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE, RULES
-from marsexplorer.policies.network.prior import add_prices, prior_weights, size_nearness
+from marsexplorer.policies.network.priced_features import NUMBERS_PER_RULE, RULES
+from marsexplorer.policies.network.prior import add_prices, prior_logits, prior_weights, size_nearness
 
 NEGLIGIBLE_SHARE = 1e-5
 """Weights of the prior that count less than this at a size only count by rounding."""
@@ -63,9 +63,8 @@ class Net(nn.Module):
         which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
         each = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, which], dim=2)
         logits = self.policy_head(each).squeeze(2).float()
-        if self.sees_prices:  # products and sums, which stay float32 where matrix products are computed in bfloat16
-            nearness = size_nearness(moves[:, :, -1] / LOG_CELLS_SCALE)
-            logits = logits + ((moves[:, :, None] * self.prior).sum(3) * nearness).sum(2)
+        if self.sees_prices:
+            logits = logits + prior_logits(moves, self.prior)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
 

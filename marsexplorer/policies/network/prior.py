@@ -16,8 +16,9 @@ import math
 import torch
 from torch import Tensor
 
+from marsexplorer.policies.base import INVALID_LOGIT
 from marsexplorer.policies.network.features import ACTION_FEATURES, num_action_features
-from marsexplorer.policies.network.priced_features import NUMBERS_PER_RULE
+from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE
 
 SIDES = (21, 42, 84)
 """Sides of the square grids for which there are weights; each has four times the cells of the one before."""
@@ -36,6 +37,15 @@ def size_nearness(log_cells: Tensor) -> Tensor:
     return (1 - (place[..., None] - sides).abs()).clamp(min=0)
 
 
+def prior_logits(moves: Tensor, weights: Tensor) -> Tensor:
+    """Return what the numbers of moves float32[b, 4, numbers of a move] add to their logits, float32[b, 4].
+
+    weights  float32[len(SIDES), numbers of a move]
+    """
+    nearness = size_nearness(moves[:, :, -1] / LOG_CELLS_SCALE)
+    return ((moves[:, :, None] * weights).sum(3) * nearness).sum(2)  # float32, unlike matrix products in bfloat16
+
+
 def prior_weights() -> Tensor:
     """Return the weights that play by the rules, float32[len(SIDES), numbers of a move]."""
     weights = torch.zeros(len(SIDES), num_action_features(sees_prices=True))
@@ -46,6 +56,17 @@ def prior_weights() -> Tensor:
             weights[side, first] = SHARE_WEIGHT * count
             weights[side, first + 1] = BEST_WEIGHT * count
     return weights
+
+
+def rule_probabilities(moves: Tensor, scale: float) -> tuple[Tensor, Tensor]:
+    """Return the policy of the rules that networks begin as, float32[b, 4], and how near each grid is to each of SIDES.
+
+    moves  float32[b, 4, numbers of a move], of which at least one is valid
+    scale  factor of the rules' logits
+    """
+    logits = prior_logits(moves, scale * prior_weights().to(moves.device)).masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT)
+    log_cells = moves[:, :, -1].amax(1) / LOG_CELLS_SCALE  # of an invalid move even this number is 0
+    return logits.softmax(1), size_nearness(log_cells)
 
 
 def add_prices(state: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from app.cli.main import cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.policies.network.features import FeatureExtractor, num_action_features
 from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net, with_prices
@@ -165,6 +166,36 @@ def test_the_weights_are_the_same_on_any_number_of_workers(net):
         nets.append(run.net)
     assert all(torch.equal(*both) for both in zip(*(net.parameters() for net in nets), strict=True))
     assert not all(torch.equal(*both) for both in zip(nets[0].parameters(), net.parameters(), strict=True))
+
+
+def test_a_run_that_is_gone_on_with_comes_to_the_weights_it_would_have_come_to(net, tmp_path):
+    few = {"episodes_per_task": 2, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
+    tiny, net = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few), with_prices(net)
+    whole, first, second = (RefineRun(deepcopy(net), 4, tiny) for _ in range(3))
+    with ThreadPoolExecutor(1) as pool:
+        torch.manual_seed(4)
+        metrics = [whole.train_round(pool) for _ in range(2)]
+        torch.manual_seed(4)
+        assert first.train_round(pool) == metrics[0]
+        torch.save(first.state_dict(), tmp_path / "state")
+        torch.rand(7)
+        second.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
+        assert second.train_round(pool) == metrics[1]
+    assert all(torch.equal(*both) for both in zip(whole.net.parameters(), second.net.parameters(), strict=True))
+    assert second.num_pairs == whole.num_pairs
+    assert first.identity == second.identity != RefineRun(deepcopy(net), 5, tiny).identity
+
+
+def test_a_network_with_prices_begins_with_the_moves_that_it_made(net):
+    priced = with_prices(net)
+    run, rollouts = RefineRun(deepcopy(priced), 4, SMALL), GreedyRollouts(EnvConfig("random", 42, 42), 4, sees_prices=True)
+    rollouts.worlds.start(np.arange(SEED, SEED + 4))
+    for _ in range(20):
+        decisions = rollouts.decide(priced)
+        logits, _ = run.net.infer(decisions.planes, decisions.moves)
+        valid = decisions.moves[:, :, 0] > 0
+        assert logits[valid] == pytest.approx(SMALL.logit_scale * decisions.logits[valid], abs=1e-3)
+        rollouts.step(decisions.actions)
 
 
 @pytest.mark.long

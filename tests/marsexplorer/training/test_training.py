@@ -12,7 +12,9 @@ from scipy import stats
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
+from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training import ppo
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves, state_matrix_encoder
@@ -21,6 +23,7 @@ from marsexplorer.training.run_folder import RunFolder
 
 SMALL = EnvConfig(rows=9, cols=12)
 QUICK = replace(RECIPES["best"], num_envs=32, num_steps=32, minibatch_size=256, value_warmup_updates=1)
+PRICED = replace(RECIPES["priced"], num_envs=16, num_steps=16, minibatch_size=64, value_warmup_updates=1)
 PAPER = replace(RECIPES["paper"], num_envs=8, num_steps=16, minibatch_size=64, update_epochs=2)
 
 
@@ -69,7 +72,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_seed_others(config):
     assert not same_weights(trained(steps, 3, config).net, trained(steps, 4, config).net)
 
 
-@pytest.mark.parametrize("config", [QUICK, PAPER], ids=["best", "paper"])
+@pytest.mark.parametrize("config", [QUICK, PRICED, PAPER], ids=["best", "priced", "paper"])
 def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path, config):
     env_configs, steps = [EnvConfig(rows=9, cols=12, max_steps=20)], 6 * config.batch_size
     whole = trained(steps, 5, config, env_configs)
@@ -254,3 +257,47 @@ def test_training_environments_are_of_the_whole_configuration():
 def test_evaluation_seeds_are_refused():
     with pytest.raises(ValueError, match="kept for evaluation"):
         TrainingEnvs(SMALL, 2, EVALUATION_SEEDS.start)
+
+
+def test_the_priced_recipe_begins_as_the_rules():
+    """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
+    torch.manual_seed(0)
+    config = EnvConfig("random", 42, 42)
+    net, rollouts = RECIPES["priced"].make_network([config]).eval(), GreedyRollouts(config, 3, sees_prices=True)
+    rollouts.worlds.start(np.arange(3))
+    made = 0
+    for _ in range(60):
+        decisions = rollouts.decide(net)
+        rules = rule_probabilities(torch.from_numpy(decisions.moves), 1.0)[0]
+        best, second = rules.sort(1, descending=True)[0].T[:2]
+        certain = ((best > 4 * second).numpy()) & ~decisions.guarded
+        assert (decisions.logits.argmax(1) == rules.argmax(1).numpy())[certain].all()
+        made += int(certain.sum())
+        rollouts.step(decisions.actions)
+    assert made > 100
+
+
+def test_the_divergence_from_the_rules_counts_by_the_size_of_the_grid():
+    torch.manual_seed(0)
+    config = replace(RECIPES["priced"], rule_coef=(0.5, 0.1, 0.3))
+    for side, coef in ((21, 0.5), (42, 0.1), (84, 0.3)):
+        envs = TrainingEnvs(EnvConfig("random", side, side), 6, 7, config.make_encoder)
+        moves = envs.observe()[1].clone()
+        assert (moves[:, :, 0] == 0).any()
+        log_probs = torch.where(moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9)).log_softmax(1)
+        rules = np.array([rule_by_definition(each, side, config.prior_scale) for each in moves.numpy()])
+        literal = -sum(p * q for p, q in zip(rules.ravel(), log_probs.numpy().ravel(), strict=True) if p > 0) / 6
+        assert float(ppo.rule_divergence(config, moves, log_probs)) == pytest.approx(coef * literal, rel=1e-4)
+
+
+def rule_by_definition(moves, side, scale):
+    """The probabilities of four moves by the rules of one size, from their numbers [4, numbers of a move]."""
+    counts = {21: (3, 0, 0), 42: (1, 1, 1), 84: (0, 3, 0)}[side]
+    weight = np.zeros(4)
+    for action in range(4):
+        shares = moves[action, 16:25].reshape(3, 3)
+        logit = 0.1 * moves[action, 10] + sum(
+            count * (5 * share[0] + 3 * share[1]) for count, share in zip(counts, shares, strict=True)
+        )
+        weight[action] = np.exp(scale * logit) * moves[action, 0]
+    return weight / weight.sum()

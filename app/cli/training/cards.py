@@ -1,0 +1,61 @@
+"""What the commands that train write into a policy's card: the code, the machine, and how it does on held-out terrains."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from marsexplorer.config import EnvConfig
+
+HELD_OUT_TERRAINS = 200
+"""Terrains of 21x21 or less that a finished policy is measured on for its card; on larger grids fewer, with as many cells."""
+
+
+def commit() -> str | None:
+    """Return the commit of the checkout this runs from, None outside one."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return None
+    return done.stdout.strip() or None
+
+
+def hardware(processes: int) -> str:
+    """Return what the card says of the machine."""
+    return f"{platform.machine()}, {processes} cores"
+
+
+def measure_policy(file: Path, save_policy: Callable[[dict[str, Any]], None], configs: list[EnvConfig]) -> str:
+    """Return a sentence on how the policy in a file does on held-out terrains of each configuration.
+
+    save_policy   is called with the numbers, to write them into the card
+    """
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.evaluation import RULES, evaluate
+    from marsexplorer.training.envs import EVALUATION_SEEDS
+
+    results, sentences = {}, []
+    for config in configs:
+        terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
+        own, *rules = evaluate([str(file), *RULES], config, terrains, EVALUATION_SEEDS.start).rows
+        best = min(row.steps_mean for row in rules)
+        where = f"{config.level} {config.rows}x{config.cols}"
+        results[where] = {
+            "terrains": terrains,
+            "first_seed": EVALUATION_SEEDS.start,
+            "steps": round(own.steps_mean, 2),
+            "completion": own.completion,
+            "collisions": own.collisions,
+            "score": round(own.score_mean, 4),
+            "best_rule_steps": round(best, 2),
+        }
+        steps = f"{own.steps_mean:.1f} steps to 99 % on {terrains} terrains of {where} ({own.completion:.0%} explored)"
+        sentences.append(f"{steps}, the best rule {best:.1f}")
+    save_policy({"results": results})
+    return "; ".join(sentences)
