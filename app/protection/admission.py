@@ -62,7 +62,7 @@ def limited_as(connection: HTTPConnection) -> str | None:
 
 
 MAX_IDLE = 1_000
-"""Addresses and players who have done nothing of late and are kept in mind all the same, at most as many as have."""
+"""Rates of addresses and players who have done nothing of late that are kept all the same, unless as many have."""
 
 
 class Rates:
@@ -96,7 +96,7 @@ class Rates:
         return None
 
     def __len__(self) -> int:
-        """Return how many rates of an address or a player are kept in mind."""
+        """Return how many rates of an address or a player are in memory."""
         return len(self._storage.events)
 
     def _forget_idle(self) -> None:

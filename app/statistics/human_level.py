@@ -50,10 +50,11 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
     config = EnvConfig(**json.loads(config_json))
     scores: dict[str, list[float]] = {}
     steps: dict[str, list[float]] = {}
+    explored: dict[str, list[bool]] = {}
     for row in played:
         scores.setdefault(row["owner_id"], []).append(row["score"])
         steps.setdefault(row["owner_id"], []).append(steps_to_target(config, row["outcome"], row["steps"]))
-    explored = {player: [row["outcome"] == "explored" for row in played if row["owner_id"] == player] for player in scores}
+        explored.setdefault(row["owner_id"], []).append(row["outcome"] == "explored")
     failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
     is_guaranteed = len(scores) > 1 and bool(is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64)))
     return {

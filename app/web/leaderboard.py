@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request
@@ -18,7 +17,7 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
     """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
     await services.progress.note_all_closed()
-    return [entry.to_dict() for entry in await asyncio.to_thread(services.leaderboard.entries)]
+    return [entry.to_dict() for entry in await services.leaderboard.newest_entries()]
 
 
 @router.get("/{board}", summary="People, policies and rules on one scale")

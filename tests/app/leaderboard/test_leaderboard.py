@@ -1,5 +1,8 @@
 """People and policies on one scale: figures from the database and from real evaluation, kept, never invented."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,7 @@ from tests.support.study import Person, freeze
 IDLE_WORK_S = 600
 """Evaluations for a board have the lowest priority: they take long while other jobs run."""
 pytestmark = pytest.mark.timeout(900)
+READING_S = 0.3
 
 
 def test_policies_terrains_are_those_that_training_refuses():
@@ -40,6 +44,34 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     assert first.id == f"random-5x7-{SMALL.hash[:8]}", "another sensor than the level's own"
     assert first.to_dict()["players"] == 1
     assert [board.id for board in rest][:2] == ["random-21x21", "1-1-1-21x21"]
+
+
+def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve, monkeypatch):
+    server, readings, list_entries = serve(), [], entries.list_entries
+
+    def read_slowly(*given):
+        readings.append(time.monotonic())
+        time.sleep(READING_S)
+        return list_entries(*given)
+
+    monkeypatch.setattr("app.leaderboard.leaderboard.list_entries", read_slowly)
+
+    def ask(_):
+        with server.page() as client:
+            return client.get("/api/leaderboard").json()
+
+    server.page().post("/api/sessions", json={"size": 9})
+    player = server.page()
+    with ThreadPoolExecutor(16) as people:
+        asking = people.map(ask, range(48))
+        eventually(lambda: readings)
+        began = time.monotonic()
+        assert player.post("/api/sessions", json={"size": 9}).status_code == 201
+        waited_s = time.monotonic() - began
+        answers = list(asking)
+    assert answers == 48 * answers[:1]
+    assert len(readings) < 12, "48 without sharing"
+    assert waited_s < 3 * READING_S, "behind those who had asked it would be 16 times"
 
 
 @pytest.fixture
