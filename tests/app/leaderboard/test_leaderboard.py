@@ -20,7 +20,7 @@ from tests.support.study import Person, freeze
 IDLE_WORK_S = 600
 """Evaluations for a board have the lowest priority: they take long while other jobs run."""
 pytestmark = pytest.mark.timeout(900)
-READING_S = 0.3
+READING_S = 0.5
 
 
 def test_policies_terrains_are_those_that_training_refuses():
@@ -63,15 +63,15 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
     server.page().post("/api/sessions", json={"size": 9})
     player = server.page()
     with ThreadPoolExecutor(16) as people:
-        asking = people.map(ask, range(48))
+        asking = people.map(ask, range(32))
         eventually(lambda: readings)
         began = time.monotonic()
         assert player.post("/api/sessions", json={"size": 9}).status_code == 201
         waited_s = time.monotonic() - began
         answers = list(asking)
-    assert answers == 48 * answers[:1]
-    assert len(readings) < 12, "48 without sharing"
-    assert waited_s < 3 * READING_S, "behind those who had asked it would be 16 times"
+    assert answers == 32 * answers[:1]
+    assert waited_s < 3 * READING_S, "behind those who had asked it would be some ten times"
+    assert len(readings) < 10, "32 without sharing"
 
 
 @pytest.fixture
