@@ -111,12 +111,12 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection)
     add_error_handlers(app)
-    for module in (api, watch, results, replay, daily, me, study, sockets, leaderboard, viewer, pages):
+    app.mount("/static", pages.static_files, name="static")  # first what is asked for most: routes are tried in turn
+    for module in (pages, sockets, api, watch, results, replay, daily, me, study, leaderboard, viewer):
         app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
     app.router.routes.extend(api.probes.routes)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
-    app.mount("/static", pages.static_files, name="static")
     return app
 
 

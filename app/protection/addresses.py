@@ -37,4 +37,4 @@ def network_of(host: str) -> str:
 
 def is_secure(connection: HTTPConnection) -> bool:
     """Return whether the browser speaks TLS, with us or with a named proxy before us."""
-    return connection.url.scheme in ("https", "wss")
+    return connection.scope["scheme"] in ("https", "wss")

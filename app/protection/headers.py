@@ -16,7 +16,7 @@ from secure import (
     StrictTransportSecurity,
     XContentTypeOptions,
 )
-from starlette.datastructures import MutableHeaders
+from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -89,9 +89,9 @@ class SecurityHeaders:
 
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in added.items():
-                    headers.setdefault(name, value)
+                given = list(message.get("headers", ()))
+                names = {name for name, _ in given}
+                message["headers"] = given + [each for each in Headers(added).raw if each[0] not in names]
             await send(message)
 
         await self._app(scope, receive, send_guarded)

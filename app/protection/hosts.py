@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Iterable
+from functools import lru_cache
 from ipaddress import ip_address
 
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -45,6 +46,7 @@ def is_literal(name: str) -> bool:
     return True
 
 
+@lru_cache(maxsize=1000)
 def is_loopback(name: str) -> bool:
     """Return whether a name leads to the browser's own machine, whatever a name server says."""
     return name == "localhost" or name.endswith(".localhost") or (is_literal(name) and ip_address(name).is_loopback)
