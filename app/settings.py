@@ -90,6 +90,7 @@ class Limits(BaseModel):
     served           how many of these are served at once and a second after that; the others wait for their turn
     headers_s, body_s  seconds in which the headers of a request, and then its body, have come; beyond, it is answered 408
     requests         HTTP requests of one address; beyond, they wait, and those that would wait too long are refused
+    files            those for the files of the pages, which cost less, in the same way
     sockets, sockets_per_address          websockets that may be open
     pings, messages  of any one websocket, before the application sees them; beyond, it is closed with 1008
     messages_per_address  the same over all sockets of one address
@@ -110,10 +111,11 @@ class Limits(BaseModel):
     connections: int = Field(default=4000, ge=1)
     connections_per_address: int = Field(default=1000, ge=1)
     opened: Bucket = "1000+25/s"
-    served: Bucket = "20+100/s"
+    served: Bucket = "8+100/s"
     headers_s: float = Field(default=20.0, gt=0)
     body_s: float = Field(default=60.0, gt=0)
-    requests: Bucket = "500+500/s"
+    requests: Bucket = "10+250/s"
+    files: Bucket = "40+1000/s"
     sockets: int = Field(default=2000, ge=1)
     sockets_per_address: int = Field(default=500, ge=1)
     pings: Bucket = "20+2/s"
@@ -121,8 +123,8 @@ class Limits(BaseModel):
     messages_per_address: Bucket = "20000+4000/s"
     busy_sockets: int = Field(default=20, ge=1)
     acts: Bucket = "500+100/s"
-    events: Bucket = "20+30/s"
-    histories: Bucket = "20+10/s"
+    events: Bucket = "10+30/s"
+    histories: Bucket = "10+10/s"
     expectations: Bucket = "30+20/s"
     bad_messages: Bucket = "20+1/s"
     refused_acts: Bucket = "50+10/s"

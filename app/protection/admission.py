@@ -15,7 +15,6 @@ import re
 import time
 from http.cookies import CookieError, SimpleCookie
 from typing import Literal, get_args
-from weakref import WeakValueDictionary
 
 from limits import parse_many
 from limits.storage import MemoryStorage
@@ -39,7 +38,10 @@ TOKEN_HEADER = "x-mars-token"
 PROBES = frozenset({"/healthz", "/readyz"})
 """What watches over the server: however many pages an address asks for, these requests have a rate of their own."""
 
-PATIENCE_S = 2.0
+FILES = "/static/"
+"""Where the files of the pages are: they have a rate of their own, since each costs little and a page asks for sixty."""
+
+PATIENCE_S = 4.0
 """Seconds that a request may wait for its turn; one that would wait longer is refused. A thousand requests at the default rate
 take as long, which is as many as the connections of one address can ask for at once."""
 
@@ -113,7 +115,6 @@ class Admission:
     def __init__(self, app: ASGIApp, protection: Protection, answer: Answer) -> None:
         self._app, self._protection, self._answer = app, protection, answer
         self._rates = Rates(protection.limits)
-        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         token = protection.limits.token
         self._token = b"" if token is None else token.get_secret_value().encode()
 
@@ -126,7 +127,8 @@ class Admission:
             return
         address = client_address(HTTPConnection(scope))
         asker = f"{address} probes" if scope["path"] in PROBES else address
-        wait_s = self._protection.requests.of(asker).take_within(PATIENCE_S)
+        buckets = self._protection.files if scope["path"].startswith(FILES) else self._protection.requests
+        wait_s = buckets.of(asker).take_within(PATIENCE_S)
         if wait_s is None:
             self._protection.count_refusal("rate_request")
             again_s = math.ceil(PATIENCE_S)
@@ -135,7 +137,7 @@ class Admission:
             return
         if wait_s:
             await asyncio.sleep(wait_s)
-        await self._begin_in_turn(asker)
+        await self._protection.turns.begin(asker)
         action = _action_of(scope)
         if action is not None and (refusal := self._rates.refusal(action, _keys_of(scope, address))) is not None:
             self._protection.count_refusal(f"rate_{action}")
@@ -143,16 +145,10 @@ class Admission:
             return
         await self._app(scope, receive, send)
 
-    async def _begin_in_turn(self, asker: str) -> None:
-        """Let one request or socket of an address begin in a turn of the event loop, so that others are served between."""
-        turn = self._turns.setdefault(asker, asyncio.Lock())
-        async with turn:
-            await asyncio.sleep(0)
-
     async def _admit_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         key = None if self._has_token(scope) else client_address(HTTPConnection(scope))
         if key is not None:
-            await self._begin_in_turn(key)
+            await self._protection.turns.begin(key)
         sockets = self._protection.sockets
         if not sockets.take(key):
             self._protection.count_refusal("sockets")

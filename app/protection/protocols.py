@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import random
 from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -31,12 +32,16 @@ RETRY_AFTER_S = 30
 LINGER_S = 1.0
 """How long a refused connection may take to read why."""
 
+REFUSED_AFTER_S = 0.3, 0.8
+"""Seconds that a refused connection waits until it is told so, at least and at most: told at once, a client that floods would
+open the next at once, and told after the same time, it would open them all at the same moments."""
+
 SLICE_BYTES = 1024
 """Bytes of a socket that are looked at before its limits are: 170 pings."""
 
-READ_BYTES = 2048
-"""Bytes that are read of one socket in a turn of the event loop: a quarter of a megabyte of small messages, asyncio's own
-measure, would keep everybody else waiting."""
+READ_BYTES = 256
+"""Bytes that are read of one socket in a turn of the event loop: a page's message, or eighteen of the smallest. A quarter of a
+megabyte of these, asyncio's own measure, would keep everybody else waiting, and so do 2 KB from each of thirty sockets."""
 
 DISCARDED_BYTES = 2**18
 """Bytes that are read at once of a socket whose message breaks the protocol: nothing looks at them."""
@@ -56,6 +61,9 @@ class LimitedHttp(H11Protocol):
     _key: str | None = None
     _is_counted = False
     _is_refused = False
+    _is_answered_at_once = False
+    _asked = b""
+    """What came over a refused connection."""
     _awaited: Literal["headers", "body"] | None = None
     """The part of a request that has begun to come, or of a first one that is due."""
     _deadline: asyncio.TimerHandle | None = None
@@ -68,6 +76,9 @@ class LimitedHttp(H11Protocol):
         self._is_refused = not self._is_counted
         if self._is_refused:
             self.protection.count_refusal("connections")
+            self._is_answered_at_once = not connections.let_wait()
+            if not self._is_answered_at_once:
+                self.loop.call_later(random.uniform(*REFUSED_AFTER_S), self._end_wait)
             self.loop.call_later(LINGER_S, transport.abort)
         elif turn_s := connections.turn_s(self._key):
             transport.pause_reading()
@@ -85,8 +96,15 @@ class LimitedHttp(H11Protocol):
             super().data_received(data)
             self._watch(is_coming=True)
         elif not self.transport.is_closing():
-            self.transport.write(_full_answer(is_page=b"text/html" in data))
-            self.transport.close()
+            self.transport.pause_reading()
+            self._asked = data
+            if self._is_answered_at_once:
+                self._tell_refused()
+
+    def handle_events(self) -> None:
+        super().handle_events()
+        if self.cycle is not None and self.cycle.transport is self.transport:
+            self.cycle.transport = HeadWithBody(self.transport, self.loop)  # type: ignore[assignment]
 
     def handle_websocket_upgrade(self, event: object) -> None:
         super().handle_websocket_upgrade(event)  # type: ignore[arg-type]
@@ -100,6 +118,17 @@ class LimitedHttp(H11Protocol):
     def on_response_complete(self) -> None:
         super().on_response_complete()
         self._watch(is_coming=False)
+
+    def _end_wait(self) -> None:
+        """Answer what a refused connection has asked for, now or as soon as it does."""
+        self.protection.connections.waiting -= 1
+        self._is_answered_at_once = True
+        self._tell_refused()
+
+    def _tell_refused(self) -> None:
+        if self._asked and not self.transport.is_closing():
+            self.transport.write(_full_answer(is_page=b"text/html" in self._asked))
+            self.transport.close()
 
     def _serve(self) -> None:
         """Read the first request: the connection's turn has come."""
@@ -142,6 +171,37 @@ class LimitedHttp(H11Protocol):
             self.transport.write(_json_answer("408 Request Timeout", f"the {part} of a request must come within {seconds:g} s"))
         self.transport.close()
         self.loop.call_later(LINGER_S, self.transport.abort)
+
+
+class HeadWithBody:
+    """Writes the head of an answer together with what comes of its body in the same turn of the event loop.
+
+    Each write wakes the client, on the server's own processor perhaps; uvicorn makes two of an answer.
+    """
+
+    def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
+        self._transport, self._loop = transport, loop
+        self._head = b""
+        self._has_head = False
+        self.is_closing = transport.is_closing
+
+    def write(self, data: bytes) -> None:
+        """Write, or keep a head until the first bytes of the body come or the turn ends."""
+        if not self._has_head and not data.startswith(b"HTTP/1.1 1"):  # 100 Continue is an answer of its own
+            self._has_head, self._head = True, data
+            self._loop.call_soon(self._write_head)
+        else:
+            head, self._head = self._head, b""
+            self._transport.write(head + data)
+
+    def close(self) -> None:
+        """Close the connection once all of it is written."""
+        self._write_head()
+        self._transport.close()
+
+    def _write_head(self) -> None:
+        if self._head:
+            self.write(b"")
 
 
 class LimitedWebSocket(WebSocketsSansIOProtocol):
@@ -197,7 +257,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         """Close the connection once the other side had time to read why; without a timer Uvicorn does with the application."""
         if self.close_timer is not None:
             self.close_timer.cancel()
-        self.close_timer = self.loop.call_later(LINGER_S, self.transport.abort)
+        self.close_timer = self.loop.call_later(LINGER_S + random.random(), self.transport.abort)  # not all in one turn
 
     def handle_pong(self, event: Frame) -> None:
         if self._pings.take():

@@ -10,6 +10,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from app.protection.buckets import AddressBuckets, BucketSize
 from app.protection.connections import Connections, Slots, make_room
 from app.protection.socket_budget import Kind, SocketBudget
+from app.protection.turns import Turns
 from app.settings import Limits
 
 
@@ -21,6 +22,8 @@ class Protection:
     sockets      the websockets among them, by the address that a named proxy reports
     messages     those of all sockets of an address, of any kind
     requests     the HTTP requests of an address
+    files        those for the files of the pages
+    turns        in which requests, sockets and messages of an address begin
     """
 
     def __init__(
@@ -35,6 +38,8 @@ class Protection:
         self.connections = Connections(slots, self.bucket_sizes["opened"], self.bucket_sizes["served"], named.__contains__)
         self.messages = AddressBuckets(self.bucket_sizes["messages_per_address"])
         self.requests = AddressBuckets(self.bucket_sizes["requests"])
+        self.files = AddressBuckets(self.bucket_sizes["files"])
+        self.turns = Turns()
         self._together = {
             kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets)) for kind, name in KINDS.items()
         }
@@ -63,5 +68,5 @@ KINDS: dict[Kind, str] = {
 }
 """The setting of each kind of message."""
 
-BUCKETS = ("opened", "served", "requests", "pings", "messages", "messages_per_address", *KINDS.values())
+BUCKETS = ("opened", "served", "requests", "files", "pings", "messages", "messages_per_address", *KINDS.values())
 """The settings that are sizes of token buckets."""

@@ -62,7 +62,9 @@ class PlaySocket:
         self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
         self._may_control = may_control(websocket, session)
         self._expected = ExpectedDiscoveries()
-        self._budget = services_of(websocket).protection.socket_budget(limited_as(websocket))
+        protection = services_of(websocket).protection
+        self._limited_as, self._turns = limited_as(websocket), protection.turns
+        self._budget = protection.socket_budget(self._limited_as)
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
@@ -104,6 +106,8 @@ class PlaySocket:
             message = await self._websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return
+            if self._limited_as is not None:
+                await self._turns.begin(self._limited_as)
             text = message.get("text")
             if text is None:
                 size = len(message.get("bytes") or b"")

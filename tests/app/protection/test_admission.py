@@ -102,15 +102,27 @@ def test_connections_of_one_address_come_no_faster_than_their_rate(serve):
 def test_connections_that_are_refused_leave_no_debt(serve):
     """Twenty are refused, and the next comes as soon as it may: after half a second, not after ten."""
     server = serve(limits=Limits(opened="3+2/s"))
-    codes = []
-    for _ in range(23):
-        with opened(server) as connection:
-            codes.append(ask(connection)[9:12])
+    with ExitStack() as stack:
+        connections = [stack.enter_context(opened(server)) for _ in range(23)]
+        codes = [ask(each)[9:12] for each in connections]
     assert codes[:3] == ["200"] * 3
     assert codes.count("503") >= 15
     time.sleep(1)
     with opened(server) as connection:
         assert ask(connection)[9:12] == "200"
+
+
+def test_whoever_is_refused_waits_and_asks_no_sooner_again(serve):
+    """So a client that opens connection after connection opens few a second however fast it asks."""
+    server = serve(limits=Limits(opened="1+0.01/s"))
+    waits_s = []
+    for _ in range(3):
+        began = time.monotonic()
+        with opened(server) as connection:
+            status = ask(connection)[9:12]
+        waits_s.append((status, time.monotonic() - began))
+    assert [status for status, _ in waits_s] == ["200", "503", "503"]
+    assert min(wait_s for _, wait_s in waits_s[1:]) >= 0.25
 
 
 def test_a_connection_without_a_request_is_closed(serve):
@@ -244,15 +256,15 @@ def answers_at_once(server, count):
 
 
 def test_requests_of_one_address_wait_for_their_turn_and_are_refused_where_that_takes_too_long(serve):
-    server = serve(limits=Limits(requests="5+5/s", token=TOKEN))
+    server = serve(limits=Limits(requests="5+2.5/s", token=TOKEN))
     answers, seconds = answers_at_once(server, 30)
     codes = [answer[9:12] for answer in answers]
-    assert 15 <= codes.count("404") <= 20, "five at once, and ten within the two seconds that one may wait"
+    assert 15 <= codes.count("404") <= 20, "five at once, and ten within the four seconds that one may wait"
     assert codes.count("429") == 30 - codes.count("404")
-    assert seconds > 1.5
+    assert seconds > 3
     refused = answers[codes.index("429")]
-    assert "retry-after: 2\r\n" in refused
-    assert "too many requests from this network: try again in 2 s" in refused
+    assert "retry-after: 4\r\n" in refused
+    assert "too many requests from this network: try again in 4 s" in refused
     assert server.services.protection.refusals["rate_request"] == codes.count("429")
 
 
