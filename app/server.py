@@ -92,7 +92,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
-                running = [part.sweep() for part in (lobby, page_boards)]
+                running = [part.sweep() for part in (lobby, page_boards, protection.slow_readers)]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]

@@ -89,6 +89,7 @@ class Limits(BaseModel):
     opened           connections that one address may open
     served           how many of these are served at once and a second after that; the others wait for their turn
     headers_s, body_s  seconds in which the headers of a request, and then its body, have come; beyond, it is answered 408
+    answer_s         seconds in which a client takes 64 KiB of what waits for it, or all; beyond twice that it is closed
     requests         HTTP requests of one address; beyond, they wait, and those that would wait too long are refused
     files            those for the files of the pages, which cost less, in the same way
     sockets, sockets_per_address          websockets that may be open
@@ -114,6 +115,7 @@ class Limits(BaseModel):
     served: Bucket = "8+100/s"
     headers_s: float = Field(default=20.0, gt=0)
     body_s: float = Field(default=60.0, gt=0)
+    answer_s: float = Field(default=20.0, gt=0)
     requests: Bucket = "10+250/s"
     files: Bucket = "40+1000/s"
     sockets: int = Field(default=2000, ge=1)

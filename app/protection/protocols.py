@@ -70,6 +70,7 @@ class LimitedHttp(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.protection.slow_readers.add(transport)
         connections = self.protection.connections
         self._key = connections.key_of(self.client[0] if self.client else "")
         self._is_counted = connections.take(self._key)
@@ -115,6 +116,14 @@ class LimitedHttp(H11Protocol):
                 protocol.of_address = self.protection.messages.of(self._key)
             protocol.punish = lambda: self.protection.connections.punish(self._key)
 
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self.protection.slow_readers.pause(self.transport)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self.protection.slow_readers.resume(self.transport)
+
     def on_response_complete(self) -> None:
         super().on_response_complete()
         self._watch(is_coming=False)
@@ -156,6 +165,7 @@ class LimitedHttp(H11Protocol):
         self._deadline = None if part is None else self.loop.call_later(getattr(limits, f"{part}_s"), self._end_slow, part)
 
     def _release(self) -> None:
+        self.protection.slow_readers.remove(self.transport)
         if self._is_counted:
             self._is_counted = False
             self.protection.connections.slots.give_back(self._key)
@@ -226,6 +236,14 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         super().connection_lost(exc)
         if self.on_lost is not None:
             self.on_lost()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self.protection.slow_readers.pause(self.transport)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self.protection.slow_readers.resume(self.transport)
 
     def data_received(self, data: bytes) -> None:
         for start in range(0, len(data), SLICE_BYTES):

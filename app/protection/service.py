@@ -9,6 +9,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from app.protection.buckets import AddressBuckets, BucketSize
 from app.protection.connections import Connections, Slots, make_room
+from app.protection.slow_readers import SlowReaders
 from app.protection.socket_budget import Kind, SocketBudget
 from app.protection.turns import Turns
 from app.settings import Limits
@@ -23,6 +24,7 @@ class Protection:
     messages     those of all sockets of an address, of any kind
     requests     the HTTP requests of an address
     files        those for the files of the pages
+    slow_readers  closes connections whose client does not take what is sent to it
     turns        in which requests, sockets and messages of an address begin
     """
 
@@ -40,6 +42,7 @@ class Protection:
         self.requests = AddressBuckets(self.bucket_sizes["requests"])
         self.files = AddressBuckets(self.bucket_sizes["files"])
         self.turns = Turns()
+        self.slow_readers = SlowReaders(limits.answer_s, self.count_refusal)
         self._together = {
             kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets)) for kind, name in KINDS.items()
         }
