@@ -153,9 +153,10 @@ RECIPES = {
     "priced": TrainConfig(
         name="priced",
         sees_prices=True,
-        prior_scale=0.4,
-        rule_coef=(0.0, 0.7, 10.0),  # few of the moves are made on 84x84
-        target_entropy=(0.15, 0.03),
+        prior_scale=0.2,
+        rule_coef=(0.02, 0.5, 5.0),  # few of the moves are made on 84x84
+        learning_rate=1e-3,
+        target_entropy=None,  # adapted to a target, its coefficient grew until the policy had forgotten the rules
         gamma=0.999,
     ),
     # The appendix gives gamma, the learning rate, lambda, the KL coefficient and the clip; the rest is RLlib 1.0.1's default

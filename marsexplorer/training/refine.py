@@ -46,7 +46,8 @@ class RefineConfig:
     """Everything that fixes a run besides its network, rounds and seed; the card of the policy lists it.
 
     sizes                     sides of the grids whose episodes are branched, cells
-    tasks_per_level           tasks of a round on each family of terrains and size: large obstacles have the most to learn from
+    tasks_per_level           tasks of a round on each family of terrains, large obstacles having the most to learn from; on
+                              larger grids fewer in proportion to the side, as a move takes longer there
     episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as many moves are made
     pairs_per_episode         pairs of actions branched off each episode, about
     anchor_sizes              sides of the other grids, and episodes of a task there; none where episodes are branched, but on
@@ -249,7 +250,7 @@ class RefineRun:
             (level, size, max(1, config.episodes_per_task * SIDE**2 // size**2), config.pairs_per_episode)
             for size in sorted(config.sizes, reverse=True)
             for level, count in config.tasks_per_level
-            for _ in range(count * factor)
+            for _ in range(max(1, count * SIDE // size) * factor)
         ]
         for level, size, episodes, pairs in kinds:
             tasks.append(EpisodeTask(level, size, self._next_seed, episodes, pairs))

@@ -1,5 +1,6 @@
 """Branched rollouts and refining: costs are what a literal replay finds, and a network learns from them."""
 
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
@@ -137,6 +138,9 @@ def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     tasks = {(task.level, task.size, task.num_episodes, task.pairs_per_episode) for task in run.make_tasks()}
     branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
     assert tasks == branched | {("2-2-1", 84, 2, 0)}
+    run.config = replace(run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)), first_round_tasks=2)
+    counts = Counter((task.level, task.size) for task in run.make_tasks() if task.pairs_per_episode)
+    assert counts == {("random", 21): 24, ("random", 42): 12, ("1-1-1", 21): 2, ("1-1-1", 42): 2}
     run.config = replace(run.config, sizes=(21, 42, 84))
     assert {(task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"} == {(84, 0)}
 
