@@ -71,11 +71,15 @@ class PaperNetworkPolicy:
 
 
 class SampledPolicy(PaperNetworkPolicy):
-    """Draw each move from the network's probabilities."""
+    """Draw each move from the network's probabilities.
+
+    Over features the network computes in float64. Nothing in the training of an actor holds what its logits have in common:
+    those of `sac-works` are about 2e10, where float32 is exact to 2,048, so that a processor's rounding would choose the moves.
+    """
 
     def __init__(self, name: str, net: PaperNetwork, sensor_radius: int) -> None:
         super().__init__(name, net, sensor_radius)
-        self._net = net
+        self._net = net.double() if self.size is None else net
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -85,7 +89,11 @@ class SampledPolicy(PaperNetworkPolicy):
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3; ValueError for a board of another size than the network's."""
-        scores, values = self._net.infer(*self._observe(observation))
+        arrays = self._observe(observation)
+        if self.size is None:
+            planes, moves = arrays
+            arrays = planes, moves.astype(np.float64)
+        scores, values = self._net.infer(*arrays)
         cumulative = np.cumsum(self._note(scores[0], float(values[0])), dtype=np.float64)
         return int(np.searchsorted(cumulative[:3], self._random.random() * cumulative[3], side="right"))
 

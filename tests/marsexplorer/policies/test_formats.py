@@ -25,6 +25,7 @@ from marsexplorer.training.refine import RefineConfig
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "policies"
 NAMES = ("ppo", "ppo-paper")
 ADDED_TO_RECIPES = {"network", "mask", "has_bonus", "kl_of_last_epoch", "vf_change_clip"}
+ADDED_TO_RECIPES |= {"sees_prices", "prior_scale", "rule_coef"}
 """What recipes have had since the shipped policies were trained."""
 ADDED_TO_PLANS = {"sizes", "anchor_levels"}
 """The same of the plans of a refinement."""
