@@ -43,6 +43,10 @@ READ_BYTES = 256
 """Bytes that are read of one socket in a turn of the event loop: a page's message, or eighteen of the smallest. A quarter of a
 megabyte of these, asyncio's own measure, would keep everybody else waiting, and so do 2 KB from each of thirty sockets."""
 
+WAITING_MESSAGES = 4
+"""Messages of one socket that wait for the application before nothing more is read of it. Uvicorn pauses and resumes reading at
+each message, which is two calls of the system and a fifth of the work of a move."""
+
 DISCARDED_BYTES = 2**18
 """Bytes that are read at once of a socket whose message breaks the protocol: nothing looks at them."""
 
@@ -293,8 +297,13 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
     def send_receive_event_to_app(self) -> None:
         if self._messages.take() or (self.of_address is not None and not self.of_address.take_if_there()):
             self._shut("messages")
-        else:
-            super().send_receive_event_to_app()
+            return
+        was_paused, self.read_paused = self.read_paused, True  # so that uvicorn does not pause
+        super().send_receive_event_to_app()
+        self.read_paused = was_paused
+        if not was_paused and not self._is_shut and self.queue.qsize() >= WAITING_MESSAGES:
+            self.read_paused = True
+            self.transport.pause_reading()
 
     def _read_at_once(self, size: int) -> None:
         if hasattr(self.transport, "max_size"):

@@ -3,6 +3,7 @@
 import json
 import struct
 import time
+from asyncio.selector_events import _SelectorTransport
 from contextlib import ExitStack, suppress
 
 import pytest
@@ -10,6 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.protection.buckets import BucketSize, TokenBucket
 from app.protection.connections import PENALTY, PENALTY_DEBT
+from app.protection.protocols import READ_BYTES, WAITING_MESSAGES, LimitedWebSocket
 from app.protection.socket_budget import PATIENCE
 from app.settings import Limits
 from tests.support.servers import eventually
@@ -230,3 +232,32 @@ def test_a_flood_leaves_the_board_as_it_was_and_the_player_comes_back(server):
         socket.act(begun["frame"], "south")
         assert socket.frame_after(0)["step"] == 1
     eventually(lambda: server.services.protection.sockets.open == 0)
+
+
+def test_reading_pauses_only_where_messages_wait(serve, monkeypatch):
+    server = serve(limits=Limits(histories="1000+1000/s"))
+    pauses, waited = [], []
+    pause, receive = _SelectorTransport.pause_reading, LimitedWebSocket.receive
+
+    async def watched(self):
+        waited.append(self.queue.qsize())
+        return await receive(self)
+
+    monkeypatch.setattr(_SelectorTransport, "pause_reading", lambda self: (pauses.append(self), pause(self)))
+    monkeypatch.setattr(LimitedWebSocket, "receive", watched)
+    client, begun = begin(server)
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        pauses.clear()
+        for number in range(20):
+            socket.act(frame, ("east", "west")[number % 2])
+            frame = socket.frame_after(frame["step"])
+        assert frame["outcome"] is None
+        assert pauses == [], "each would be two calls of the system"
+        message = text({"kind": "history"})
+        for _ in range(200):
+            socket.connection.socket.sendall(message)
+        for _ in range(200):
+            socket.receive("history")
+    assert pauses
+    assert max(waited) <= WAITING_MESSAGES + READ_BYTES // len(message)
