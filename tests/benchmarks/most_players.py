@@ -135,12 +135,14 @@ def next_action(grid: list[str], position: tuple[int, int], chance: random.Rando
     return chance.choice([way for way, (r, c) in inside.items() if grid[r][c] == "."] or list(inside))
 
 
-async def play(server: Server, begun: dict[str, str], until_s: float, trips: list[float]) -> None:
-    """Play at the pace; keep the round trip of each move in ms."""
+async def play(server: Server, begun: dict[str, str], come: asyncio.Barrier, seconds: float, trips: list[float]) -> None:
+    """Play at the pace for `seconds` from the moment when everybody has come; keep the round trip of each move in ms."""
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
     async with connect(url, proxy=None, compression=None, additional_headers={"X-Mars-Token": server.token}) as socket:
         frame = json.loads(await socket.recv())
+        await come.wait()
+        until_s = time.monotonic() + seconds
         due = time.monotonic() + chance.random() / MOVES_PER_SECOND
         while due < until_s and not frame["outcome"]:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
@@ -161,26 +163,27 @@ async def _lag(lags: list[float]) -> None:
         lags.append((time.perf_counter() - due) * 1000)
 
 
-async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float) -> tuple[list[float], list[float]]:
+async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float) -> tuple[float, list[float], list[float]]:
+    """Return the server's processor time when measuring began, in s, the round trips and this process's own lags, in ms."""
     trips: list[float] = []
     lags: list[float] = []
-    until_s = time.monotonic() + seconds + 2
-    players = [asyncio.create_task(play(server, begun, until_s, trips)) for begun in boards]
-    await asyncio.sleep(2)  # everybody has come
-    await asyncio.to_thread(server.measured)
+    come = asyncio.Barrier(len(boards) + 1)  # the server lets so many connections begin in a second
+    players = [asyncio.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards]
+    await come.wait()
+    await asyncio.sleep(2)
+    cpu = float((await asyncio.to_thread(server.measured))["cpu_s"])  # type: ignore[arg-type]
     trips.clear()
     lag = asyncio.create_task(_lag(lags))
     await asyncio.gather(*players)
     lag.cancel()
-    return trips, lags
+    return cpu, trips, lags
 
 
 def measure(server: Server, players: int, seconds: float) -> Level:
     """Return what `players` people come to; StarvedError when this process was too slow to say."""
     with httpx.Client(base_url=server.url, trust_env=False, headers={"X-Mars-Token": server.token}) as client:
         boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
-        cpu = float(server.measured()["cpu_s"])  # type: ignore[arg-type]
-        trips, lags = asyncio.run(_campaign(server, boards, seconds))
+        cpu, trips, lags = asyncio.run(_campaign(server, boards, seconds))
     own = float(np.percentile(lags, 99))
     if own > MOST_LAG_MS:
         raise StarvedError(
@@ -188,7 +191,7 @@ def measure(server: Server, players: int, seconds: float) -> Level:
             f"(at most {MOST_LAG_MS:g}), so nothing is reported: let it run on a core that does nothing else"
         )
     found = server.measured()
-    used = (float(found["cpu_s"]) - cpu) / (seconds + 2)  # type: ignore[arg-type]
+    used = (float(found["cpu_s"]) - cpu) / seconds  # type: ignore[arg-type]
     median, p99 = (float(np.percentile(found["moves"], p)) for p in (50, 99))
     lag, trip = float(np.percentile(found["lags"], 99)), float(np.percentile(trips, 99))
     return Level(players, len(found["moves"]), median, p99, lag, trip, own, used)
