@@ -91,7 +91,7 @@ def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where
     me.begin(rival="frontier-cost", size=[9, 12], seed=5)
     me.wait(FIRST)
     assert [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")] == ["You", "Policy"]
-    me.begin(player="frontier-priced", rival="frontier-cost", size=[9, 12], seed=5)
+    me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)  # long enough that both still play at the end
     me.wait("mars.state.mode === 'watch'")
     for role, name in (("player", "frontier-priced"), ("rival", "frontier-cost")):
         tab = page.get_by_test_id(f"tab-{role}")

@@ -148,7 +148,16 @@ class Running:
 
 
 @pytest.fixture
-def serve(tmp_path):
+def limits():
+    """The limits of a server that is asked for none: people at machine speed are not slowed down to a hand's."""
+    from app.settings import Limits
+
+    fast = "100000+100000/s"
+    return Limits(acts=fast, events=fast, served=fast, requests=fast, files=fast)
+
+
+@pytest.fixture
+def serve(tmp_path, limits):
     """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from app.play.sources import Sources
     from app.server import Prepared, create_app
@@ -158,7 +167,7 @@ def serve(tmp_path):
     running = []
 
     def start(sources=None, policies=None, **settings):
-        settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", **settings}
+        settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", "limits": limits, **settings}
         sock = listen("127.0.0.1", 0)
         clock = Clock()
         server = Running(sock.getsockname()[1], clock)
@@ -194,7 +203,7 @@ def server(serve):
 
 
 @pytest.fixture
-def spawn(tmp_path, tmp_path_factory):
+def spawn(tmp_path, tmp_path_factory, limits):
     """`spawn()` starts a server in a process of its own that can be killed; the same database every time.
 
     `listening` is a socket that it inherits as systemd would pass it on.
@@ -204,7 +213,8 @@ def spawn(tmp_path, tmp_path_factory):
     processes, logs = [], tmp_path_factory.mktemp("servers")
 
     def start(listening=None, **settings):
-        settings = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies"), "port": 0, **settings}
+        paths = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies")}
+        settings = {**paths, "port": 0, "limits": limits, **settings}
         process = ServerProcess(settings, logs / f"{len(processes)}.log", listening)
         processes.append(process)
         said = []

@@ -1,0 +1,11 @@
+"""Servers of these tests have the limits that people's have."""
+
+import pytest
+
+from app.settings import Limits
+
+
+@pytest.fixture
+def limits():
+    """The defaults."""
+    return Limits()
