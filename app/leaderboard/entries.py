@@ -7,7 +7,7 @@ from typing import Any
 
 from app.leaderboard.closed_studies import ClosedStudies, ranked_seeds
 from app.leaderboard.jobs import EvaluationJob
-from app.statistics.human_level import human_level
+from app.statistics.human_level import VolunteerFigures
 from app.storage.reader import Reader
 from app.study.data import StudyData
 from app.study.policy_files import PolicyFiles
@@ -79,10 +79,10 @@ class LeaderboardEntry:
         }
 
 
-def list_entries(reader: Reader, studies: ClosedStudies) -> list[LeaderboardEntry]:
+def list_entries(reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures) -> list[LeaderboardEntry]:
     """Return every entry: closed studies, then what people have played, the most played first, then the rest."""
     found = {f"study-{data.protocol.name}": _of_study(data, human) for data, human in studies.closed(reader)}
-    for figure in human_level(reader)["figures"]:
+    for figure in volunteers.human_level(reader)["figures"]:
         config = EnvConfig(**figure["config"])
         found[config.hash] = _of_config(config, figure)
     for config in OFFERED:

@@ -16,6 +16,7 @@ from app.leaderboard.evaluations import PolicyEvaluations
 from app.leaderboard.human_summaries import HumanSummaries
 from app.leaderboard.shipped import ShippedFigures
 from app.play.policy_catalogue import PolicyOffer
+from app.statistics.human_level import VolunteerFigures
 from app.storage.reader import Reader
 
 NOBODY_PLAYED = "Nobody has played this ranked yet."
@@ -28,13 +29,15 @@ class UnknownEntryError(LookupError):
 class Leaderboard:
     """Reads people from the database and has the policies on offer evaluated.
 
-    With thousands of players a reading takes seconds. So there is one at a time, on a thread of its own, and all who ask while
-    one is under way share the next.
+    There is one reading at a time, on a thread of its own, and all who ask while one is under way share the next.
+
+    volunteers  their figures, which other requests read as well
     """
 
     def __init__(self, database: Path, offers: Sequence[PolicyOffer], studies: Path) -> None:
         self._database, self._offers = database, offers
         self._evaluations = PolicyEvaluations(database.with_name(database.name + "-figures.json"), ShippedFigures())
+        self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies)
         self._reading = threading.Lock()
@@ -45,7 +48,7 @@ class Leaderboard:
     def entries(self) -> list[LeaderboardEntry]:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            return list_entries(reader, self._studies)
+            return list_entries(reader, self._studies, self.volunteers)
 
     async def newest_entries(self) -> list[LeaderboardEntry]:
         """Return every entry as the database has it now, whoever else asks."""

@@ -8,8 +8,10 @@ other. The interval is the one that reports print (`app.statistics.intervals`). 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 
 from app.statistics.exclusion_sets import MetricName
 from app.statistics.headline import NEWEST_RULE, is_a_few_players
-from app.statistics.intervals import estimate
+from app.statistics.intervals import headline_interval
 from app.statistics.study_figures import metric_bounds
 from app.storage.reader import Reader
 from marsexplorer.config import EnvConfig
@@ -27,14 +29,38 @@ from marsexplorer.score import steps_to_target
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 
 
+class VolunteerFigures:
+    """The volunteers' figures, each kept while the counted episodes of its configuration stay the same.
+
+    Every reading reads the counted episodes, and makes a figure anew unless the hash of all that it is made from is the one
+    before. So an episode that comes, goes or no longer counts is seen at once. Nobody's id is kept, and figures that nothing
+    counts for any longer are dropped.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[str, tuple[bytes, dict[str, Any]]] = {}
+        self._making = threading.Lock()
+
+    def human_level(self, store: Reader) -> dict[str, Any]:
+        """Return what the function `human_level` returns; the figures are shared, so do not change them."""
+        by_config: dict[str, list[dict[str, Any]]] = {}
+        for row in store.totals("human"):
+            by_config.setdefault(row["config"], []).append(row)
+        with self._making:
+            self._made = {config: self._made_from(config, played) for config, played in by_config.items()}
+            figures = sorted((figure for _, figure in self._made.values()), key=lambda figure: -figure["episodes"])
+        return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
+
+    def _made_from(self, config: str, played: list[dict[str, Any]]) -> tuple[bytes, dict[str, Any]]:
+        """Return the hash of a configuration's counted episodes with their figure."""
+        state = hashlib.sha256(repr([tuple(row.values()) for row in played]).encode()).digest()
+        made = self._made.get(config)
+        return made if made is not None and made[0] == state else (state, _figure(config, played))
+
+
 def human_level(store: Reader) -> dict[str, Any]:
     """Return the volunteers' `{"figures": [one per configuration], "sentence": the same in words}`; none for nobody."""
-    by_config: dict[str, list[dict[str, Any]]] = {}
-    for row in store.totals("human"):
-        by_config.setdefault(row["config"], []).append(row)
-    figures = [_figure(config, played) for config, played in by_config.items()]
-    figures.sort(key=lambda figure: -figure["episodes"])
-    return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
+    return VolunteerFigures().human_level(store)
 
 
 def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
@@ -80,9 +106,8 @@ def _interval_of(
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
     means = np.array([_mean(own) for own in values.values()], np.float64)
-    found = estimate(means, metric_bounds(config, metric), is_guaranteed=is_guaranteed)
-    low, high = found.interval or (None, None)
-    return {"mean": found.mean, "low": low, "high": high}
+    low, high = headline_interval(means, metric_bounds(config, metric), is_guaranteed=is_guaranteed) or (None, None)
+    return {"mean": float(means.mean()), "low": low, "high": high}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -90,11 +90,8 @@ def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE, i
             headline="printed",
         )
     t = _pair(t_interval(values))
-    if confidence < 1:
-        plain, reached = _pair(t_interval(values, confidence)), _pair(printed_interval(values, confidence))
-    else:  # so early a look that nothing may be concluded from it
-        plain = reached = -np.inf, np.inf
-    printed = max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
+    plain, reached = _plain_and_reached(values, confidence)
+    printed = _cut_off(reached, bounds)
     sd = float(values.std(ddof=1))
     return Estimate(
         mean=mean,
@@ -110,6 +107,39 @@ def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE, i
         headline="guaranteed" if is_guaranteed else "printed",
         confidence=confidence,
     )
+
+
+def headline_interval(
+    values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False
+) -> Interval | None:
+    """Return `estimate(...).interval` without working the other intervals out, which takes seconds for thousands of players.
+
+    None for one player; ValueError when a value lies outside the bounds.
+    """
+    _check_within(values, bounds)
+    if len(values) < 2:
+        return None
+    if is_guaranteed:
+        return _pair(guaranteed_interval(values, bounds))
+    return _cut_off(_plain_and_reached(values, confidence)[1], bounds)
+
+
+def _plain_and_reached(values: Floats, confidence: float) -> tuple[Interval, Interval]:
+    """Return the t interval and the one that RULE makes of it, before it is cut off."""
+    if confidence < 1:
+        return _pair(t_interval(values, confidence)), _pair(printed_interval(values, confidence))
+    everything = -np.inf, np.inf  # so early a look that nothing may be concluded from it
+    return everything, everything
+
+
+def _cut_off(reached: Interval, bounds: Interval) -> Interval:
+    return max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
+
+
+def _check_within(values: Floats, bounds: Interval) -> None:
+    floor, ceiling = bounds
+    if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
+        raise ValueError(f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}")
 
 
 def _pair(ends: Ends) -> Interval:
@@ -215,9 +245,8 @@ def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
     the true mean exceeds 40 with a probability of at most 1/40 (Waudby-Smith and Ramdas 2024, J. R. Statist. Soc. B 86(1)).
     ValueError when a value lies outside the bounds.
     """
+    _check_within(values, bounds)
     floor, ceiling = bounds
-    if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
-        raise ValueError(f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}")
     share = np.clip((values - floor) / (ceiling - floor), 0, 1)
     low, high = _lower_bound(share), 1 - _lower_bound(1 - share)
     return floor + (ceiling - floor) * low, floor + (ceiling - floor) * high

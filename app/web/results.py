@@ -12,7 +12,6 @@ from fastapi.responses import StreamingResponse
 
 from app.moves.regret import POLICY
 from app.moves.service import RegretBusyError
-from app.statistics.human_level import human_level
 from app.storage.export import export_table
 from app.storage.reader import Reader
 from app.web.access import player_of, services_of
@@ -38,7 +37,7 @@ def get_human_level(request: Request) -> dict[str, Any]:
     interval is the report's, and `abandoned` says how many of the `episodes` were left.
     """
     with _reader(request) as reader:
-        return human_level(reader)
+        return services_of(request).leaderboard.volunteers.human_level(reader)
 
 
 @router.get("/episodes", tags=["results"], summary="Finished episodes")

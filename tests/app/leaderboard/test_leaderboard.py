@@ -8,6 +8,8 @@ import pytest
 
 from app.leaderboard import entries
 from app.leaderboard.closed_studies import ClosedStudies
+from app.statistics import human_level
+from app.statistics.human_level import VolunteerFigures
 from app.storage.store import Store
 from app.study.folder import Folder
 from marsexplorer.config import EnvConfig
@@ -34,10 +36,10 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
         studies = ClosedStudies(tmp_path / "studies")
-        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, studies)]
+        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, studies, VolunteerFigures())]
         assert players == [0] * len(entries.OFFERED)
         play(store, seed=1, explore=True)
-        first, *rest = entries.list_entries(store, studies)
+        first, *rest = entries.list_entries(store, studies, VolunteerFigures())
     finally:
         store.close()
     assert first.config == SMALL
@@ -72,6 +74,19 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
     assert answers == 32 * answers[:1]
     assert waited_s < 3 * READING_S, "behind those who had asked it would be some ten times"
     assert len(readings) < 10, "32 without sharing"
+
+
+def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, tmp_path):
+    store, made, make = Store(tmp_path / "playground.db"), [], human_level._figure
+    for player in ("ada", "bob"):
+        play(store, 1, player)
+    store.close()
+    monkeypatch.setattr(human_level, "_figure", lambda *given: made.append(given) or make(*given))
+    client = serve().client()
+    for _ in range(2):
+        assert client.get("/api/human-level").json()["figures"][0]["players"] == 2
+        assert client.get("/api/leaderboard").json()[0]["players"] == 2
+    assert len(made) == 1
 
 
 @pytest.fixture

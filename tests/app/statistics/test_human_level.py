@@ -1,10 +1,13 @@
 """The volunteers' figure: players are the unit, one figure a configuration, nothing where nobody has played."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.human_level import NOBODY_PLAYED, human_level, mean_interval
+from app.statistics import human_level as module
+from app.statistics.human_level import NOBODY_PLAYED, VolunteerFigures, human_level, mean_interval
 from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds
 from app.storage.store import Store
@@ -53,6 +56,84 @@ def test_each_player_weighs_the_same_however_much_they_played(store):
     assert (figure["players"], figure["episodes"], figure["population"]) == (3, 6, "volunteers")
     assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
     assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
+
+
+@pytest.mark.parametrize(("failing", "headline"), [("player-1", "guaranteed"), (None, "printed")])
+def test_the_figures_are_those_of_the_whole_estimate_to_the_last_digit(store, failing, headline):
+    scores, steps = {}, {}
+    for seed in range(24):
+        player = f"player-{seed % 8}"
+        row = store.episode(play(store, seed, player, explore=player != failing).id)
+        scores.setdefault(player, []).append(row["score"])
+        steps.setdefault(player, []).append(row["steps_to_target"])
+    (figure,) = human_level(store)["figures"]
+    assert figure["headline"] == headline
+    for name, values in (("score", scores), ("steps", steps)):
+        means = np.array([math.fsum(own) / len(own) for own in values.values()])
+        whole = estimate(means, metric_bounds(SMALL, name), is_guaranteed=headline == "guaranteed")
+        assert tuple(figure[name].values()) == (whole.mean, *whole.interval)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """How many episodes each figure was made from, in the order of making."""
+    counts, make = [], module._figure
+    monkeypatch.setattr(module, "_figure", lambda config, played: counts.append(len(played)) or make(config, played))
+    return counts
+
+
+def test_a_figure_is_made_again_only_when_its_counted_episodes_are_others(store, made):
+    for seed in range(4):
+        play(store, seed, f"player-{seed}", explore=True)
+    play(store, 1, config=WIDE)
+    kept = VolunteerFigures()
+    first = kept.human_level(store)
+    assert made == [4, 1]
+    open_episode(store, add_session(store), seed=5)
+    play(store, 6, driver="script")
+    assert kept.human_level(store) == first
+    assert made == [4, 1]
+    play(store, 9, "player-9")
+    found = kept.human_level(store)
+    assert made == [4, 1, 5], "the other configuration's figure is kept"
+    assert found == human_level(store) != first
+
+
+LAST = "(SELECT id FROM episodes WHERE seed = 3)"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (f"DELETE FROM steps WHERE episode_id = {LAST}", "DELETE FROM episodes WHERE seed = 3"),
+        ("UPDATE episodes SET attestation = 'unattested' WHERE seed = 3",),
+        ("UPDATE episodes SET driver = 'script' WHERE seed = 3",),
+        ("UPDATE episodes SET assisted = 1 WHERE seed = 3",),
+        ("UPDATE episodes SET score = score - 1e-9 WHERE seed = 3",),
+        (f"UPDATE sessions SET owner_id = 'player-1' WHERE id = (SELECT session_id FROM episodes WHERE id = {LAST})",),
+    ],
+    ids=["erased", "no longer attested", "a script's", "assisted", "another score", "another player's"],
+)
+def test_an_episode_that_leaves_or_changes_does_so_in_the_next_reading(store, changes):
+    for seed in range(4):
+        play(store, seed, f"player-{seed}", explore=seed > 0)
+    kept = VolunteerFigures()
+    before = kept.human_level(store)
+    with store.transaction():
+        for sql in changes:
+            assert store.connection.execute(sql).rowcount > 0
+    assert kept.human_level(store) == human_level(store) != before
+
+
+def test_nothing_of_erased_people_is_kept_after_the_next_reading(store):
+    play(store, 1, "player-1")
+    kept = VolunteerFigures()
+    kept.human_level(store)
+    assert "player-1" not in repr(vars(kept)), "nobody's id at any time"
+    with store.transaction():
+        store.connection.execute("UPDATE episodes SET driver = 'script'")
+    assert kept.human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
+    assert kept._made == {}
 
 
 def test_an_abandoned_episode_counts_max_steps_and_is_named(store):

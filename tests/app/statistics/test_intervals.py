@@ -12,6 +12,7 @@ from app.statistics.intervals import (
     guaranteed_covers,
     guaranteed_interval,
     hall_interval,
+    headline_interval,
     printed_interval,
     skewness,
 )
@@ -138,6 +139,21 @@ def test_an_estimate_says_which_end_it_widened():
     assert found.interval[0] < found.t[0]
     assert found.interval[1] == min(found.t[1], 1)  # cut off at the bound
     assert estimate(np.array([0.4, 0.5, 0.6]), (0, 1)).widened is None
+
+
+@pytest.mark.parametrize("is_guaranteed", [False, True])
+@pytest.mark.parametrize("confidence", [0.95, 0.98, 1.0])
+@pytest.mark.parametrize("values", [*SAMPLES, np.array([0.2]), np.full(6, 0.3), np.array([0.9, 1.0, 1.0, 1.0])])
+def test_the_headline_alone_is_that_of_the_estimate_to_the_last_digit(values, confidence, is_guaranteed):
+    bounds = (float(values.min()) - 0.5, float(values.max()) + 0.01)
+    assert headline_interval(values, bounds, confidence, is_guaranteed) == (
+        estimate(values, bounds, confidence, is_guaranteed).interval
+    )
+
+
+def test_the_headline_refuses_a_value_outside_the_bounds():
+    with pytest.raises(ValueError, match=r"values must lie in 0\.\.1"):
+        headline_interval(np.array([0.5, 1.2]), (0, 1))
 
 
 def test_players_who_are_all_alike_have_no_skewness():
