@@ -35,7 +35,16 @@ from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
-from app.protection import Admission, AllowedHosts, ForwardedHeaders, OwnPages, Protection, SecurityHeaders, own_names
+from app.protection import (
+    Admission,
+    AllowedHosts,
+    ForwardedHeaders,
+    OwnCookies,
+    OwnPages,
+    Protection,
+    SecurityHeaders,
+    own_names,
+)
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -48,7 +57,7 @@ from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
-from app.web import admin, api, api_docs, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
+from app.web import admin, api, api_docs, cookies, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
 from app.web.errors import add_error_handlers, answer_refusal
 from app.web.listening import AnnouncingServer, ServerError, address_of, inherited_socket, listen, uvicorn_config
 from app.web.middleware import BodyLimit
@@ -126,6 +135,7 @@ def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics, protecti
     app.add_middleware(NotedRoute)
     app.add_middleware(BodyLimit)
     app.add_middleware(Admission, protection=protection, answer=answer_refusal)
+    app.add_middleware(OwnCookies, names=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE))
     app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)

@@ -7,6 +7,7 @@ The middleware of this package leaves its judgement in the connection; handlers 
 
 from app.protection.addresses import client_address, is_secure
 from app.protection.admission import Admission, limited_as
+from app.protection.cookies import OwnCookies
 from app.protection.headers import NO_CACHE, SHARED, SecurityHeaders, page_policy, viewer_policy
 from app.protection.hosts import AllowedHosts, own_names
 from app.protection.origins import OwnPages, has_own_origin
@@ -22,6 +23,7 @@ __all__ = [
     "Admission",
     "AllowedHosts",
     "ForwardedHeaders",
+    "OwnCookies",
     "OwnPages",
     "Protection",
     "SecurityHeaders",
