@@ -13,10 +13,11 @@ PENALTY, PENALTY_DEBT = 100, 5
 """Connections that an address may open less at once for each of its sockets that was closed for too much, and how many of them
 it may come to owe: whoever floods over one socket after the other soon opens one for six tokens of the bare rate."""
 
-MOST_WAITING = 100
-"""Refused connections that wait until they are told so; each is an open file, and these are few."""
+MOST_WAITING, MOST_REFUSED = 100, 200
+"""Refused connections that may be open for a further one to wait until it is told so, and for one to be told at all. Each is an
+open file, and so are those of three turns of the event loop, some 150, that are being closed: OTHER_FILES leaves room."""
 
-OTHER_FILES = 256
+OTHER_FILES = 512
 """File descriptors that a server needs besides its connections, at most."""
 
 
@@ -67,13 +68,13 @@ class Connections:
 
     opened       how many one address may open
     served       how many of these are served at once; the others wait for their turn
-    waiting      how many refused ones wait until they are told so
+    refused      how many refused ones are still open
     named_proxy  says whether a peer's address is that of a named proxy: it speaks for many, so only the total counts there
     """
 
     def __init__(self, slots: Slots, opened: BucketSize, served: BucketSize, named_proxy: Callable[[str], bool]) -> None:
         self.slots, self._named_proxy = slots, named_proxy
-        self.waiting = 0
+        self.refused = 0
         self._opened, self._served = AddressBuckets(opened), AddressBuckets(served)
 
     def key_of(self, peer: str) -> str | None:
@@ -85,12 +86,6 @@ class Connections:
         if key is not None and not self._opened.of(key).take_if_there():
             return False
         return self.slots.take(key)
-
-    def let_wait(self) -> bool:
-        """Count a refused connection that is to wait and return True, or return False where enough wait."""
-        may_wait = self.waiting < MOST_WAITING
-        self.waiting += may_wait
-        return may_wait
 
     def turn_s(self, key: str | None) -> float:
         """Return for how many seconds a connection that was taken waits until it is served."""

@@ -18,6 +18,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from app.protection.buckets import TokenBucket
+from app.protection.connections import MOST_REFUSED, MOST_WAITING
+from app.protection.parser import LimitedParser
 from app.protection.socket_budget import POLICY_VIOLATION
 
 if TYPE_CHECKING:
@@ -38,6 +40,9 @@ open the next at once, and told after the same time, it would open them all at t
 
 SLICE_BYTES = 1024
 """Bytes of a socket that are looked at before its limits are: 170 pings."""
+
+REQUEST_BYTES = 2048
+"""Bytes of requests that are read of one connection in a turn of the event loop."""
 
 READ_BYTES = 256
 """Bytes that are read of one socket in a turn of the event loop: a page's message, or eighteen of the smallest. A quarter of a
@@ -62,6 +67,7 @@ class LimitedHttp(H11Protocol):
     """HTTP whose connections are counted until they, or the sockets that they become, are lost."""
 
     protection: ClassVar[Protection]
+    conn: LimitedParser
     _key: str | None = None
     _is_counted = False
     _is_refused = False
@@ -74,17 +80,15 @@ class LimitedHttp(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.conn = LimitedParser()
+        _read_at_once(transport, REQUEST_BYTES)
         self.protection.slow_readers.add(transport)
         connections = self.protection.connections
         self._key = connections.key_of(self.client[0] if self.client else "")
         self._is_counted = connections.take(self._key)
         self._is_refused = not self._is_counted
         if self._is_refused:
-            self.protection.count_refusal("connections")
-            self._is_answered_at_once = not connections.let_wait()
-            if not self._is_answered_at_once:
-                self.loop.call_later(random.uniform(*REFUSED_AFTER_S), self._end_wait)
-            self.loop.call_later(LINGER_S, transport.abort)
+            self._refuse()
         elif turn_s := connections.turn_s(self._key):
             transport.pause_reading()
             self.loop.call_later(turn_s, self._serve)
@@ -93,6 +97,7 @@ class LimitedHttp(H11Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
+        self.protection.connections.refused -= self._is_refused
         self._release()
         self._await(None)
 
@@ -111,6 +116,22 @@ class LimitedHttp(H11Protocol):
         if self.cycle is not None and self.cycle.transport is self.transport:
             self.cycle.transport = HeadWithBody(self.transport, self.loop)  # type: ignore[assignment]
 
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what cannot be read, or would take long to read, where its answer has not begun, and close the connection."""
+        may_answer = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
+        if self.conn.refusal is None and may_answer:
+            super().send_400_response(msg)
+            return
+        if self.conn.refusal is not None:
+            self.protection.count_refusal("long_request")
+            if may_answer:
+                self.transport.write(_json_answer("431 Request Header Fields Too Large", self.conn.refusal))
+        if self.conn.our_state is h11.IDLE:
+            self.transport.pause_reading()  # closed with something unread, it would be reset before the answer is read
+            self.loop.call_later(LINGER_S, self.transport.abort)
+        else:
+            self.transport.close()
+
     def handle_websocket_upgrade(self, event: object) -> None:
         super().handle_websocket_upgrade(event)  # type: ignore[arg-type]
         protocol = self.transport.get_protocol()
@@ -119,6 +140,15 @@ class LimitedHttp(H11Protocol):
             if self._key is not None:
                 protocol.of_address = self.protection.messages.of(self._key)
             protocol.punish = lambda: self.protection.connections.punish(self._key)
+            if protocol.conn.handshake_exc is not None and not self.transport.is_closing():
+                self._refuse_handshake()
+
+    def _refuse_handshake(self) -> None:
+        """Answer a request that the library `websockets` has not taken: Uvicorn would keep the connection and do nothing."""
+        self.protection.count_refusal("handshake")
+        detail = "a request for a websocket must have no body and no line of more than 8 KB, as browsers send it"
+        self.transport.write(_json_answer("400 Bad Request", detail))
+        self.transport.close()
 
     def pause_writing(self) -> None:
         super().pause_writing()
@@ -132,9 +162,21 @@ class LimitedHttp(H11Protocol):
         super().on_response_complete()
         self._watch(is_coming=False)
 
+    def _refuse(self) -> None:
+        """Tell the connection that it is refused, after a wait or at once; or close it where too many are told so."""
+        connections = self.protection.connections
+        self.protection.count_refusal("connections")
+        connections.refused += 1
+        if connections.refused > MOST_REFUSED:
+            self.transport.abort()
+            return
+        self._is_answered_at_once = connections.refused > MOST_WAITING
+        if not self._is_answered_at_once:
+            self.loop.call_later(random.uniform(*REFUSED_AFTER_S), self._end_wait)
+        self.loop.call_later(LINGER_S, self.transport.abort)
+
     def _end_wait(self) -> None:
         """Answer what a refused connection has asked for, now or as soon as it does."""
-        self.protection.connections.waiting -= 1
         self._is_answered_at_once = True
         self._tell_refused()
 
@@ -232,7 +274,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        self._read_at_once(READ_BYTES)
+        _read_at_once(self.transport, READ_BYTES)
         self._pings = TokenBucket(self.protection.bucket_sizes["pings"])
         self._messages = TokenBucket(self.protection.bucket_sizes["messages"])
 
@@ -305,10 +347,6 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             self.read_paused = True
             self.transport.pause_reading()
 
-    def _read_at_once(self, size: int) -> None:
-        if hasattr(self.transport, "max_size"):
-            self.transport.max_size = size
-
     def handle_parser_exception(self) -> None:
         """Close a socket whose message breaks the protocol; what still comes is discarded.
 
@@ -322,7 +360,7 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True
         self.queue.put_nowait({"type": "websocket.disconnect", "code": self.conn.close_sent.code})
-        self._read_at_once(DISCARDED_BYTES)
+        _read_at_once(self.transport, DISCARDED_BYTES)
         self.transport.resume_reading()
         self._close_later()
 
@@ -340,6 +378,12 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             self.close_sent = True
         self.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY_VIOLATION})
         self._stop_reading()
+
+
+def _read_at_once(transport: asyncio.BaseTransport, size: int) -> None:
+    """Read so many bytes at once, where a transport has such a size."""
+    if hasattr(transport, "max_size"):
+        transport.max_size = size
 
 
 def limited_protocols(protection: Protection) -> tuple[type[LimitedHttp], type[LimitedWebSocket]]:

@@ -18,6 +18,7 @@ from websockets.exceptions import InvalidStatus
 
 from app.protection import Admission, Protection
 from app.protection.admission import MAX_IDLE, Rates
+from app.protection.connections import OTHER_FILES
 from app.settings import STATIC, Limits
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -62,22 +63,22 @@ def test_connections_beyond_the_cap_get_503_and_a_time_to_return_and_everything_
 
 def test_the_cap_on_connections_fits_the_files_that_the_server_may_open():
     """In a process of its own: a limit that was lowered cannot be raised again."""
-    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (300, 400)); from app.protection.connections import make_room"
+    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (600, 700)); from app.protection.connections import make_room"
     code += "; print(make_room(100), r.getrlimit(r.RLIMIT_NOFILE)[0], make_room(1000), r.getrlimit(r.RLIMIT_NOFILE)[0])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() == [
-        "100", "356", "144", "400",
+        "100", "612", "188", "700",
     ]  # fmt: skip
 
 
 def test_the_caps_of_a_server_follow_the_files_that_it_may_open():
     """As many connections as fit, and websockets in proportion, so that pages can be loaded when all of these are taken."""
-    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (300, 400)); from app.settings import Limits"
+    code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (600, 700)); from app.settings import Limits"
     code += "; from app.protection.service import Protection; protection = Protection(Limits())"
     code += (
         "; print(*(sum(slots.take(None) for _ in range(5000)) for slots in (protection.connections.slots, protection.sockets)))"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert said.split() == ["144", "72"]
+    assert said.split() == ["188", "94"]
 
 
 def test_connections_in_total_have_a_cap_and_one_address_cannot_open_them_too_fast(serve):
@@ -123,6 +124,23 @@ def test_whoever_is_refused_waits_and_asks_no_sooner_again(serve):
         waits_s.append((status, time.monotonic() - began))
     assert [status for status, _ in waits_s] == ["200", "503", "503"]
     assert min(wait_s for _, wait_s in waits_s[1:]) >= 0.25
+
+
+def test_refused_connections_that_ask_for_nothing_hold_few_files(spawn):
+    """A thousand in one moment; each was an open file for a second, more of them than are left for that."""
+    server, most = spawn(limits={"opened": "1+0.01/s"}), 0
+    files = Path(f"/proc/{server.process.pid}/fd")
+    before = len(list(files.iterdir()))
+    with ExitStack() as stack:
+        for number in range(1000):
+            stack.enter_context(opened(server))
+            if number % 20 == 0:
+                most = max(most, len(list(files.iterdir())))
+    assert most - before < OTHER_FILES
+    eventually(lambda: len(list(files.iterdir())) <= before)
+    time.sleep(1)
+    with opened(server) as connection:
+        assert "The playground is full" in ask(connection), "who comes later is told"
 
 
 def test_a_connection_without_a_request_is_closed(serve):
@@ -225,11 +243,11 @@ def test_rates_of_players_who_have_done_nothing_of_late_are_dropped():
 
 
 def test_long_cookies_are_not_kept(server):
-    """A rate remembers a player by a digest: a hundred cookies of 50 kB take less than one megabyte."""
+    """A rate remembers a player by a digest: a hundred cookies of 15 kB take less than one megabyte."""
     client = server.client()
 
     def join(number):
-        cookie = f"mars_player={number:05d}{'x' * 50_000}"
+        cookie = f"mars_player={number:05d}{'x' * 15_000}"
         assert client.post("/api/studies/none/join", headers={"Cookie": cookie}).status_code == 404
 
     join(0)

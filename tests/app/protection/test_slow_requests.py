@@ -106,3 +106,18 @@ def test_the_time_of_a_request_begins_with_its_turn(serve):
     for each in asked:
         with each:
             assert each.recv(65536).startswith(b"HTTP/1.1 200 ")
+
+
+@pytest.mark.parametrize("wrong", ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n", f"X-Long: {'a' * 9000}\r\n"])
+def test_a_handshake_that_is_not_taken_is_answered_and_keeps_no_connection(serve, wrong):
+    """Neither library answered it, and no time limit held: such a connection stayed for ever, and counted as no socket."""
+    server = serve(limits=Limits(headers_s=0.4, body_s=0.4))
+    ask = f"GET /ws/sessions/x HTTP/1.1\r\nHost: 127.0.0.1\r\n{wrong}Upgrade: websocket\r\nConnection: Upgrade\r\n"
+    ask += "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    with opened(server) as connection:
+        connection.sendall(ask.encode())
+        answer = b"".join(iter(lambda: connection.recv(65536), b"")).decode()
+    assert answer.startswith("HTTP/1.1 400 ")
+    assert "as browsers send it" in json.loads(answer.split("\r\n\r\n")[1])["detail"]
+    assert server.services.protection.refusals == {"handshake": 1}
+    eventually(lambda: server.services.protection.connections.slots.open == 0)
