@@ -106,11 +106,10 @@ class WriteQueue:
     def stop(self) -> None:
         """Make the writes that wait, then end the thread; call it in another thread, while the event loop runs."""
         if self._thread is not None:
-            self._is_ending = True
             try:
-                self._loop.call_soon_threadsafe(self._queue.put, None)  # behind what was gathered
+                self._loop.call_soon_threadsafe(self._end)
             except RuntimeError:  # the event loop has ended
-                self._queue.put(None)
+                self._end()
             self._thread.join()
             self._thread = None
 
@@ -160,6 +159,12 @@ class WriteQueue:
         if self._gathered:
             self._queue.put(self._gathered)
             self._gathered = []
+
+    def _end(self) -> None:
+        """Take no further write, and let the thread end behind what was gathered; between two turns nobody else gathers."""
+        self._is_ending = True
+        self._hand_over()
+        self._queue.put(None)
 
     def _make_writes(self) -> None:
         waiting, batch, is_last = deque[_Write](), list[_Write](), False

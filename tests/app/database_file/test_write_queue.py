@@ -352,3 +352,37 @@ def test_without_a_started_thread_a_write_is_made_at_once():
     queue = WriteQueue(lambda: None, lambda: None)
     assert asyncio.run(queue.run(lambda: 7, then=followed.append)) == 7
     assert followed == [7]
+
+
+class StoppingLoop(asyncio.SelectorEventLoop):
+    """A loop in which the next write that is asked for is overtaken by the end of the queue, which another thread asks for."""
+
+    queue = None
+
+    def create_future(self):
+        if (queue := self.queue) is not None:
+            self.queue = None
+            self.stopping = threading.Thread(target=queue.stop)
+            self.stopping.start()
+            time.sleep(0.2)  # it has asked for the end by now
+        return super().create_future()
+
+
+def test_a_write_that_is_asked_for_while_the_queue_ends_is_answered():
+    """It was put behind the end of the queue, and whoever awaited it waited for ever."""
+    loop = StoppingLoop()
+    queue = WriteQueue(lambda: None, lambda: None)
+
+    async def scenario():
+        queue.start()
+        assert await queue.run(lambda: "before") == "before"
+        loop.queue = queue
+        async with asyncio.timeout(10):
+            assert await queue.run(lambda: "meanwhile") == "meanwhile"
+
+    try:
+        loop.run_until_complete(scenario())
+        loop.stopping.join(10)
+        assert not loop.stopping.is_alive()
+    finally:
+        loop.close()
