@@ -16,14 +16,15 @@ HELD_OUT_TERRAINS = 200
 
 
 def commit() -> str | None:
-    """Return the commit of the checkout this runs from, None outside one."""
+    """Return the commit of the checkout this runs from; None outside one, also where a package lies in another checkout."""
+    root = Path(__file__).resolve().parents[3]
+    command = ["git", "-C", str(root), "rev-parse", "--show-toplevel", "HEAD"]
     try:
-        done = subprocess.run(
-            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-        )
-    except OSError:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
         return None
-    return done.stdout.strip() or None
+    top, head = done.stdout.splitlines()
+    return head if Path(top) == root else None
 
 
 def hardware(processes: int) -> str:
