@@ -64,28 +64,28 @@ def load(typingctx, array, at):
     return int64(array, int64), code
 
 
+def _exchange(operation):
+    """Return the code that changes array[at] by an operation, in one step for every thread, and returns what was there."""
+
+    def code(context, builder, signature, args):
+        place = builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+        return builder.atomic_rmw(operation, place, args[2], "seq_cst")
+
+    return code
+
+
 @intrinsic
 def add(typingctx, array, at, number):
     """Add to array[at] of int64, in one step for every thread; return what was there."""
     del typingctx
-
-    def code(context, builder, signature, args):
-        place = builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
-        return builder.atomic_rmw("add", place, args[2], "seq_cst")
-
-    return int64(array, int64, int64), code
+    return int64(array, int64, int64), _exchange("add")
 
 
 @intrinsic
 def swap(typingctx, array, at, number):
     """Write array[at] of int64, in one step for every thread; return what was there."""
     del typingctx
-
-    def code(context, builder, signature, args):
-        place = builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
-        return builder.atomic_rmw("xchg", place, args[2], "seq_cst")
-
-    return int64(array, int64, int64), code
+    return int64(array, int64, int64), _exchange("xchg")
 
 
 @intrinsic
