@@ -16,6 +16,8 @@ from websockets.sync.client import connect
 PACE = random.Random(7)
 PATIENCE_S = 60.0
 """How long anything in a test may take before it counts as never."""
+CLOSE_S = 1.0
+"""How long a socket waits at its end for a server that has more to read of it first."""
 
 
 def eventually(claim, seconds=PATIENCE_S):
@@ -117,15 +119,18 @@ class Running:
         return self.client(headers={"Origin": self.url}, **rest)
 
     @contextmanager
-    def socket(self, session_id, client=None, origin=True, path="/ws/sessions/", **headers):
-        """Yield a Socket with the client's cookie and the page's Origin, as a browser would."""
+    def socket(self, session_id, client=None, origin=True, path="/ws/sessions/", max_queue=None, **headers):
+        """Yield a Socket with the client's cookie and the page's Origin, as a browser would.
+
+        max_queue  messages that wait for the test before nothing more is read; None reads them all, so that it closes at once
+        """
         if client is not None and (cookie := "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)):
             headers["Cookie"] = cookie
         own = self.url if origin is True else origin or None
         url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
-        with connect(
-            url, origin=own, additional_headers=headers, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
-        ) as connection:
+        plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": max_queue}
+        times = {"open_timeout": PATIENCE_S, "close_timeout": CLOSE_S}
+        with connect(url, origin=own, additional_headers=headers, **plain, **times) as connection:
             yield Socket(connection, self.clock)
 
     @property
@@ -156,8 +161,16 @@ def limits():
     return Limits(acts=fast, events=fast, served=fast, requests=fast, files=fast)
 
 
+@pytest.fixture(scope="session")
+def shipped_policies():
+    """What a server without further policies offers: loading each policy once is most of what its start takes."""
+    from app.play.policy_catalogue import PolicyCatalogue
+
+    return PolicyCatalogue()
+
+
 @pytest.fixture
-def serve(tmp_path, limits):
+def serve(tmp_path, limits, shipped_policies):
     """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from app.play.sources import Sources
     from app.server import Prepared, create_app
@@ -172,7 +185,7 @@ def serve(tmp_path, limits):
         clock = Clock()
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
-        server.app = create_app(Settings(**settings), Prepared(sources, policies))
+        server.app = create_app(Settings(**settings), Prepared(sources, policies or shipped_policies))
         engine = uvicorn.Server(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()

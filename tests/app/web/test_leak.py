@@ -14,7 +14,6 @@ from uuid import UUID
 
 import pytest
 
-from app.play.policy_catalogue import PolicyCatalogue
 from app.play.sources import Sources
 from app.storage.store import Store
 from app.study.folder import Study
@@ -30,11 +29,6 @@ FIRST_SEED = 7_000_000_000_000_001
 POLICY_SEED = 5
 RIVAL = "frontier-cost"
 PATH = [1, 2] * 6
-
-
-@pytest.fixture(scope="module")
-def policies():
-    return PolicyCatalogue()
 
 
 def sights(config, seed):
@@ -200,7 +194,7 @@ def sources(seed):
 
 
 @pytest.fixture
-def recorded(serve, tmp_path, policies, monkeypatch):
+def recorded(serve, tmp_path, monkeypatch):
     """`recorded(seed, body, moves)` -> the tape of a server of its own, and its recorder."""
     monkeypatch.setattr(Store, "secret", lambda self: "the same for all")
 
@@ -209,7 +203,7 @@ def recorded(serve, tmp_path, policies, monkeypatch):
         monkeypatch.setattr("viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96)))
         folder = tmp_path / str(seed)
         folder.mkdir(exist_ok=True)
-        server = serve(sources(seed), policies, database=folder / "playground.db", studies=folder / "studies")
+        server = serve(sources(seed), database=folder / "playground.db", studies=folder / "studies")
         with ExitStack() as stack:
             played = recorder(server, stack, body)
             for action in PATH[:moves]:

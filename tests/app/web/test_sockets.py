@@ -154,7 +154,7 @@ def test_a_server_that_stops_closes_its_sockets_with_a_code_that_says_it(server,
 def test_a_subscriber_that_does_not_read_skips_to_the_newest_frame(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"size": 128, "seed": 5}).json()
-    with server.socket(begun["session"]) as slow, server.socket(begun["session"], client) as socket:
+    with server.socket(begun["session"], max_queue=16) as slow, server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
         for number in range(600):
             socket.act(frame, ("south", "north")[number % 2])
