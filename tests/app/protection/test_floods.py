@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from app.protection.buckets import BucketSize, TokenBucket
 from app.protection.connections import PENALTY, PENALTY_DEBT
 from app.protection.protocols import READ_BYTES, WAITING_MESSAGES, LimitedWebSocket
-from app.protection.socket_budget import PATIENCE
+from app.protection.socket_budget import PATIENCE, SocketBudget, TooManyMessagesError
 from app.settings import Limits
 from tests.support.servers import eventually
 
@@ -126,11 +126,26 @@ def test_binary_messages_close_the_socket(server):
 
 
 @pytest.mark.parametrize("kind", ["history", "expected"])
-def test_requests_are_slowed_down_and_a_flood_of_them_closes_the_socket(serve, kind):
-    server = serve(limits=Limits(histories="5+30/s", expectations="5+30/s"))
+def test_requests_are_slowed_down_and_a_flood_of_them_closes_the_socket(serve, kind, monkeypatch):
+    monkeypatch.setattr("app.protection.socket_budget.PATIENCE", 10)
+    server = serve(limits=Limits(histories="5+20/s", expectations="5+20/s"))
     _, begun = begin(server)
-    code, reason = flood(server, begun, text({"kind": kind}), PATIENCE + 200)
+    code, reason = flood(server, begun, text({"kind": kind}), PATIENCE)
     assert (code, f"({kind})" in reason) == (1008, True)
+
+
+def test_a_socket_is_closed_after_a_hundred_slowed_messages_of_one_kind_in_a_row_and_for_acts_never():
+    sizes = dict.fromkeys(("act", "history"), BucketSize.parse("1+0.001/s"))
+    refusals = []
+    budget = SocketBudget(sizes, {}, refusals.append)
+    for _ in range(1 + PATIENCE):
+        budget.spend("history")
+        budget.spend("act")
+    budget.spend("act")
+    assert (PATIENCE, refusals) == (100, [])
+    with pytest.raises(TooManyMessagesError, match=r"\(history\)"):
+        budget.spend("history")
+    assert refusals == ["messages_history"]
 
 
 def test_messages_of_any_kind_have_a_limit_on_every_socket(serve):
