@@ -148,7 +148,8 @@ def test_another_sites_page_cannot_use_the_operators_cookie(admin):
     assert client.get("/api/studies/small").json()["status"] == "open"
 
 
-def test_a_study_is_shown_as_it_is_played_and_without_identities(admin):
+def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypatch):
+    monkeypatch.setattr("app.admin.participants.FRESH_S", 0.5)
     operator = admin.operator()
     empty = operator.get("/api/admin/studies/small").json()
     assert (empty["participants"], empty["figure"], empty["status"]) == ([], None, "open")

@@ -13,6 +13,7 @@ from itertools import groupby
 
 import pytest
 
+from app.cli.main import main
 from app.report.build import build
 from app.simulate.cheating import ATTEMPTS
 from app.simulate.outcome_log import OutcomeLog
@@ -30,6 +31,8 @@ from tests.support.servers import eventually
 from tests.support.study import freeze
 
 FAST = 1e6
+ENDLESS = {"warm_up": 20, "ranked": 60}
+"""A study that lasts until it is interrupted, however fast its players are."""
 
 
 class Simulation(threading.Thread):
@@ -160,25 +163,23 @@ def test_kinds_that_leave_idle_or_wander_do_what_they_are_called(server, tmp_pat
     assert log.faults == []
 
 
-def test_stopped_players_come_back_as_themselves(server, tmp_path):
-    study = freeze(tmp_path / "studies", size=9)
+def test_stopped_players_come_back_as_themselves(server, tmp_path, capsys):
+    study = freeze(tmp_path / "studies", size=9, ranked=6)
     state = tmp_path / "state.json"
-    command = [
-        sys.executable,
-        "-m",
-        "app.cli",
-        "simulate",
-        "--study",
-        study.name,
-        "--players",
-        "2",
-        "--kind",
-        "noisy-frontier",
-    ]
+    command = ["simulate", "--study", study.name, "--players", "2", "--kind", "noisy-frontier"]
     command += ["--url", server.url, "--state", str(state), "--seed", "5", "--speed"]
+
+    def run(*more):
+        """Run the command in this process; return its exit code and what it said."""
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main([*command, *more])
+        return (left.value.code, *capsys.readouterr())
+
     # Python heeds Ctrl-C only where it is not ignored, as it is in a shell's background
     heeding = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
-    first = subprocess.Popen([*command, "20"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heeding)
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    first = subprocess.Popen([sys.executable, "-m", "app.cli", *command, "60"], **piped, **heeding)
     eventually(lambda: rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0] > 20, 60)
     first.send_signal(signal.SIGINT)
     out, said = first.communicate(timeout=60)
@@ -187,22 +188,22 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path):
     assert len([line for line in said.splitlines() if "compiling the rules" not in line]) == 1
     assert state.stat().st_mode & 0o777 == 0o600
     half = rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0]
-    again = subprocess.run([*command, "1e6"], capture_output=True, text=True, timeout=120)
-    assert again.returncode == 0, again.stderr
-    assert again.stdout.count("complete") == 2
-    assert "moves/s; act to frame in ms: p50" in again.stdout
+    code, out, said = run("1e6")
+    assert code == 0, said
+    assert out.count("complete") == 2
+    assert "moves/s; act to frame in ms: p50" in out
     assert rows(tmp_path / "playground.db", "SELECT count(*), min(stage), max(stage) FROM participants") == [
         (2, "complete", "complete")
     ]
     assert rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0] > half
     # and a third time there is nothing left to do
-    third = subprocess.run([*command, "1e6"], capture_output=True, text=True, timeout=120)
-    assert third.returncode == 0, third.stderr
-    assert "0 moves" in third.stdout
+    code, out, said = run("1e6")
+    assert code == 0, said
+    assert "0 moves" in out
     # another simulation is not mistaken for this one
-    other = subprocess.run([*command, "1e6", "--population", "clumsy"], capture_output=True, text=True, timeout=120)
-    assert other.returncode == 2
-    assert "belongs to a simulation with population 'mixed', not 'clumsy'" in other.stderr
+    code, _, said = run("1e6", "--population", "clumsy")
+    assert code == 2
+    assert "belongs to a simulation with population 'mixed', not 'clumsy'" in said
 
 
 def test_a_state_file_of_the_first_version_is_read(tmp_path):
@@ -242,8 +243,8 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
 
 
 def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_path):
-    study = freeze(tmp_path / "studies", size=9)
-    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=40))
+    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
+    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=400))
     simulation.reaches(30)
     Folder(tmp_path / "studies").close(study.name)
     with pytest.raises(StudyOverError, match="closed"):
@@ -251,9 +252,9 @@ def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_pat
 
 
 def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
-    study = freeze(tmp_path / "studies", size=9)
+    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
     server = spawn()
-    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier",), seed=6, speed=40, patience_s=1.0))
+    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier",), seed=6, speed=400, patience_s=0.5))
     simulation.reaches(10)
     server.kill()
     with pytest.raises(StudyOverError, match="has been away"):
