@@ -11,6 +11,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
 from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
@@ -39,11 +40,18 @@ class PageFiles(StaticFiles):
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a file, 304 where the browser has this version, or a part of one."""
+        if path.startswith(
+            ".."
+        ):  # out of the folder and in again, a file would go by any number of names and be kept under each
+            raise HTTPException(404)
         headers = Headers(scope=scope)
         kept = self._kept.get(path)
-        if kept is None or "range" in headers or scope["method"] not in ("GET", "HEAD") or kept.has_changed():
+        if kept is not None and kept.has_changed():
+            del self._kept[path]
+            kept = None
+        if kept is None or "range" in headers or scope["method"] not in ("GET", "HEAD"):
             response = await super().get_response(path, scope)
-            if isinstance(response, FileResponse):
+            if isinstance(response, FileResponse) and kept is None:
                 self._kept[path] = await asyncio.to_thread(KeptFile, response)
             response.headers.update(NO_CACHE)
             return response
