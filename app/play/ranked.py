@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sqlite3
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -123,7 +124,7 @@ class PageBoards:
             try:
                 await self.abandon_left()
                 await self.delete_unplayed()
-            except StoreError as error:
+            except (StoreError, sqlite3.Error) as error:  # a page that cannot be read, say: the next time perhaps it can
                 _log.warning("ranked episodes that were left stay open for now: %s", error)
             await asyncio.sleep(min(SWEEP_S, self._abandon_after_s / 4))
 

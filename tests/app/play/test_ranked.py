@@ -222,6 +222,17 @@ def test_a_server_that_starts_abandons_what_was_left_meanwhile(serve):
     eventually(lambda: outcome(back, ranked) == ("abandoned", 3, True))
 
 
+def test_what_was_left_is_abandoned_also_after_a_time_in_which_the_database_could_not_be_read(serve):
+    server = serve(abandon_after_s=0.4)
+    server.execute("ALTER TABLE steps RENAME TO away")
+    time.sleep(0.5)  # it is looked for every 0.1 s
+    server.execute("ALTER TABLE away RENAME TO steps")
+    client = server.page()
+    ranked = begin(client, **SMALL)
+    drive(server, client, ranked, 2)
+    eventually(lambda: outcome(client, ranked) == ("abandoned", 2, True), 20)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kill", range(5))
 def test_a_kill_leaves_one_ranked_episode_open_and_nothing_lost(spawn, kill):
