@@ -17,6 +17,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from app.protection.refusals import Answer, refuse
 
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^:\[\]/?#@\s]+)(:\d{1,5})?")
+MOST_HOSTS = 10
+"""Hosts that a request may name: one for each proxy on its way."""
+
 SHOWN = 60
 """Characters of a stranger's input that a refusal repeats, at most."""
 
@@ -63,8 +66,12 @@ class AllowedHosts:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] in ("http", "websocket"):
-            hosts = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
-            for host in (part for value in hosts for part in value.decode("latin-1").split(",")):
+            given = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
+            hosts = b",".join(given).decode("latin-1").split(",", MOST_HOSTS)
+            if len(hosts) > MOST_HOSTS:
+                await refuse(scope, receive, send, 400, f"a request must name {MOST_HOSTS} hosts at most", self._answer)
+                return
+            for host in hosts:
                 if host.strip() and not self.serves(host):
                     await refuse(scope, receive, send, 400, self._sentence(host.strip()), self._answer)
                     return

@@ -123,3 +123,11 @@ def test_settings_that_name_no_address_are_refused_in_words(capsys):
         assert sentence in capsys.readouterr().err
     settings = Settings(public_url="https://mars.example:443/lab/", trusted_proxies=["10.1.2.3/8"])
     assert (settings.public_url, settings.trusted_proxies) == ("https://mars.example/lab", ("10.0.0.0/8",))
+
+
+def test_a_request_that_names_thousands_of_hosts_is_refused_at_the_eleventh(server):
+    """Each takes some microseconds, before any rate is counted."""
+    client = server.client()
+    for count, status in ((10, 200), (11, 400), (2000, 400)):
+        hosts = ",".join(["192.0.2.1"] * (count - 1))
+        assert client.get("/healthz", headers={"X-Forwarded-Host": hosts[:16_000]}).status_code == status
