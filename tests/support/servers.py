@@ -6,7 +6,7 @@ import json
 import random
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import httpx
 import pytest
@@ -100,6 +100,41 @@ class Socket:
         return frame
 
 
+class Engine(uvicorn.Server):
+    """uvicorn's server that ends as soon as it is told to: uvicorn looks ten times a second, and pauses as long at the end."""
+
+    async def startup(self, sockets=None):
+        self._loop, self._ending = asyncio.get_running_loop(), asyncio.Event()
+        await super().startup(sockets)
+
+    def end(self):
+        """Tell it to end; for any thread."""
+        self.should_exit = True
+        self._loop.call_soon_threadsafe(self._ending.set)
+
+    async def main_loop(self):
+        tick = 0
+        while not await self.on_tick(tick):
+            tick = (tick + 1) % 10
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._ending.wait(), 0.1)
+
+    async def shutdown(self, sockets=None):
+        """Shut down as uvicorn does; where no connection is open, nothing waits for connections to close."""
+        deadline = time.monotonic() + 0.02
+        while self._is_busy() and time.monotonic() < deadline:
+            await asyncio.sleep(0.001)  # clients that have closed are noticed meanwhile
+        if self._is_busy():
+            await super().shutdown(sockets)
+            return
+        for each in (*self.servers, *(sockets or ())):
+            each.close()
+        await self.lifespan.shutdown()
+
+    def _is_busy(self):
+        return bool(self.server_state.connections or self.server_state.tasks)
+
+
 class Running:
     """A server at `url`, and clients for it."""
 
@@ -186,7 +221,7 @@ def serve(tmp_path, limits, shipped_policies):
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
         server.app = create_app(Settings(**settings), Prepared(sources, policies or shipped_policies))
-        engine = uvicorn.Server(uvicorn_config(server.app))
+        engine = Engine(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()
         eventually(lambda: engine.started or not thread.is_alive(), 240)  # the rules are compiled first, perhaps
@@ -194,7 +229,7 @@ def serve(tmp_path, limits, shipped_policies):
 
         def stop():
             if thread.is_alive():
-                engine.should_exit = True
+                engine.end()
                 thread.join(PATIENCE_S)
                 assert not thread.is_alive(), "the server did not stop"
             sock.close()
@@ -206,6 +241,7 @@ def serve(tmp_path, limits, shipped_policies):
 
     yield start
     for server in running:
+        server.close()
         server.stop()
 
 
