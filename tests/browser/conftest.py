@@ -125,7 +125,7 @@ class Player:
         seen = []
 
         def is_still():
-            self.page.wait_for_timeout(200)
+            self.page.wait_for_timeout(100)
             seen.append(self.picture(test_id))
             return len(seen) >= looks and len(set(seen[-looks:])) == 1
 

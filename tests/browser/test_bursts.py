@@ -40,7 +40,6 @@ def burst(me, actions, gap_s):
 
 def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     me = player(serve(), [*NO_3D, *AS_A_PERSON])
-    me.goto()
 
     # in practice: to the first rock or edge that comes into sight, and the rest is dropped in sight
     me.begin(size=[9, 12], seed=3, rival="frontier-cost")

@@ -11,7 +11,7 @@ import pytest
 
 from marsexplorer import policies
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
-from tests.support.map_files import write_map
+from tests.support.map_files import WAREHOUSE, write_map
 from tests.support.servers import eventually
 
 SMALL = (1100, 700)
@@ -139,7 +139,7 @@ def test_holding_a_key_in_ranked_play_moves_once_and_typing_moves_never(serve, p
 
 
 def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
-    server = serve(maps=(write_map(tmp_path),), cell_m=1.0)
+    server = serve(maps=(write_map(tmp_path, cells=WAREHOUSE[:6, :7]),), cell_m=1.0)
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-watch").click()
@@ -240,7 +240,7 @@ def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     server = serve()
     me = player(server, flags)
     me.begin(seed=11, rival=policies.names()[0])
-    frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 12)
+    frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 6)
     me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
     keep_picture(me.page, name)
     fits(me.page, ("board-player", "board-rival", "chart", "steps-player", "steps-rival"), 1440, 900)

@@ -53,7 +53,7 @@ def refusal(person):
 @pytest.fixture
 def invited(serve, tmp_path):
     """A server with an operator and a study by invitation, the study, and two invitations."""
-    study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=3)
+    study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=1)
     return serve(admin_password=PASSWORD), study, Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
 
 

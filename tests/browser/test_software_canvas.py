@@ -117,7 +117,6 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
 
 def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and_is_loaded_again(serve, player):
     me = player(serve(), (), 1100, 700)
-    me.goto()
     me.begin(size=[9, 12], seed=3)
     without_map(me)
     for harm in (LOSE_CONTEXT, BREAK_CLIENT):

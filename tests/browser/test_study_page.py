@@ -532,7 +532,9 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
     look("end")
     me.page.get_by_test_id("open-settings").click()
     look("terrain-dialog")
-    other = player(server, reduced_motion="reduce").goto()
+    me.page.close()
+    other = player(server, (), 1100, 700, reduced_motion="reduce")
+    other.begin(size=[9, 12], rival="frontier-cost")  # small boards on a small screen: the processor draws both
     other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
     found["3-D"] = violations(other.page)
     assert {place: problems for place, problems in found.items() if problems} == {}
