@@ -29,6 +29,8 @@ NOTICE_S = 1.0
 """Seconds after which whoever waits is told why."""
 MAX_WAITING = 1_000
 """Writes that wait at a time; further ones are refused at once."""
+GATHERED_S = 0.005
+"""Seconds that a write which nobody waits for may wait for another one, to be committed with it."""
 MOST_TOGETHER = 64
 """Writes that are committed together, at most."""
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
@@ -72,6 +74,7 @@ class WriteQueue:
     def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
         self._commit, self._roll_back = commit, roll_back
         self._gathered: list[_Write] = []
+        self._is_due = False
         self._unanswered: deque[_Write] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
@@ -122,11 +125,25 @@ class WriteQueue:
         An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
         MAX_WAITING writes wait. StoreError when the commit failed.
         """
+        return await self.put(work, notice, then)
+
+    def put(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+        is_awaited: bool = True,
+    ) -> asyncio.Future[T]:
+        """Put a write behind those that wait, and return its result to come: as `run`, which waits for it.
+
+        is_awaited  whether somebody waits; else it may wait for another one for GATHERED_S
+        """
         if self._thread is None:
-            result = work()
+            made = asyncio.get_running_loop().create_future()
+            made.set_result(work())
             if then is not None:
-                then(result)
-            return result
+                then(made.result())
+            return made
         if self.fault is not None:
             raise StoreError(self.fault)
         if self._is_ending or self._waiting >= MAX_WAITING:
@@ -138,9 +155,12 @@ class WriteQueue:
         if self._timer is None:
             self._set_timer()
         self._gathered.append(write)
-        if len(self._gathered) == 1:
+        if is_awaited and not self._is_due:
+            self._is_due = True
             loop.call_soon(self._hand_over)
-        return await write.done  # type: ignore[no-any-return]
+        elif len(self._gathered) == 1:
+            loop.call_later(GATHERED_S, self._hand_over)
+        return write.done
 
     def wait_for_lock(self) -> bool:
         """Wait a moment for another program's lock; return False when the write that is being made has waited long enough.
@@ -156,6 +176,7 @@ class WriteQueue:
 
     def _hand_over(self) -> None:
         """Hand what came in one turn of the event loop to the thread, at once: waking it costs more than a write."""
+        self._is_due = False
         if self._gathered:
             self._queue.put(self._gathered)
             self._gathered = []

@@ -120,6 +120,8 @@ class Session:
         self._is_second = row.rival_of is not None
         self._store = store
         self._clock = clock
+        self._keeping: asyncio.Future[None] | None = None
+        """The write of the newest input events."""
 
     @property
     def is_human(self) -> bool:
@@ -242,7 +244,7 @@ class Session:
         return episode
 
     async def prepare_end(self, current: EpisodeRow, last: StepRow | None = None) -> Ending | None:
-        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that none come.
+        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
 
         There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
 
@@ -250,6 +252,9 @@ class Session:
         """
         if not self.is_human:
             return None  # its board keeps no input events
+
+        if self._keeping is not None:
+            await asyncio.wait([self._keeping])  # what came without it would be compared again on the thread of the writes
 
         def prepare() -> Ending:
             row = None if last is None else dataclasses.asdict(last)
@@ -275,11 +280,15 @@ class Session:
         return self.participation is not None and self.participation.hides_scores(episode_id)
 
     async def keep_events(self, events: Events) -> None:
-        """Store input events of an episode of this board, each once; RefusedError where none are kept."""
-        async with self.changing:
-            await self._store.write(partial(self._keep_events, events))
+        """Store input events of an episode of this board, each once; RefusedError where none are kept.
 
-    def _keep_events(self, events: Events) -> None:
+        The next move need not wait: it is written behind them, with the same commit.
+        """
+        async with self.changing:
+            self._keeping = self._store.put_write(partial(self._keep_events, events, self._clock()))
+        await asyncio.shield(self._keeping)
+
+    def _keep_events(self, events: Events, came_ms: int) -> None:
         if self.participation is not None:
             self.participation.check_events(events.episode)
         elif not self.is_human:
@@ -289,7 +298,7 @@ class Session:
         elif not self._store.is_episode_of(self.id, events.episode):
             raise RefusedError(f"episode {events.episode!r} is none of this board's: no input events were kept")
         rows = [InputEventRow(**event.model_dump()) for event in events.events]
-        if not add_input_events(self._store, events.episode, rows, self._clock(), events.batch):
+        if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
             raise RefusedError("this episode has more input events than are kept; the rest is dropped")
 
     def pair_with(self, second: Session) -> None:

@@ -9,6 +9,7 @@ transactions of the same store.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import secrets
@@ -231,6 +232,10 @@ class Store(Reader):
         are those of `WriteQueue.run`.
         """
         return await self.writes.run(work, notice, then)
+
+    def put_write(self, work: Callable[[], T]) -> asyncio.Future[T]:
+        """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it."""
+        return self.writes.put(work, is_awaited=False)
 
     async def read(self, work: Callable[[], T]) -> T:
         """Return the result of `work()`, which reads what is committed, on another thread and whatever is being written."""

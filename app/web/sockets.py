@@ -65,6 +65,8 @@ class PlaySocket:
         protection = services_of(websocket).protection
         self._limited_as, self._turns = limited_as(websocket), protection.turns
         self._budget = protection.socket_budget(self._limited_as)
+        self._keeping: asyncio.Task[None] | None = None
+        """What tells that the newest input events are kept."""
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
@@ -75,6 +77,8 @@ class PlaySocket:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await sender
+            if self._keeping is not None:
+                await self._keeping
 
     async def _send_newest(self) -> None:
         session, send = self._session, self._websocket.send_text
@@ -123,16 +127,20 @@ class PlaySocket:
             await asyncio.sleep(self._budget.take_delay_s())  # at least a turn of the event loop: others have messages too
 
     async def _answer(self, text: str) -> str | None:
-        """Return the answer to a message; None for an act that was made, since its frame is the answer.
+        """Return the answer to a message; None for an act that was made, since its frame is the answer, and for events.
 
-        Acts and events wait until they are recorded, and so does what this socket sends after them.
+        An act waits until it is recorded, and so does what this socket sends after it. Events are answered once they are
+        recorded, in their order; the act that follows them waits for that no longer than its own record does.
         """
         session = self._session
         try:
             message = parse_message(text)
             self._budget.spend(message.kind)
             if isinstance(message, Events):
-                return (await self._keep(message)).model_dump_json()
+                if self._keeping is not None:
+                    await self._keeping
+                self._keeping = asyncio.create_task(self._tell_kept(message))
+                return None
             if isinstance(message, Act):
                 self._check_control()
                 await session.act(as_move(message, self._driver(message)), self._notice)
@@ -166,6 +174,11 @@ class PlaySocket:
         """Send a sentence to whoever is still there."""
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await self._websocket.send_text(encode_error(text))
+
+    async def _tell_kept(self, events: Events) -> None:
+        kept = await self._keep(events)
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # whoever has gone: their events count still
+            await self._websocket.send_text(kept.model_dump_json())
 
     async def _keep(self, events: Events) -> Kept:
         """Store input events and return how many are kept: all, none for a reason, or none for now."""

@@ -12,7 +12,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from app.database_file import write_queue
 from app.database_file.write_queue import BROKEN, FULL, LOCKED, MAX_WAITING, SLOW, WAITS, WriteQueue
+from app.play import attestation
 from app.storage.store import StepRow, Store, StoreError
 from tests.support.recorded import NOW, add_session, open_episode
 from tests.support.servers import eventually
@@ -44,14 +46,19 @@ def locked_elsewhere(path):
 
 
 def delay_commits(server, seconds):
-    """Let each commit of a server take this long, as on a disk that answers slowly; the interpreter is free meanwhile."""
-    store = server.services.store
+    """Let each commit of a server take this long, as on a disk that answers slowly; the interpreter is free meanwhile.
+
+    Return a list that grows by each commit.
+    """
+    store, commits = server.services.store, []
 
     def wait(statement):
         if statement == "COMMIT":
+            commits.append(statement)
             time.sleep(seconds)
 
     server.on_loop(store.write(lambda: store._own_db.conn.set_trace_callback(wait if seconds else None)))
+    return commits
 
 
 def waits_ms(client, paths, seconds):
@@ -154,6 +161,44 @@ def test_a_player_hears_of_a_slow_disk_and_no_frame_comes_before_its_commit(serv
         assert server.client().get(f"/api/sessions/{begun['session']}").json() == frame
         assert socket.receive("frame")["step"] == 1
     delay_commits(server, 0)
+
+
+def press_and_move(board, server, episode, step, action, code):
+    """Send a press and its move, as the page does: one behind the other."""
+    server.clock.skipped_ms += 150
+    now = server.clock.page_ms()
+    press = {"kind": "keydown", "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": step}
+    board.send({"kind": "events", "episode": episode, "events": [press]})
+    times = {"input": "key", "key_down_ms": now, "client_ms": now}
+    board.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
+
+
+def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_the_chain(serve, monkeypatch):
+    compare, compared = attestation.attest, []
+    monkeypatch.setattr(write_queue, "GATHERED_S", 1.0)
+    monkeypatch.setattr(attestation, "attest", lambda *given: (compared.append(1), compare(*given))[1])
+    server = serve()
+    client = server.page()
+    begun = client.post("/api/sessions").json()
+    with server.socket(begun["session"], client) as board:
+        frame = board.receive("frame")
+        board.receive("history")
+        away = ("south", "ArrowDown") if frame["grid"][1][0] == "." else ("east", "ArrowRight")
+        back = ("north", "ArrowUp") if away[0] == "south" else ("west", "ArrowLeft")
+        commits = delay_commits(server, 0.1)
+        for step, press in enumerate((away, back)):
+            before = len(commits)
+            press_and_move(board, server, frame["episode"], step, *press)
+            answers = sorted((board.receive() for _ in range(2)), key=lambda answer: answer["kind"])
+            assert [answer["kind"] for answer in answers] == ["frame", "kept"]
+            assert (answers[0]["step"], answers[1]["count"]) == (step + 1, 1)
+            assert len(commits) == before + 1
+        press_and_move(board, server, frame["episode"], 2, "north", "ArrowUp")
+        assert board.frame_after(2)["outcome"] == "out_of_bounds"
+        delay_commits(server, 0)
+    kept = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (True, "attested", None)
+    assert len(compared) == 1, "on a thread that reads, and not again on the one that writes"
 
 
 def test_a_read_that_takes_long_delays_no_move(serve):
