@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
 from app.statistics.summaries import EpisodeSummary, coverage_curve, summary_of, trial_summaries, visit_counts
@@ -13,31 +14,79 @@ from marsexplorer.episode import replay
 MAX_EPISODES = 3000
 """Episodes behind the pictures of a board: the newest so many."""
 
+MAX_MOVES = 2_000_000
+"""Moves of all episodes whose replays are kept, 8 bytes each; an episode counts OVERHEAD moves more."""
+OVERHEAD = 64
+
+Course = tuple[str, str, str]
+"""What decides how an episode went: the hash of its trajectory, its outcome, and the version of the rules."""
+Replays = dict[Course, EpisodeSummary | None]
+"""Replayed episodes; None where another version of the rules made one."""
+
 
 class HumanSummaries:
-    """Curves and visit maps for each configuration, kept until somebody finishes another episode."""
+    """Curves and visit maps for each configuration, kept until its figure is another.
+
+    Then the episodes that have come are replayed, and the other ones' replays are used again. They are kept under the hashes of
+    their trajectories, those of the latest boards that fit into MAX_MOVES; what has left a board is dropped when it is read.
+    """
 
     def __init__(self) -> None:
         self._made: dict[str, tuple[str, dict[str, Any]]] = {}
+        self._replays: dict[str, Replays] = {}
 
     def pictures(self, reader: Reader, config: EnvConfig, human: dict[str, Any]) -> dict[str, Any]:
         """Return {"curve", "visits", "trials"} of the people behind a figure of `human_level`; seconds, so in a thread."""
         state = json.dumps(human)
         if self._made.get(config.hash, ("",))[0] != state:
-            self._made[config.hash] = (state, _pictures(reader, config))
+            now: Replays = {}
+            self._made[config.hash] = (state, _pictures(reader, config, self._replays.pop(config.hash, {}), now))
+            self._keep(config.hash, now)
         return self._made[config.hash][1]
 
+    def drop_all_but(self, figures: Iterable[tuple[str, dict[str, Any] | None]]) -> None:
+        """Drop the pictures of figures that are none any longer, and all replays of configurations without a figure.
 
-def _pictures(reader: Reader, config: EnvConfig) -> dict[str, Any]:
+        figures  (hash of the configuration, figure or None) of every board
+        """
+        states = {config: json.dumps(human) for config, human in figures if human is not None}
+        self._made = {config: made for config, made in self._made.items() if states.get(config) == made[0]}
+        self._replays = {config: replays for config, replays in self._replays.items() if config in states}
+
+    def _keep(self, config: str, replays: Replays) -> None:
+        """Keep the replays of a board that was just read, and of those before it as many as there is room for."""
+        self._replays[config] = replays
+        sizes = {each: sum(map(_size, kept.values())) for each, kept in self._replays.items()}
+        for oldest in list(self._replays)[:-1]:
+            if sum(sizes.values()) > MAX_MOVES:
+                del self._replays[oldest], sizes[oldest]
+        while sizes[config] > MAX_MOVES:
+            sizes[config] -= _size(replays.popitem()[1])
+
+
+def _size(summary: EpisodeSummary | None) -> int:
+    return OVERHEAD + (len(summary.path) if summary is not None else 0)
+
+
+def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -> dict[str, Any]:
+    """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
     rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
     people: dict[str, list[EpisodeSummary]] = {}
     for row in rows[-MAX_EPISODES:]:
-        try:
-            episode = replay(record_of(row, reader.steps(row["id"])))
-        except ValueError:  # of another core version: its totals count, its path cannot be drawn
-            continue
-        people.setdefault(row["owner_id"], []).append(summary_of(episode))
+        course = (row["trajectory_hash"], row["outcome"], row["core_version"])
+        if course not in now:
+            now[course] = known[course] if course in known else _replayed(reader, row)
+        if (summary := now[course]) is not None:
+            people.setdefault(row["owner_id"], []).append(summary)
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
     return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups), "trials": trial_summaries(groups)}
+
+
+def _replayed(reader: Reader, row: dict[str, Any]) -> EpisodeSummary | None:
+    """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
+    try:
+        return summary_of(replay(record_of(row, reader.steps(row["id"]))))
+    except ValueError:
+        return None

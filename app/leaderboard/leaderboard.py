@@ -48,7 +48,9 @@ class Leaderboard:
     def entries(self) -> list[LeaderboardEntry]:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            return list_entries(reader, self._studies, self.volunteers)
+            found = list_entries(reader, self._studies, self.volunteers)
+            self._people.drop_all_but((entry.config.hash, entry.human) for entry in found if entry.study is None)
+        return found
 
     async def newest_entries(self) -> list[LeaderboardEntry]:
         """Return every entry as the database has it now, whoever else asks."""

@@ -1,10 +1,11 @@
-"""Processor time of the volunteers' figures with thousands of players: figures are printed; only ratios of one run gate."""
+"""Processor time of the volunteers' figures and pictures with thousands of players. Only ratios of one run gate."""
 
 import time
 
 import numpy as np
 import pytest
 
+from app.leaderboard.human_summaries import MAX_EPISODES, HumanSummaries
 from app.statistics.human_level import VolunteerFigures, human_level
 from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds
@@ -61,3 +62,16 @@ def test_a_second_reading_of_thousands_of_players_costs_little(store):
     ]
     assert second_ms < first_ms
     assert max(first_ms, more_ms) < whole_ms / 10
+
+
+def test_pictures_after_one_more_episode_cost_a_part_of_the_first(store):
+    kept, before = HumanSummaries(), human_level(store)["figures"][0]
+    first_ms, _ = cpu_ms(lambda: kept.pictures(store, CONFIG, before))
+    play(store, EPISODES + 1, "one-other", explore=True, config=CONFIG)
+    after = human_level(store)["figures"][0]
+    more_ms, more = cpu_ms(lambda: kept.pictures(store, CONFIG, after))
+    again_ms, again = cpu_ms(lambda: kept.pictures(store, CONFIG, after))
+    print(f"\npictures of {MAX_EPISODES:,} episodes, processor time: the first time {first_ms:.0f} ms, ", end="")
+    print(f"after one more episode {more_ms:.0f} ms, unchanged {again_ms:.1f} ms")
+    assert more == again == HumanSummaries().pictures(store, CONFIG, after)
+    assert more_ms < first_ms / 2

@@ -1,0 +1,106 @@
+"""Pictures of people's episodes: kept replays give what new ones give, leave with their episodes, and have a bound."""
+
+import pytest
+
+from app.leaderboard import human_summaries
+from app.leaderboard.human_summaries import HumanSummaries
+from app.leaderboard.leaderboard import Leaderboard
+from app.statistics.human_level import human_level
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from tests.support.recorded import SMALL, play
+
+WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(tmp_path / "play.db")
+    for seed in range(5):
+        play(store, seed, f"player-{seed % 3}", explore=seed > 0)
+    play(store, 1, "player-1", config=WIDE)
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def replayed(monkeypatch):
+    """The configurations of the episodes that were replayed, in order."""
+    configs, replay = [], human_summaries.replay
+    monkeypatch.setattr(human_summaries, "replay", lambda record: configs.append(record.config) or replay(record))
+    return configs
+
+
+def figure_of(store, config):
+    return next(figure for figure in human_level(store)["figures"] if figure["config_hash"] == config.hash)
+
+
+def pictures(summaries, store, config=SMALL):
+    return summaries.pictures(store, config, figure_of(store, config))
+
+
+def test_only_the_episodes_that_have_come_are_replayed(store, replayed):
+    kept = HumanSummaries()
+    first = pictures(kept, store)
+    assert pictures(kept, store) == first
+    assert replayed == [SMALL] * 5
+    row = play(store, 9, "player-9", explore=True)
+    found = pictures(kept, store)
+    assert replayed == [SMALL] * 6
+    assert found == pictures(HumanSummaries(), store) != first
+    with store.transaction():
+        store.connection.execute("UPDATE episodes SET driver = 'script' WHERE id = ?", [row.id])
+    del replayed[:]
+    assert pictures(kept, store) == first == pictures(HumanSummaries(), store)
+    assert replayed == [SMALL] * 5, "by the new ones alone"
+
+
+def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
+    kept = HumanSummaries()
+    pictures(kept, store)
+    (gone,) = store.query("SELECT id, trajectory_hash FROM episodes WHERE seed = 3")
+    assert gone["trajectory_hash"] in repr(kept._replays)
+    with store.transaction():
+        for table, column in (("steps", "episode_id"), ("episodes", "id")):
+            store.connection.execute(f"DELETE FROM {table} WHERE {column} = ?", [gone["id"]])
+    assert pictures(kept, store) == pictures(HumanSummaries(), store)
+    assert gone["trajectory_hash"] not in repr(kept._replays)
+    assert len(kept._replays[SMALL.hash]) == 4
+
+
+def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, tmp_path):
+    board = Leaderboard(store.path, [], tmp_path / "studies")
+    for entry in board.entries():
+        board._people_of(entry)
+    assert set(board._people._made) == set(board._people._replays) == {SMALL.hash, WIDE.hash}
+    play(store, 9, "player-9")
+    with store.transaction():
+        store.connection.execute("UPDATE episodes SET driver = 'script' WHERE config_hash = ?", [WIDE.hash])
+    board.entries()
+    assert (list(board._people._made), list(board._people._replays)) == ([], [SMALL.hash])
+
+
+def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_stay(store, replayed, monkeypatch):
+    kept = HumanSummaries()
+    pictures(kept, store, WIDE)
+    pictures(kept, store)
+    assert list(kept._replays) == [WIDE.hash, SMALL.hash], "there is room for both"
+    most = 4 * human_summaries.OVERHEAD
+    monkeypatch.setattr(human_summaries, "MAX_MOVES", most)
+    play(store, 20, explore=True)
+    assert pictures(kept, store) == pictures(HumanSummaries(), store)
+    fit = kept._replays[SMALL.hash]
+    assert list(kept._replays) == [SMALL.hash]
+    assert 0 < len(fit) < 6
+    assert sum(human_summaries.OVERHEAD + len(each.path) for each in fit.values()) <= most
+    play(store, 21, explore=True)
+    del replayed[:]
+    pictures(kept, store)
+    assert len(replayed) == 7 - len(fit), "what did not fit is replayed again"
+
+
+def test_a_replay_takes_eight_bytes_a_move(store):
+    kept = HumanSummaries()
+    pictures(kept, store)
+    for summary in kept._replays[SMALL.hash].values():
+        assert summary.path.nbytes + summary.discoveries.nbytes == 8 * len(summary.path)
