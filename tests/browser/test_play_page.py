@@ -14,7 +14,7 @@ from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
 from tests.support.map_files import WAREHOUSE, write_map
 from tests.support.servers import eventually
 
-SMALL = (1100, 700)
+SMALL = (1010, 540)
 """A screen that the processor soon draws in 3-D."""
 MATRIX_HAS_THE_STAGE = """() => {
   const find = (name) => document.querySelector(`[data-testid=${name}-player]`);

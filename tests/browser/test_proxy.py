@@ -58,7 +58,7 @@ def proxy(tmp_path):
 
 def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
     server = serve(trusted_proxies=["127.0.0.1"])
-    me = player(proxy(server.port), AS_A_PERSON, 1100, 700, ignore_https_errors=True)
+    me = player(proxy(server.port), AS_A_PERSON, 1010, 540, ignore_https_errors=True)
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))
     about = me.begin(size=[9, 12], seed=3)

@@ -75,7 +75,7 @@ DRAWN = "[data-testid=viewer-player][data-drawn]"
 
 
 def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(serve, player):
-    me = player(serve(), (), 1100, 700)
+    me = player(serve(), (), 1010, 540)
     me.page.add_init_script(f"({COUNT_PICTURES})()")
     me.page.add_init_script(f"({NOTE_SOIL_WHEN_DRAWN})()")
     me.begin(size=[9, 12], seed=3)
@@ -116,7 +116,7 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
 
 
 def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and_is_loaded_again(serve, player):
-    me = player(serve(), (), 1100, 700)
+    me = player(serve(), (), 1010, 540)
     me.begin(size=[9, 12], seed=3)
     without_map(me)
     for harm in (LOSE_CONTEXT, BREAK_CLIENT):
@@ -134,7 +134,7 @@ def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and
 
 def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serve, player):
     server = serve()
-    me = player(server, (), 1100, 700)
+    me = player(server, (), 1010, 540)
     about = me.open_session(size=[9, 12], seed=3)
     me.page.goto(f"{server.url}/viewer/{about['session']}/")
     me.page.locator("canvas").first.wait_for()
