@@ -1,8 +1,8 @@
 # `make play` and `make test` do all their set-up; `make help` lists the rest.
 PYTHON  ?= python3
 PORT    ?= 8000
-# one test process more than there are cores, since many tests wait; four at most
-WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(4, 1 + os.cpu_count()))')
+# two test processes more than there are cores, since many tests wait; four at most
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(4, 2 + os.cpu_count()))')
 VENV    := .venv
 BIN     := $(VENV)/bin
 PLAY    := $(VENV)/.play

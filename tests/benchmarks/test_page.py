@@ -71,10 +71,12 @@ def test_keydown_to_repaint(spawn, drawn, flags, side):
         browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto(server.url)
+        page.wait_for_function("() => window.mars?.state.player")  # the cookie is there: the next board is the same player's
         about = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3}).json()
         page.goto("about:blank")
         page.goto(f"{server.url}/#s={about['session']}")
         page.wait_for_function("() => window.mars?.state.player && window.mars.state.link === 'open'")
+        assert page.evaluate("() => window.mars.state.player.session") == about["session"]
         policy = policies.load("frontier-cost")
         policy.reset(0)
         for number in range(PRESSES):
