@@ -1,10 +1,12 @@
 """Operators by name: only a hash is stored, a code is used once, and what they do is logged before it is done."""
 
 import asyncio
+import shutil
 import sqlite3
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
+from pathlib import Path
 from threading import Event, Timer
 from urllib.parse import parse_qs, urlsplit
 
@@ -31,12 +33,27 @@ from tests.support.study import freeze
 ADA, BOB = "a-long-password", "another-password"
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Databases with the operator ada, and with bob as well, and the secret of bob's codes: hashes take long."""
+    folder = tmp_path_factory.mktemp("operators")
+    add_operator(folder / "ada.db", "ada", ADA)
+    shutil.copy(folder / "ada.db", folder / "both.db")
+    address = add_operator(folder / "both.db", "bob", BOB, totp=True)
+    return folder, parse_qs(urlsplit(address).query)["secret"][0]
+
+
 @pytest.fixture
-def database(tmp_path):
+def database(made, tmp_path):
     """A database with the operator ada; the fixture `serve` serves this file."""
-    path = tmp_path / "playground.db"
-    add_operator(path, "ada", ADA)
-    return path
+    return Path(shutil.copy(made[0] / "ada.db", tmp_path / "playground.db"))
+
+
+@pytest.fixture
+def secret(made, tmp_path):
+    """The secret of bob's codes; the fixture `serve` serves a database with ada and bob."""
+    shutil.copy(made[0] / "both.db", tmp_path / "playground.db")
+    return made[1]
 
 
 def log_in(client, name, password, code=""):
@@ -135,8 +152,9 @@ def lock(path, seconds):
     Timer(seconds, conn.close).start()
 
 
-def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the_attempt_once(database, serve, monkeypatch):
-    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the_attempt_once(
+    database, secret, serve, monkeypatch
+):
     server, checked = serve(), []
 
     def check_and_lock(*given):
@@ -150,8 +168,7 @@ def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the
     assert len(checked) == 1
 
 
-def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(database, serve, monkeypatch):
-    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(database, secret, serve, monkeypatch):
     server, use_code = serve(), Operators.use_code
     monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.2)
 
@@ -165,8 +182,7 @@ def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(dat
     assert log_in(server.page(), "bob", BOB, pyotp.TOTP(secret).now()).status_code == 200
 
 
-def test_a_code_is_asked_for_and_used_once(database, serve):
-    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+def test_a_code_is_asked_for_and_used_once(secret, serve):
     server = serve()
     code = pyotp.TOTP(secret).now()
     assert log_in(server.page(), "bob", BOB).status_code == 401
@@ -176,8 +192,7 @@ def test_a_code_is_asked_for_and_used_once(database, serve):
     assert log_in(server.page(), "bob", BOB, code).status_code == 401, "somebody has looked over the shoulder"
 
 
-def test_codes_stand_for_their_half_minute_and_its_neighbours(database):
-    secret = parse_qs(urlsplit(add_operator(database, "bob", BOB, totp=True)).query)["secret"][0]
+def test_codes_stand_for_their_half_minute_and_its_neighbours(database, secret):
     now = [1_800_000_000.0]
     with closing(Store(database)) as store:
         operators = Operators(store, lambda: now[0])
