@@ -4,6 +4,7 @@ Two servers with the same ids, clock and secret play the same moves on two terra
 difference, all that leaves them must be equal: the play socket, HTTP, and the 3-D socket once it is decompressed.
 """
 
+import functools
 import itertools
 import shutil
 import struct
@@ -51,6 +52,7 @@ def agreement(one, other):
     return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
+@functools.cache
 def twins(config, rival, at_least=4):
     """Two seeds whose terrains look the same for the first moves, and the number of the first that tells them apart."""
     known = {}

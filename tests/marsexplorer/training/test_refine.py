@@ -159,7 +159,7 @@ def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
 
 
 def test_the_weights_are_the_same_on_any_number_of_workers(net):
-    few = {"episodes_per_task": 2, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
+    few = {"episodes_per_task": 2, "pairs_per_episode": 4, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
     net = with_prices(net)
     tiny = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few)
     nets = []
@@ -173,7 +173,7 @@ def test_the_weights_are_the_same_on_any_number_of_workers(net):
 
 
 def test_a_run_that_is_gone_on_with_comes_to_the_weights_it_would_have_come_to(net, tmp_path):
-    few = {"episodes_per_task": 2, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
+    few = {"episodes_per_task": 2, "pairs_per_episode": 4, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
     tiny, net = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few), with_prices(net)
     whole, first, second = (RefineRun(deepcopy(net), 4, tiny) for _ in range(3))
     with ThreadPoolExecutor(1) as pool:
