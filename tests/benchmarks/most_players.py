@@ -31,6 +31,8 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 MOVES_PER_SECOND = 5
+CONNECT_S = 60.0
+"""Seconds in which a player has a connection: the server serves a hundred new ones in a second."""
 MOST_LAG_MS = 10.0
 """The 99th percentile of the generator's own lag above which it reports nothing."""
 
@@ -139,7 +141,8 @@ async def play(server: Server, begun: dict[str, str], come: asyncio.Barrier, sec
     """Play at the pace for `seconds` from the moment when everybody has come; keep the round trip of each move in ms."""
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
-    async with connect(url, proxy=None, compression=None, additional_headers={"X-Mars-Token": server.token}) as socket:
+    token = {"X-Mars-Token": server.token}
+    async with connect(url, proxy=None, compression=None, additional_headers=token, open_timeout=CONNECT_S) as socket:
         frame = json.loads(await socket.recv())
         await come.wait()
         until_s = time.monotonic() + seconds
@@ -168,14 +171,15 @@ async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float
     trips: list[float] = []
     lags: list[float] = []
     come = asyncio.Barrier(len(boards) + 1)  # the server lets so many connections begin in a second
-    players = [asyncio.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards]
-    await come.wait()
-    await asyncio.sleep(2)
-    cpu = float((await asyncio.to_thread(server.measured))["cpu_s"])  # type: ignore[arg-type]
-    trips.clear()
-    lag = asyncio.create_task(_lag(lags))
-    await asyncio.gather(*players)
-    lag.cancel()
+    async with asyncio.TaskGroup() as group:  # one that fails ends the others: the barrier would wait for it for ever
+        players = [group.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards]
+        await come.wait()
+        await asyncio.sleep(2)
+        cpu = float((await asyncio.to_thread(server.measured))["cpu_s"])  # type: ignore[arg-type]
+        trips.clear()
+        lag = group.create_task(_lag(lags))
+        await asyncio.wait(players)
+        lag.cancel()
     return cpu, trips, lags
 
 

@@ -70,6 +70,7 @@ def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(s
     if size[0] < 700:
         me.page.get_by_test_id("tab-rival").click()
     row, col = me.state("rival.thought.goal")
+    me.still("canvas-rival")  # on a phone it was hidden till now, and is drawn when it has its size
     plain = goal_pixel(me)
     assert max(plain) < 235, "nobody asked to see it"
     me.page.get_by_test_id("show-thoughts").check()

@@ -165,7 +165,7 @@ def test_a_reload_a_second_tab_and_a_restart_go_on_with_the_attempt(serve, small
     about = begin(page, (201,))
     with first.socket(about["session"], page) as socket:
         frame = socket.receive("frame")
-        socket.act(frame, "north" if frame["grid"][0] == "?" else "south", input="key")
+        socket.act(frame, "south" if frame["grid"][1][0] == "." else "east", input="key")
         step = socket.frame_after(0)["step"]
     assert begin(page, (200,))["frame"]["step"] == step
     first.stop()
