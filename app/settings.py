@@ -129,7 +129,7 @@ class Limits(BaseModel):
     histories: Bucket = "10+10/s"
     expectations: Bucket = "30+20/s"
     bad_messages: Bucket = "20+1/s"
-    refused_acts: Bucket = "50+10/s"
+    refused_acts: Bucket = "20+10/s"
     joins_per_address: Rate = "300/minute; 2000/hour"
     joins_per_player: Rate = "30/minute"
     sessions_per_address: Rate = "300/minute; 6000/hour"

@@ -7,11 +7,11 @@ from tests.support.others import measure, misbehaving
 
 pytestmark = pytest.mark.long
 
-ROUNDS, SECONDS = 4, 3
-"""Quiet times and floods take turns, since the machine has other work that comes and goes."""
+ROUNDS, SECONDS, BEGINS_S = 4, 4, 0.6
+"""Quiet times and floods take turns, since the machine has other work that comes and goes; a flood begins while people play."""
 
 FLOOD = """
-import socket, sys, threading
+import socket, sys, threading, time
 from base64 import b64encode
 port, path, message, opcode = int(sys.argv[1]), sys.argv[2], sys.argv[3].encode(), int(sys.argv[4])
 length = bytes([128 | len(message)]) if len(message) < 126 else bytes([254, 0, len(message)])
@@ -29,13 +29,14 @@ def flood():
                     each.sendall(data)
         except OSError:
             pass
+time.sleep(float(sys.argv[6]))
 for _ in range(int(sys.argv[5])):
     threading.Thread(target=flood).start()
 """
 """Floods over some sockets of one address, and opens the next when one is closed; without a message it opens and leaves."""
 
 GETS = """
-import sys, threading
+import sys, threading, time
 from http.client import HTTPConnection, HTTPException
 def flood():
     while True:
@@ -46,6 +47,7 @@ def flood():
                 each.getresponse().read()
         except (OSError, HTTPException):
             each.close()
+time.sleep(float(sys.argv[6]))
 for _ in range(int(sys.argv[5])):
     threading.Thread(target=flood).start()
 """
@@ -77,7 +79,7 @@ def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind,
     trips = {server: [], other: []}
     for _ in range(ROUNDS):
         for flooded in (other, server):
-            with misbehaving(script, flooded.port, paths[flooded], message.decode(), opcode, sockets):
+            with misbehaving(script, flooded.port, paths[flooded], message.decode(), opcode, sockets, BEGINS_S):
                 trips[flooded].extend(measure(server, SECONDS))
     (quiet, quiet_p99), (flood, flood_p99) = (
         [float(np.percentile(each, p)) for p in (50, 99)] for each in reversed(trips.values())
