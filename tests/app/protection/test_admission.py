@@ -286,6 +286,15 @@ def test_requests_of_one_address_wait_for_their_turn_and_are_refused_where_that_
     assert server.services.protection.refusals["rate_request"] == codes.count("429")
 
 
+def test_the_files_of_the_pages_have_a_rate_of_their_own(serve):
+    server = serve(limits=Limits(requests="5+2.5/s", files="40+1000/s", token=TOKEN))
+    began = time.monotonic()
+    with server.client() as client:
+        answers = [client.get("/static/play/main.js").status_code for _ in range(30)]
+    assert answers == [200] * 30
+    assert time.monotonic() - began < 5, "with the rate of the other requests, ten seconds"
+
+
 def test_one_request_of_an_address_begins_in_a_turn_of_the_event_loop():
     """So ten that come at once keep somebody else waiting for one of them, and not for ten."""
     turn, begun = 0, []

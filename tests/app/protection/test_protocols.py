@@ -1,6 +1,7 @@
 """How answers are written: head and body at once, since each write wakes the client."""
 
 import asyncio
+import socket
 
 from app.protection.protocols import HeadWithBody
 
@@ -59,3 +60,10 @@ def test_a_head_without_a_body_is_written():
 def test_a_note_to_go_on_is_written_at_once():
     note = b"HTTP/1.1 100 Continue\r\n\r\n"
     assert written(note, HEAD, b"body") == [note, HEAD + b"body"]
+
+
+def test_a_server_sends_an_answer_in_one_piece(serve):
+    server = serve()
+    with socket.create_connection(("127.0.0.1", server.port)) as asking:
+        asking.sendall(f"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        assert asking.recv(65536).endswith(b'{"status":"ok"}')
