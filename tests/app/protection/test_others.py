@@ -7,8 +7,8 @@ from tests.support.others import measure, misbehaving
 
 pytestmark = pytest.mark.long
 
-ROUNDS, SECONDS, BEGINS_S = 4, 4, 0.6
-"""Quiet times and floods take turns, since the machine has other work that comes and goes; a flood begins while people play."""
+ROUNDS = 4
+"""Quiet times and floods take turns, since the machine has other work that comes and goes."""
 
 FLOOD = """
 import socket, sys, threading, time
@@ -64,9 +64,10 @@ FLOODS = {
 }
 
 
+@pytest.mark.parametrize(("begins_s", "seconds"), [(0, 3), (0.6, 4)], ids=["with the first moves", "while people play"])
 @pytest.mark.parametrize("sockets", [1, 30])
 @pytest.mark.parametrize("kind", FLOODS)
-def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind, sockets):
+def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind, sockets, begins_s, seconds):
     """In the quiet times the same client floods another server, so that the machine has as much to do."""
     server, other = spawn(), spawn(database=str(tmp_path / "other.db"))
     paths = {}
@@ -79,8 +80,8 @@ def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind,
     trips = {server: [], other: []}
     for _ in range(ROUNDS):
         for flooded in (other, server):
-            with misbehaving(script, flooded.port, paths[flooded], message.decode(), opcode, sockets, BEGINS_S):
-                trips[flooded].extend(measure(server, SECONDS))
+            with misbehaving(script, flooded.port, paths[flooded], message.decode(), opcode, sockets, begins_s):
+                trips[flooded].extend(measure(server, seconds))
     (quiet, quiet_p99), (flood, flood_p99) = (
         [float(np.percentile(each, p)) for p in (50, 99)] for each in reversed(trips.values())
     )
