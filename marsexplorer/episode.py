@@ -7,6 +7,7 @@ its totals and trajectory hash are there to be checked against.
 from __future__ import annotations
 
 import hashlib
+from array import array
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +62,14 @@ def unpack_terrain(packed: bytes, config: EnvConfig) -> NDArray[np.bool_]:
 
 
 class Episode:
-    """One running episode: begin it, step through it, record it."""
+    """One running episode: begin it, step through it, record it.
+
+    actions      one byte a move, codes 0..3
+    discoveries  cells discovered after 0, 1, 2, ... moves
+    rewards      of each move
+
+    Its moves are kept as arrays of numbers: a server copies them at each move, and Python would look at lists for garbage.
+    """
 
     def __init__(self, worlds: Worlds, start: tuple[int, int]) -> None:
         self._worlds = worlds
@@ -73,9 +81,9 @@ class Episode:
         self.seed = None if seed == NO_SEED else seed
         self.terrain: NDArray[np.bool_] = worlds.terrain(0)
         self.actions = bytearray()
-        self.path: list[tuple[int, int]] = [start]
-        self.discoveries: list[int] = [self._scalars[DISCOVERED]]
-        self.rewards: list[float] = []
+        self._cells = array("i", [start[0] * self.config.cols + start[1]])
+        self.discoveries = array("i", [self._scalars[DISCOVERED]])
+        self.rewards = array("d")
         self.reward = 0.0
         self.total = 0.0
         self.outcome = OUTCOMES[RUNNING]
@@ -108,8 +116,8 @@ class Episode:
         vars(other).update(vars(self))
         other._worlds = self._worlds.copy()
         other._scalars = other._worlds.head(0)
-        other.actions, other.path = self.actions.copy(), self.path.copy()
-        other.discoveries, other.rewards = self.discoveries.copy(), self.rewards.copy()
+        other.actions, other._cells = self.actions.copy(), self._cells[:]
+        other.discoveries, other.rewards = self.discoveries[:], self.rewards[:]
         other._hash = self._hash.copy()
         return other
 
@@ -127,9 +135,9 @@ class Episode:
         self.outcome = OUTCOMES[self._worlds.outcomes[0]]
         self.actions.append(int(action))
         self.rewards.append(self.reward)
-        self.path.append(self.position)
+        row, col = self.position
+        self._cells.append(row * self.config.cols + col)
         self.discoveries.append(self.discovered)
-        row, col = self.path[-1]
         self._hash.update(f"{row},{col},{self.discoveries[-1]},{self.reward!r}|".encode())
         return self.reward
 
@@ -158,6 +166,11 @@ class Episode:
         """(row, col) of the rover."""
         packed: int = self._scalars[POSITION]
         return packed >> 32, packed & 0xFFFFFFFF
+
+    @property
+    def path(self) -> list[tuple[int, int]]:
+        """(row, col) of the rover after 0, 1, 2, ... moves: a new list."""
+        return [divmod(cell, self.config.cols) for cell in self._cells]
 
     @property
     def discovered(self) -> int:

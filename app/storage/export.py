@@ -134,7 +134,8 @@ def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTabl
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
         return [(*common, *_episode_values(row, steps), row["attestation"], row["attestation_reason"], row["daily"], verified)]
-    return [(*common, *_step_values(row, step, episode), verified) for step in steps]
+    path = [] if episode is None else episode.path
+    return [(*common, *_step_values(step, episode, path), verified) for step in steps]
 
 
 def _pseudonym(player_id: str | None, key: bytes) -> str | None:
@@ -153,9 +154,9 @@ def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[A
     return (row["driver"], *flags, *shape, *cause, *times, *totals, to_target, actions, row["trajectory_hash"])
 
 
-def _step_values(row: dict[str, Any], step: dict[str, Any], episode: Episode | None) -> tuple[Any, ...]:
+def _step_values(step: dict[str, Any], episode: Episode | None, path: Sequence[tuple[int, int]]) -> tuple[Any, ...]:
     here = step["step"] + 1
-    position: Sequence[int | None] = episode.path[here] if episode else (None, None)
+    position: Sequence[int | None] = path[here] if episode else (None, None)
     coverage = episode.discoveries[here] / episode.cells if episode else None
     seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
     times = (step["client_ms"], step["key_down_ms"], step["key_up_ms"], step["input"], step["driver"])

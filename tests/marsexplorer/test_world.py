@@ -1,5 +1,8 @@
 """The compiled rules are the literal ones, alone and stacked, and keep the laws."""
 
+import gc
+from types import FunctionType, ModuleType
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -127,6 +130,28 @@ def test_a_replayed_record_is_the_record(config, seed, actions, gives_up):
     assert again.record() == episode.record()
     assert again.path == episode.path
     assert again.discoveries == episode.discoveries
+
+
+def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_episode_has():
+    """A server copies an episode at each move; what is in lists would be new each time."""
+
+    def looked_at(episode):
+        found, waiting = {}, [vars(episode)]
+        while waiting:
+            if id(each := waiting.pop()) not in found and not isinstance(each, type | ModuleType | FunctionType):
+                found[id(each)] = each
+                waiting += gc.get_referents(each)
+        return len(found)
+
+    episode = Episode.begin(EnvConfig.of("random", 21), seed=7)
+    sizes = []
+    for moves in (2, 100):
+        while episode.steps < moves and not episode.ended:
+            episode = episode.copy()
+            episode.step((1, 3)[episode.steps % 2])
+        sizes.append(looked_at(episode))
+    assert not episode.ended
+    assert sizes[1] <= sizes[0] + 4  # numbers that are objects of their own
 
 
 def test_a_terrain_complete_at_reset_ends_on_the_first_valid_move():

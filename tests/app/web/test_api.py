@@ -49,7 +49,7 @@ def test_a_script_plays_a_whole_episode_and_every_frame_is_the_cores(server, lev
     assert kept["trajectory_hash"] == episode.record().trajectory_hash
     history = client.get(f"/api/sessions/{begun['session']}/history").json()
     assert [tuple(at) for at in history["positions"]] == episode.path
-    assert history["discovered"] == episode.discoveries
+    assert history["discovered"] == list(episode.discoveries)
     again = client.post(f"/api/sessions/{begun['session']}/act", json={"episode": last["episode"], "step": 0, "action": "east"})
     assert again.status_code == 409
     assert "ended" in again.json()["detail"]
