@@ -6,7 +6,6 @@ Nothing here is global: each app has a store, a lobby and a viewer of its own, a
 from __future__ import annotations
 
 import asyncio
-import gc
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
@@ -21,7 +20,7 @@ from app.admin.services import AdminServices
 from app.backup.rotation import Backups
 from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
-from app.monitoring.event_loop import measure_lag
+from app.monitoring.event_loop import collect_in_quiet_moments, measure_lag, rare_collections
 from app.monitoring.listener import metrics_served
 from app.monitoring.logs import log_as_json
 from app.monitoring.metrics import Metrics
@@ -104,15 +103,15 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                 running = [part.sweep() for part in (lobby, page_boards, protection.slow_readers)]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
-                sweepers = [asyncio.create_task(each, name="sweep") for each in (*running, measure_lag(metrics))]
+                running += [measure_lag(metrics), collect_in_quiet_moments()]
+                sweepers = [asyncio.create_task(each, name="sweep") for each in running]
                 t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
-                gc.collect()
-                gc.freeze()  # what is loaded stays: collections that walk it would delay a move by tens of milliseconds
-                try:
-                    yield
-                finally:
-                    for sweeper in sweepers:
-                        sweeper.cancel()
+                with rare_collections():
+                    try:
+                        yield
+                    finally:
+                        for sweeper in sweepers:
+                            sweeper.cancel()
 
     app = FastAPI(
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
