@@ -97,8 +97,8 @@ class Limits(BaseModel):
     messages_per_address  the same over all sockets of one address
     busy_sockets     as many sockets may be as busy as the following limits allow; those of one address share that
     acts             moves over one socket; beyond, they wait
-    events, histories, expectations       messages of those kinds over one socket; beyond, they wait, then it is closed
-    bad_messages, refused_acts            beyond, the socket is closed
+    events, histories, expectations, refused_acts  messages of those kinds over one socket; beyond, they wait, then it is closed
+    bad_messages     beyond, the socket is closed
     joins_per_address, joins_per_player   new and resumed participations
     sessions_per_address, sessions_per_player  new boards, attempts at the daily terrain among them
     episodes_per_address, episodes_per_player  next episodes
@@ -116,7 +116,7 @@ class Limits(BaseModel):
     headers_s: float = Field(default=20.0, gt=0)
     body_s: float = Field(default=60.0, gt=0)
     answer_s: float = Field(default=20.0, gt=0)
-    requests: Bucket = "10+250/s"
+    requests: Bucket = "8+200/s"
     files: Bucket = "40+1000/s"
     sockets: int = Field(default=2000, ge=1)
     sockets_per_address: int = Field(default=500, ge=1)
@@ -129,7 +129,7 @@ class Limits(BaseModel):
     histories: Bucket = "10+10/s"
     expectations: Bucket = "30+20/s"
     bad_messages: Bucket = "20+1/s"
-    refused_acts: Bucket = "20+10/s"
+    refused_acts: Bucket = "5+10/s"
     joins_per_address: Rate = "300/minute; 2000/hour"
     joins_per_player: Rate = "30/minute"
     sessions_per_address: Rate = "300/minute; 6000/hour"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Literal
 
 from app.protection.buckets import BucketSize, TokenBucket
@@ -13,12 +14,13 @@ Kind = Literal["act", "events", "history", "expected", "bad", "refused"]
 POLICY_VIOLATION = 1008
 """The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
 
-CLOSED_AT_ONCE = frozenset({"bad", "refused"})
-"""Kinds that nobody needs: beyond its bucket the socket is closed. With the others a socket is slowed down to the rate."""
-
 PATIENCE = 100
-"""Slowed messages of one kind in a row after which the socket is closed. Acts have none: a script that waits for each frame
-before it moves is slowed down for ever and closed never."""
+"""Slowed messages of one kind in a row after which the socket is closed."""
+
+OWN_PATIENCE: dict[Kind, float] = {"bad": 0, "refused": 15, "act": inf}
+"""The same of kinds that have their own. Nobody needs a message that is none of ours. An act that is refused costs as much as
+one that is made, and a page that has lost touch sends few. A script that waits for each frame before it moves is slowed down
+for ever and closed never."""
 
 
 class TooManyMessagesError(Exception):
@@ -52,7 +54,7 @@ class SocketBudget:
             self._slowed[kind] = 0
             return
         self._slowed[kind] = slowed = self._slowed.get(kind, 0) + 1
-        if kind in CLOSED_AT_ONCE or (slowed > PATIENCE and kind != "act"):
+        if slowed > OWN_PATIENCE.get(kind, PATIENCE):
             self._count_refusal(f"messages_{kind}")
             size = self._sizes[kind]
             raise TooManyMessagesError(

@@ -148,6 +148,27 @@ def test_a_socket_is_closed_after_a_hundred_slowed_messages_of_one_kind_in_a_row
     assert refusals == ["messages_history"]
 
 
+@pytest.mark.parametrize(("kind", "patience"), [("bad", 0), ("refused", 15)])
+def test_a_socket_is_closed_sooner_after_messages_that_nobody_needs(kind, patience):
+    budget = SocketBudget({kind: BucketSize.parse("5+0.001/s")}, {}, [].append)
+    for _ in range(5 + patience):
+        budget.spend(kind)
+    with pytest.raises(TooManyMessagesError, match=rf"\({kind}\)"):
+        budget.spend(kind)
+
+
+def test_acts_that_are_refused_are_slowed_down_before_they_close_the_socket(serve):
+    server = serve(limits=Limits(refused_acts="2+5/s"))
+    _, begun = begin(server)
+    with server.socket(begun["session"]) as socket:
+        began = time.monotonic()
+        for _ in range(6):
+            socket.send({"kind": "act", "episode": "other", "step": 0, "action": "north"})
+        for _ in range(6):
+            socket.receive("refused")
+        assert time.monotonic() - began >= 0.6
+
+
 def test_messages_of_any_kind_have_a_limit_on_every_socket(serve):
     server = serve(limits=Limits(messages="50+1/s"))
     client, begun = begin(server)
