@@ -112,7 +112,7 @@ class Limits(BaseModel):
     connections: int = Field(default=4000, ge=1)
     connections_per_address: int = Field(default=1000, ge=1)
     opened: Bucket = "1000+25/s"
-    served: Bucket = "8+100/s"
+    served: Bucket = "6+80/s"
     headers_s: float = Field(default=20.0, gt=0)
     body_s: float = Field(default=60.0, gt=0)
     answer_s: float = Field(default=20.0, gt=0)

@@ -26,7 +26,7 @@ LOOK_S = 1.0
 """Seconds between two looks for a quiet moment."""
 QUIET_S = 0.01
 """Seconds that the event loop has worked since the last look, at most, for the moment to be quiet."""
-SOONEST_S, LATEST_S = 10.0, 600.0
+SOONEST_S, LATEST_S = 10.0, 60.0
 """Seconds from one collection to the next in a quiet moment, at least, and in any moment."""
 
 
@@ -58,7 +58,7 @@ def rare_collections() -> Iterator[None]:
 async def collect_in_quiet_moments() -> None:
     """Collect garbage of all ages again and again until cancelled: when the event loop has had little to do, or after LATEST_S.
 
-    A closed socket leaves some 3 KB of it, so what waits for a quiet moment is little.
+    A closed socket leaves seven small objects, so little waits for a quiet moment.
     """
     collected_s = time.monotonic()
     while True:

@@ -32,7 +32,7 @@ from websockets.asyncio.client import connect
 
 MOVES_PER_SECOND = 5
 CONNECT_S = 60.0
-"""Seconds in which a player has a connection: the server serves a hundred new ones in a second."""
+"""Seconds in which a player has a connection: the server serves eighty new ones in a second."""
 MOST_LAG_MS = 10.0
 """The 99th percentile of the generator's own lag above which it reports nothing."""
 
