@@ -3,7 +3,7 @@
 import json
 import struct
 import time
-from asyncio.selector_events import _SelectorTransport
+from asyncio.selector_events import _SelectorSocketTransport
 from contextlib import ExitStack, suppress
 
 import pytest
@@ -273,13 +273,13 @@ def test_a_flood_leaves_the_board_as_it_was_and_the_player_comes_back(server):
 def test_reading_pauses_only_where_messages_wait(serve, monkeypatch):
     server = serve(limits=Limits(histories="1000+1000/s"))
     pauses, waited = [], []
-    pause, receive = _SelectorTransport.pause_reading, LimitedWebSocket.receive
+    pause, receive = _SelectorSocketTransport.pause_reading, LimitedWebSocket.receive
 
     async def watched(self):
         waited.append(self.queue.qsize())
         return await receive(self)
 
-    monkeypatch.setattr(_SelectorTransport, "pause_reading", lambda self: (pauses.append(self), pause(self)))
+    monkeypatch.setattr(_SelectorSocketTransport, "pause_reading", lambda self: (pauses.append(self), pause(self)))
     monkeypatch.setattr(LimitedWebSocket, "receive", watched)
     client, begun = begin(server)
     with server.socket(begun["session"], client) as socket:
