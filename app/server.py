@@ -56,9 +56,31 @@ from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
 from app.viewer3d.viewer import Viewer
-from app.web import admin, api, api_docs, cookies, daily, leaderboard, me, pages, replay, results, sockets, study, viewer, watch
+from app.web import (
+    admin,
+    api,
+    api_docs,
+    cookies,
+    daily,
+    leaderboard,
+    me,
+    pages,
+    replay,
+    results,
+    sockets,
+    study,
+    viewer,
+    watch,
+)
 from app.web.errors import add_error_handlers, answer_refusal
-from app.web.listening import AnnouncingServer, ServerError, address_of, inherited_socket, listen, uvicorn_config
+from app.web.listening import (
+    AnnouncingServer,
+    ServerError,
+    address_of,
+    inherited_socket,
+    listen,
+    uvicorn_config,
+)
 from app.web.middleware import BodyLimit
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import t_quantile
@@ -96,7 +118,9 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store, metrics) as store:
-            made = _services(settings, protection, store, offered, prepared.sources or Sources(), password)
+            made = _services(
+                settings, protection, store, offered, prepared.sources or Sources(), password
+            )
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -105,7 +129,9 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                     running.append(backups.run())
                 running += [measure_lag(metrics), collect_in_quiet_moments()]
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
-                t_quantile(1)  # scipy loads its parts when they are needed: now, and not while somebody plays
+                t_quantile(
+                    1
+                )  # scipy loads its parts when they are needed: now, and not while somebody plays
                 with rare_collections():
                     try:
                         yield
@@ -119,16 +145,34 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection)
     add_error_handlers(app)
-    app.mount("/static", pages.static_files, name="static")  # first what is asked for most: routes are tried in turn
-    for module in (pages, sockets, api, watch, results, replay, daily, me, study, leaderboard, viewer):
-        app.router.routes.extend(module.router.routes)  # as they are: `include_router` would build each again for this app
+    app.mount(
+        "/static", pages.static_files, name="static"
+    )  # first what is asked for most: routes are tried in turn
+    for module in (
+        pages,
+        sockets,
+        api,
+        watch,
+        results,
+        replay,
+        daily,
+        me,
+        study,
+        leaderboard,
+        viewer,
+    ):
+        app.router.routes.extend(
+            module.router.routes
+        )  # as they are: `include_router` would build each again for this app
     app.router.routes.extend(api.probes.routes)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
 
 
-def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection) -> None:
+def _add_protection(
+    app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection
+) -> None:
     """Put the middleware around the app; what is added last sees a request first."""
     app.state.protection = protection  # for uvicorn's protocols as well
     app.add_middleware(NotedRoute)
@@ -137,8 +181,12 @@ def _add_protection(app: FastAPI, settings: Settings, metrics: Metrics, protecti
     app.add_middleware(OwnCookies, names=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE))
     app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
     app.add_middleware(SecurityHeaders)
-    app.add_middleware(ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url)
-    app.add_middleware(AllowedHosts, names=own_names(settings.public_url, settings.host), answer=answer_refusal)
+    app.add_middleware(
+        ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url
+    )
+    app.add_middleware(
+        AllowedHosts, names=own_names(settings.public_url, settings.host), answer=answer_refusal
+    )
     app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
 
 
@@ -174,7 +222,9 @@ def _services(
     policies, maps = offered
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
-    lobby = Lobby(store, policies, sources, settings.idle_s, of_session, maps, settings.limits.decision_s)
+    lobby = Lobby(
+        store, policies, sources, settings.idle_s, of_session, maps, settings.limits.decision_s
+    )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     _add_gauges(store.metrics, lobby, health)
     return Services(
@@ -183,7 +233,9 @@ def _services(
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),
-        daily_policies=DailyPolicies(store.path.with_name(store.path.name + "-daily.json"), policies.offers()),
+        daily_policies=DailyPolicies(
+            store.path.with_name(store.path.name + "-daily.json"), policies.offers()
+        ),
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
@@ -193,17 +245,27 @@ def _services(
         replays=Replays(store.path, policies.offers()),
         health=health,
         protection=protection,
-        admin=None if password is None else AdminServices(password, progress, settings.studies, health),
+        admin=None
+        if password is None
+        else AdminServices(password, progress, settings.studies, health),
     )
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     """Let the metrics hold what can be read of the services at any time."""
     metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
-    metrics.add_gauge("waiting_decisions", "Boards of policies that wait for a decision.", lambda: lobby.waiting_decisions)
-    metrics.add_gauge("waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes))
+    metrics.add_gauge(
+        "waiting_decisions",
+        "Boards of policies that wait for a decision.",
+        lambda: lobby.waiting_decisions,
+    )
+    metrics.add_gauge(
+        "waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes)
+    )
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
-    metrics.add_gauge("database_bytes", "Size of the database without its log.", health.database_bytes)
+    metrics.add_gauge(
+        "database_bytes", "Size of the database without its log.", health.database_bytes
+    )
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
 
 
@@ -214,8 +276,14 @@ def _backups(settings: Settings, store: Store) -> Backups | None:
         folder = settings.backup_to or store.path.with_name("backups")
         backups = Backups(store.path, folder, 60 * settings.backup_every, settings.backup_keep)
     metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
-    metrics.add_gauge("backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s())
-    metrics.add_gauge("backup_failures", "Backups that could not be made.", lambda: 0 if backups is None else backups.failures)
+    metrics.add_gauge(
+        "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
+    )
+    metrics.add_gauge(
+        "backup_failures",
+        "Backups that could not be made.",
+        lambda: 0 if backups is None else backups.failures,
+    )
     return backups
 
 
@@ -227,11 +295,15 @@ def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
         return
     with ExitStack() as stack:
         try:
-            address = stack.enter_context(metrics_served(metrics, settings.metrics_host, settings.metrics_port))
+            address = stack.enter_context(
+                metrics_served(metrics, settings.metrics_host, settings.metrics_port)
+            )
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             where = f"{settings.metrics_host} port {settings.metrics_port}"
-            raise ServerError(f"cannot serve metrics on {where}: {reason}; choose another with --metrics-port") from error
+            raise ServerError(
+                f"cannot serve metrics on {where}: {reason}; choose another with --metrics-port"
+            ) from error
         print(f"metrics for Prometheus are at {address}", flush=True)
         yield
 
@@ -259,25 +331,42 @@ def run(settings: Settings) -> None:
     if settings.log_format == "json":
         log_as_json()
     metrics = Metrics()
-    with inherited_socket() or listen(settings.host, settings.port) as sock, _metrics_served(settings, metrics):
+    with (
+        inherited_socket() or listen(settings.host, settings.port) as sock,
+        _metrics_served(settings, metrics),
+    ):
         with _file_errors():
             for path in settings.policies:
                 describe(str(path))
             maps = MapCatalogue.read(settings.maps, settings.cell_m)
-        print("compiling the rules and loading the policies (some seconds on the first start)", flush=True)
+        print(
+            "compiling the rules and loading the policies (some seconds on the first start)",
+            flush=True,
+        )
         with _file_errors():
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
-        with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as store:
+        with closing(
+            Store(settings.database, settings.durable, metrics, settings.accept_loss)
+        ) as store:
             if (found := quick_check(store.path)) != "ok":
                 raise StoreError(damaged(store.path, found))
             if store.notice is not None:
-                print(f"{store.notice}; a power cut can do this, which --durable prevents", flush=True)
+                print(
+                    f"{store.notice}; a power cut can do this, which --durable prevents", flush=True
+                )
             app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), password)
             if password is not None and password.drawn:
-                print(f"the operator's page is /admin, its password until the server stops: {password.drawn}", flush=True)
-            sys.setswitchinterval(0.001)  # a policy that decides in a thread lets a move through within a millisecond
+                print(
+                    f"the operator's page is /admin, its password until the server stops: {password.drawn}",
+                    flush=True,
+                )
+            sys.setswitchinterval(
+                0.001
+            )  # a policy that decides in a thread lets a move through within a millisecond
             try:
-                AnnouncingServer(uvicorn_config(app, **_log_options(settings)), address_of(sock)).run(sockets=[sock])
+                AnnouncingServer(
+                    uvicorn_config(app, **_log_options(settings)), address_of(sock)
+                ).run(sockets=[sock])
             except KeyboardInterrupt:
                 return

@@ -37,8 +37,16 @@ def _checked_url(url: str) -> str:
         port = parts.port
     except ValueError:
         parts, port = urlsplit(""), None
-    if parts.scheme not in ("http", "https") or not parts.hostname or "@" in parts.netloc or parts.query or parts.fragment:
-        raise ValueError("expected the address of the pages, like https://mars.example or https://lab.example/mars")
+    if (
+        parts.scheme not in ("http", "https")
+        or not parts.hostname
+        or "@" in parts.netloc
+        or parts.query
+        or parts.fragment
+    ):
+        raise ValueError(
+            "expected the address of the pages, like https://mars.example or https://lab.example/mars"
+        )
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
     rest = "" if port in (None, {"http": 80, "https": 443}[parts.scheme]) else f":{port}"
     return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"
@@ -51,7 +59,9 @@ def _checked_proxy(proxy: str) -> str:
     except ValueError as error:
         raise ValueError("expected an IP address or a network like 10.0.0.0/8") from error
     if network.prefixlen == 0:
-        raise ValueError("expected the proxy's own address or network: with everybody named, everybody could invent addresses")
+        raise ValueError(
+            "expected the proxy's own address or network: with everybody named, everybody could invent addresses"
+        )
     return str(network)
 
 
@@ -60,7 +70,9 @@ def read_bucket(text: str) -> tuple[int, float]:
     found = re.fullmatch(r"\s*([0-9]+)\s*\+\s*([0-9]+(?:\.[0-9]+)?)\s*/\s*s\s*", text)
     burst, rate = (int(found[1]), float(found[2])) if found else (0, 0.0)
     if burst < 1 or rate <= 0:
-        raise ValueError(f"expected BURST+RATE/s, how many at once and how many a second after that, like 20+2/s; got {text!r}")
+        raise ValueError(
+            f"expected BURST+RATE/s, how many at once and how many a second after that, like 20+2/s; got {text!r}"
+        )
     return burst, rate
 
 
@@ -71,8 +83,13 @@ def _checked_bucket(text: str) -> str:
 
 def _checked_rate(text: str) -> str:
     """Return a rate in the words of the library `limits`; ValueError for anything else."""
-    if not all(re.fullmatch(r"\s*[1-9][0-9]*/(second|minute|hour|day)\s*", each) for each in text.split(";")):
-        raise ValueError(f"expected how many in which time, like 150/minute or 150/minute; 2000/hour; got {text!r}")
+    if not all(
+        re.fullmatch(r"\s*[1-9][0-9]*/(second|minute|hour|day)\s*", each)
+        for each in text.split(";")
+    ):
+        raise ValueError(
+            f"expected how many in which time, like 150/minute or 150/minute; 2000/hour; got {text!r}"
+        )
     return text
 
 
@@ -169,7 +186,9 @@ class Settings(BaseSettings):
     limits       what one client may ask of the server
     """
 
-    model_config = SettingsConfigDict(env_prefix="MARS_", env_nested_delimiter="__", frozen=True, extra="forbid")
+    model_config = SettingsConfigDict(
+        env_prefix="MARS_", env_nested_delimiter="__", frozen=True, extra="forbid"
+    )
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)

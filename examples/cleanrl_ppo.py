@@ -59,11 +59,15 @@ class Agent(nn.Module):
 def arguments() -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=20_000, help="moves of all environments together")
+    parser.add_argument(
+        "--steps", type=int, default=20_000, help="moves of all environments together"
+    )
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
     parser.add_argument("--num-envs", type=int, default=64)
-    parser.add_argument("--rollout", type=int, default=64, help="moves of each environment between updates")
+    parser.add_argument(
+        "--rollout", type=int, default=64, help="moves of each environment between updates"
+    )
     parser.add_argument("--epochs", type=int, default=3)
     parser.add_argument("--minibatch", type=int, default=1024)
     parser.add_argument("--learning-rate", type=float, default=5e-4)
@@ -101,7 +105,9 @@ def main() -> None:
     began, played, scores = time.time(), 0, []
     while played < given.steps:
         for t in range(span):
-            codes[t] = torch.from_numpy(observations)  # a copy: the environment overwrites its codes at each step
+            codes[t] = torch.from_numpy(
+                observations
+            )  # a copy: the environment overwrites its codes at each step
             masks[t] = torch.from_numpy(envs.unwrapped.action_masks())
             with torch.no_grad():
                 distribution, values[t] = agent(codes[t], masks[t])
@@ -130,22 +136,33 @@ def main() -> None:
             advantages[t] = carried = delta + given.gamma * given.gae_lambda * alive * carried
         returns = advantages + values
 
-        flat = [part.flatten(0, 1) for part in (codes, masks, actions, log_probs, advantages, returns)]
+        flat = [
+            part.flatten(0, 1) for part in (codes, masks, actions, log_probs, advantages, returns)
+        ]
         for _ in range(given.epochs):
             for batch in torch.randperm(span * num).split(given.minibatch):
-                some_codes, some_masks, action, old, advantage, target = (part[batch] for part in flat)
+                some_codes, some_masks, action, old, advantage, target = (
+                    part[batch] for part in flat
+                )
                 distribution, value = agent(some_codes, some_masks)
                 ratio = (distribution.log_prob(action) - old).exp()
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
                 clipped = ratio.clamp(1 - given.clip, 1 + given.clip)
                 loss = -torch.min(ratio * advantage, clipped * advantage).mean()
-                loss = loss + 0.5 * (value - target).pow(2).mean() - given.entropy * distribution.entropy().mean()
+                loss = (
+                    loss
+                    + 0.5 * (value - target).pow(2).mean()
+                    - given.entropy * distribution.entropy().mean()
+                )
                 optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
                 optimizer.step()
         recent = f"{np.mean(scores[-100:]):.3f}" if scores else "no episode ended yet"
-        print(f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score {recent}", flush=True)
+        print(
+            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score {recent}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -71,7 +71,9 @@ def measure(occupied, x, y, reach, ranges, pixels, distances):
     """Write the range of each beam to the first occupied pixel, in pixel sides; infinite where none is within reach."""
     rows, cols = occupied.shape
     for beam in range(len(ranges)):
-        count = trace_beam(x, y, 2 * math.pi * beam / len(ranges), reach, rows, cols, pixels, distances)
+        count = trace_beam(
+            x, y, 2 * math.pi * beam / len(ranges), reach, rows, cols, pixels, distances
+        )
         ranges[beam] = math.inf
         for k in range(count):
             if occupied[pixels[k] // cols, pixels[k] % cols]:
@@ -84,7 +86,9 @@ def draw_scan(drawn, x, y, reach, ranges, pixels, distances):
     """Draw a scan into the map uint8[rows, cols]: CLEAR along each beam, OCCUPIED where it ended."""
     rows, cols = drawn.shape
     for beam in range(len(ranges)):
-        count = trace_beam(x, y, 2 * math.pi * beam / len(ranges), reach, rows, cols, pixels, distances)
+        count = trace_beam(
+            x, y, 2 * math.pi * beam / len(ranges), reach, rows, cols, pixels, distances
+        )
         for k in range(count):
             is_end = distances[k] > ranges[beam] - CORNER / 2
             drawn[pixels[k] // cols, pixels[k] % cols] = OCCUPIED if is_end else CLEAR
@@ -115,7 +119,10 @@ class World:
         self.pose = (*metres_of(start, len(terrain), cell_m), math.pi / 2)
         self.rng = np.random.default_rng(seed)
         self.driven_m, self.time_s, self.collisions = 0.0, 0.0, 0
-        self._scratch = np.zeros(sum(self.occupied.shape) + 2, np.int64), np.zeros(sum(self.occupied.shape) + 2)
+        self._scratch = (
+            np.zeros(sum(self.occupied.shape) + 2, np.int64),
+            np.zeros(sum(self.occupied.shape) + 2),
+        )
 
     def scan(self, reach_m):
         """Return float64[BEAMS], distances in metres, the first beam to the east, counter-clockwise; inf without an echo."""
@@ -126,11 +133,16 @@ class World:
 
     def drive(self, left_mps, right_mps):
         """Turn the wheels at these speeds for one time step."""
-        left, right = np.array([left_mps, right_mps]) * (1 + self.robot.noise * self.rng.standard_normal(2))
+        left, right = np.array([left_mps, right_mps]) * (
+            1 + self.robot.noise * self.rng.standard_normal(2)
+        )
         x, y, heading = self.pose
         speed, turn = (left + right) / 2, (right - left) / self.robot.wheel_base_m
         middle = heading + turn * TIME_STEP_S / 2
-        x, y = x + speed * math.cos(middle) * TIME_STEP_S, y + speed * math.sin(middle) * TIME_STEP_S
+        x, y = (
+            x + speed * math.cos(middle) * TIME_STEP_S,
+            y + speed * math.sin(middle) * TIME_STEP_S,
+        )
         self.pose = x, y, (heading + turn * TIME_STEP_S + math.pi) % (2 * math.pi) - math.pi
         self.driven_m += abs(speed) * TIME_STEP_S
         self.time_s += TIME_STEP_S
@@ -202,7 +214,12 @@ def paths_from(codes, position, heading=(0, 1)):
         row, col = queue.popleft()
         for down, right in sorted(DISPLACEMENTS, key=lambda move: move != heading):
             cell = row + down, col + right
-            if 0 <= cell[0] < rows and 0 <= cell[1] < cols and cell not in before and codes[cell] == FREE:
+            if (
+                0 <= cell[0] < rows
+                and 0 <= cell[1] < cols
+                and cell not in before
+                and codes[cell] == FREE
+            ):
                 before[cell] = row, col
                 queue.append(cell)
     return before
@@ -211,7 +228,11 @@ def paths_from(codes, position, heading=(0, 1)):
 def has_frontier(codes, cells):
     """Return whether any of the cells shares an edge with an unknown one (Yamauchi 1997): then there is more to explore."""
     unknown = np.pad(codes == UNKNOWN, 1)
-    return any(unknown[row + 1 + down, col + 1 + right] for row, col in cells for down, right in DISPLACEMENTS)
+    return any(
+        unknown[row + 1 + down, col + 1 + right]
+        for row, col in cells
+        for down, right in DISPLACEMENTS
+    )
 
 
 def wheel_speeds(robot, pose, target):
@@ -237,7 +258,9 @@ class Explorer:
     def look(self):
         """Scan, draw the scan, and return the cells known now."""
         self.mapper.add(self.world.pose, self.world.scan(self.reach_m), self.reach_m)
-        self.codes = cells_known(self.mapper.drawn, cell_of(self.world.pose, self.rows, self.cell_m))
+        self.codes = cells_known(
+            self.mapper.drawn, cell_of(self.world.pose, self.rows, self.cell_m)
+        )
         self.course.append(self.world.pose)
         self.known.append((self.world.driven_m, int((self.codes != UNKNOWN).sum())))
         return self.codes
@@ -251,7 +274,9 @@ class Explorer:
             if not has_frontier(self.codes, before):
                 return True
             cell, _ = next_goal(self.policy, self.codes, self.cell_m)
-            while before[cell] != position:  # the next cell of the path: on the way the map changes, and the goal may too
+            while (
+                before[cell] != position
+            ):  # the next cell of the path: on the way the map changes, and the goal may too
                 cell = before[cell]
             heading = cell[0] - position[0], cell[1] - position[1]
             self._drive_to(metres_of(cell, self.rows, self.cell_m))
@@ -276,17 +301,28 @@ def draw(explorer, path):
     from matplotlib import pyplot
     from matplotlib.colors import ListedColormap
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(12, 6), gridspec_kw={"width_ratios": [2, 1]}, layout="constrained")
+    figure, (left, right) = pyplot.subplots(
+        1, 2, figsize=(12, 6), gridspec_kw={"width_ratios": [2, 1]}, layout="constrained"
+    )
     drawn, pixel_m = explorer.mapper.drawn, explorer.mapper.pixel_m
     extent = (0, drawn.shape[1] * pixel_m, 0, drawn.shape[0] * pixel_m)
     left.imshow(
-        drawn, ListedColormap(["#463b36", "#f0e4d7", "#1c1512"]), vmin=0, vmax=2, extent=extent, interpolation="nearest"
+        drawn,
+        ListedColormap(["#463b36", "#f0e4d7", "#1c1512"]),
+        vmin=0,
+        vmax=2,
+        extent=extent,
+        interpolation="nearest",
     )
     xs, ys, _ = zip(*explorer.course, strict=True)
     left.plot(xs, ys, color="#c2561a", linewidth=1.2)
     left.plot(xs[0], ys[0], "o", color="#1f77b4", label="start")
     left.plot(xs[-1], ys[-1], "s", color="#c2561a", label="end")
-    left.set(xlabel="x (m)", ylabel="y (m)", title=f"The map drawn by the laser, and the course by {explorer.policy.name}")
+    left.set(
+        xlabel="x (m)",
+        ylabel="y (m)",
+        title=f"The map drawn by the laser, and the course by {explorer.policy.name}",
+    )
     left.legend(loc="lower left")
     metres, cells = zip(*explorer.known, strict=True)
     right.plot(metres, cells, color="#c2561a")
@@ -303,8 +339,18 @@ def main(arguments=None):
     parser.add_argument("--map", help="a map_server file (YAML) to explore instead of a level")
     parser.add_argument("--size", type=int, default=30, help="of the terrain: cells a side")
     parser.add_argument("--seed", type=int, default=1, help="of the terrain and of the noise")
-    parser.add_argument("--cell", type=float, default=0.5, help="side of a cell in metres; the robot takes 0.8 of it")
-    parser.add_argument("--noise", type=float, default=0.05, help="standard deviation of a wheel's speed, as a share")
+    parser.add_argument(
+        "--cell",
+        type=float,
+        default=0.5,
+        help="side of a cell in metres; the robot takes 0.8 of it",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=0.05,
+        help="standard deviation of a wheel's speed, as a share",
+    )
     parser.add_argument("--policy", default="frontier-priced", help="a policy's name or file")
     parser.add_argument("--out", default="robot.png", help="picture to write")
     given = parser.parse_args(arguments)
@@ -323,7 +369,9 @@ def main(arguments=None):
     draw(explorer, given.out)
     known = explorer.known[-1][1]
     print(f"{'explored' if is_done else 'stopped'}: {known} of {episode.terrain.size} cells known")
-    print(f"{world.driven_m:.1f} m driven in {world.time_s:.0f} s, {world.collisions} collisions; picture: {given.out}")
+    print(
+        f"{world.driven_m:.1f} m driven in {world.time_s:.0f} s, {world.collisions} collisions; picture: {given.out}"
+    )
 
 
 if __name__ == "__main__":

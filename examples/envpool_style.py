@@ -21,16 +21,28 @@ class AsyncPool:
 
     def __init__(self, num_envs: int, batch_size: int, num_threads: int, **options) -> None:
         if num_envs % batch_size:
-            raise ValueError(f"num_envs must be a multiple of batch_size, got {num_envs} and {batch_size}")
+            raise ValueError(
+                f"num_envs must be a multiple of batch_size, got {num_envs} and {batch_size}"
+            )
         self.num_envs, self.batch_size = num_envs, batch_size
-        made = {"id": "marsexplorer:MarsExplorer-v0", "vectorization_mode": "vector_entry_point", "observation": "uint8"}
-        self.stacks = [gymnasium.make_vec(num_envs=batch_size, **made, **options) for _ in range(num_envs // batch_size)]
+        made = {
+            "id": "marsexplorer:MarsExplorer-v0",
+            "vectorization_mode": "vector_entry_point",
+            "observation": "uint8",
+        }
+        self.stacks = [
+            gymnasium.make_vec(num_envs=batch_size, **made, **options)
+            for _ in range(num_envs // batch_size)
+        ]
         self._threads, self._ready = ThreadPoolExecutor(num_threads), queue.SimpleQueue()
 
     def _work(self, index: int, act) -> None:
         try:
             observations, *rest, info = act()
-            rewards, terminated, truncated = rest or (np.zeros(self.batch_size), *np.zeros((2, self.batch_size), bool))
+            rewards, terminated, truncated = rest or (
+                np.zeros(self.batch_size),
+                *np.zeros((2, self.batch_size), bool),
+            )
             first = index * self.batch_size
             info["env_id"] = np.arange(first, first + self.batch_size)
             self._ready.put((observations, rewards, terminated, truncated, info))
@@ -40,7 +52,9 @@ class AsyncPool:
     def async_reset(self, seed: int = 0) -> None:
         """Start every environment, environment i on seed + i; recv() returns the batches."""
         for k, stack in enumerate(self.stacks):
-            self._threads.submit(self._work, k, lambda stack=stack, k=k: stack.reset(seed=seed + k * self.batch_size))
+            self._threads.submit(
+                self._work, k, lambda stack=stack, k=k: stack.reset(seed=seed + k * self.batch_size)
+            )
 
     def recv(self):
         """Return a batch that is ready: observations, rewards, terminated, truncated, info with info["env_id"].
@@ -74,7 +88,9 @@ class AsyncPool:
 def main() -> None:
     """Play random valid moves and print the rate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=1_000_000, help="moves of all environments together")
+    parser.add_argument(
+        "--steps", type=int, default=1_000_000, help="moves of all environments together"
+    )
     parser.add_argument("--num-envs", type=int, default=2048)
     parser.add_argument("--batch-size", type=int, default=1024)
     parser.add_argument("--num-threads", type=int, default=2)
@@ -83,7 +99,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
 
-    pool = AsyncPool(given.num_envs, given.batch_size, given.num_threads, level=given.level, size=given.size)
+    pool = AsyncPool(
+        given.num_envs, given.batch_size, given.num_threads, level=given.level, size=given.size
+    )
     rng, moves, invalid, scores = np.random.default_rng(given.seed), 0, 0, []
     pool.async_reset(given.seed)
     began = time.perf_counter()
@@ -92,7 +110,9 @@ def main() -> None:
         if "final_obs" in info:
             ended = info["_final_obs"]
             scores += info["final_info"]["score"][ended].tolist()
-            invalid += int(np.isin(info["final_info"]["outcome"][ended], ("collided", "out_of_bounds")).sum())
+            invalid += int(
+                np.isin(info["final_info"]["outcome"][ended], ("collided", "out_of_bounds")).sum()
+            )
         valid = pool.valid(info["env_id"])
         actions = np.where(valid, rng.random(valid.shape), -1).argmax(axis=1)
         pool.send(actions, info["env_id"])
@@ -100,7 +120,9 @@ def main() -> None:
     seconds = time.perf_counter() - began
     pool.close()
     mean = f", mean score {np.mean(scores):.3f}" if scores else ""
-    print(f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {len(scores)} episodes ended{mean}")
+    print(
+        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {len(scores)} episodes ended{mean}"
+    )
 
 
 if __name__ == "__main__":

@@ -24,13 +24,19 @@ def buffers(num_agents: int, shape: tuple[int, ...]) -> dict[str, torch.Tensor]:
         "truncations": torch.zeros(num_agents, dtype=torch.bool),
         "masks": torch.ones((num_agents, 4), dtype=torch.bool),
     }
-    return {name: one.pin_memory() for name, one in made.items()} if torch.cuda.is_available() else made
+    return (
+        {name: one.pin_memory() for name, one in made.items()}
+        if torch.cuda.is_available()
+        else made
+    )
 
 
 class PufferMars:
     """A stack of environments that writes observations, rewards, terminals, truncations and masks into `buf`."""
 
-    def __init__(self, num_agents: int, level: str, size: int, buf: dict[str, torch.Tensor]) -> None:
+    def __init__(
+        self, num_agents: int, level: str, size: int, buf: dict[str, torch.Tensor]
+    ) -> None:
         self.num_agents, self.buf = num_agents, buf
         self.envs = gymnasium.make_vec(
             "marsexplorer:MarsExplorer-v0",
@@ -63,7 +69,13 @@ class PufferMars:
         if "final_obs" in info:
             ended, final = info["_final_obs"], info["final_info"]
             infos = [{name: float(final[name][ended].mean()) for name in ("score", "coverage")}]
-        return self.buf["observations"], self.buf["rewards"], self.buf["terminals"], self.buf["truncations"], infos
+        return (
+            self.buf["observations"],
+            self.buf["rewards"],
+            self.buf["terminals"],
+            self.buf["truncations"],
+            infos,
+        )
 
     def _write_masks(self) -> None:
         self.buf["masks"].copy_(torch.from_numpy(self.envs.unwrapped.action_masks()))
@@ -76,7 +88,9 @@ class PufferMars:
 def main() -> None:
     """Play random valid moves and print the rate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=1_000_000, help="moves of all environments together")
+    parser.add_argument(
+        "--steps", type=int, default=1_000_000, help="moves of all environments together"
+    )
     parser.add_argument("--num-envs", type=int, default=1024)
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
@@ -99,8 +113,14 @@ def main() -> None:
     puffer.close()
     assert codes.data_ptr() == buf["observations"].data_ptr()
     rovers = int((codes == 2).sum())
-    print(f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {rovers} rovers in the given memory")
-    print(f"mean score of the episodes that ended {np.mean(scores):.3f}" if scores else "no episode has ended")
+    print(
+        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {rovers} rovers in the given memory"
+    )
+    print(
+        f"mean score of the episodes that ended {np.mean(scores):.3f}"
+        if scores
+        else "no episode has ended"
+    )
 
 
 if __name__ == "__main__":

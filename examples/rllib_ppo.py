@@ -29,7 +29,9 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=2000, help="moves to learn from")
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
-    parser.add_argument("--workers", type=int, default=0, help="processes that play; 0 plays in this one")
+    parser.add_argument(
+        "--workers", type=int, default=0, help="processes that play; 0 plays in this one"
+    )
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
 

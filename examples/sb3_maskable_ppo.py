@@ -35,7 +35,9 @@ class TerrainFeatures(BaseFeaturesExtractor):
             nn.ReLU(),
             nn.Flatten(),
         )
-        self.linear = nn.Sequential(nn.Linear(32 * -(-rows // 4) * -(-cols // 4), features_dim), nn.ReLU())
+        self.linear = nn.Sequential(
+            nn.Linear(32 * -(-rows // 4) * -(-cols // 4), features_dim), nn.ReLU()
+        )
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Return features float32[batch, features_dim] of observations float32[batch, rows, cols] (0, 0.3, 0.6 or 1)."""
@@ -53,17 +55,35 @@ def make_env(level: str, size: int) -> gymnasium.Env:
 def main() -> None:
     """Train, save, and play ten terrains."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=4096, help="moves to learn from; a useful policy takes a million")
+    parser.add_argument(
+        "--steps",
+        type=int,
+        default=4096,
+        help="moves to learn from; a useful policy takes a million",
+    )
     parser.add_argument("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2")
     parser.add_argument("--size", type=int, default=21, help="cells a side")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--features", choices=["terrain", "flat"], default="terrain", help="flat: MlpPolicy as it comes")
+    parser.add_argument(
+        "--features",
+        choices=["terrain", "flat"],
+        default="terrain",
+        help="flat: MlpPolicy as it comes",
+    )
     parser.add_argument("--out", default="mine.zip", help="file to write")
     given = parser.parse_args()
 
     env = make_env(given.level, given.size)
     features = {"features_extractor_class": TerrainFeatures} if given.features == "terrain" else {}
-    model = MaskablePPO("MlpPolicy", env, n_steps=1024, batch_size=256, policy_kwargs=features, seed=given.seed, device="cpu")
+    model = MaskablePPO(
+        "MlpPolicy",
+        env,
+        n_steps=1024,
+        batch_size=256,
+        policy_kwargs=features,
+        seed=given.seed,
+        device="cpu",
+    )
     model.learn(given.steps)
     model.save(given.out)
 
@@ -77,7 +97,9 @@ def main() -> None:
             observation, _, terminated, truncated, info = env.step(int(action))
             ended = terminated or truncated
         covered.append(info["coverage"])
-    print(f"{given.out}: {model.num_timesteps:,} moves learnt from, mean coverage {sum(covered) / 10:.1%} over 10 terrains")
+    print(
+        f"{given.out}: {model.num_timesteps:,} moves learnt from, mean coverage {sum(covered) / 10:.1%} over 10 terrains"
+    )
 
 
 if __name__ == "__main__":

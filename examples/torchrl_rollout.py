@@ -19,10 +19,15 @@ class WithMask(gymnasium.Wrapper):
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
         mask = gymnasium.spaces.MultiBinary(4)
-        self.observation_space = gymnasium.spaces.Dict({"observation": env.observation_space, "action_mask": mask})
+        self.observation_space = gymnasium.spaces.Dict(
+            {"observation": env.observation_space, "action_mask": mask}
+        )
 
     def _both(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        return {"observation": observation, "action_mask": self.unwrapped.action_masks().astype(np.int8)}
+        return {
+            "observation": observation,
+            "action_mask": self.unwrapped.action_masks().astype(np.int8),
+        }
 
     def reset(self, **given):
         """Start an episode."""
@@ -52,8 +57,12 @@ def main() -> None:
     rollout = env.rollout(given.steps, break_when_any_done=False)
     known = (rollout["next", "observation"] > 0).float().mean(dim=(-2, -1))
     invalid = int((rollout["next", "reward"] < -1).sum())
-    print(f"{len(rollout)} moves, {invalid} of them invalid, mean return a move {float(rollout['next', 'reward'].mean()):.2f}")
-    print(f"best coverage {float(known.max()):.1%}; keys: {', '.join(sorted(map(str, rollout.keys())))}")
+    print(
+        f"{len(rollout)} moves, {invalid} of them invalid, mean return a move {float(rollout['next', 'reward'].mean()):.2f}"
+    )
+    print(
+        f"best coverage {float(known.max()):.1%}; keys: {', '.join(sorted(map(str, rollout.keys())))}"
+    )
 
 
 if __name__ == "__main__":

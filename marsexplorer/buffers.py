@@ -24,9 +24,13 @@ def shared_array(out: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[
     if array.shape != shape:
         raise ValueError(f"{wanted}; got the shape {list(array.shape)}")
     if not array.flags.c_contiguous:
-        raise ValueError(f"{wanted}; this one is not contiguous: make it with empty() or contiguous()")
+        raise ValueError(
+            f"{wanted}; this one is not contiguous: make it with empty() or contiguous()"
+        )
     if not array.flags.writeable:
-        raise ValueError(f"{wanted}; this one is read-only, as the arrays of JAX are: give a NumPy array or a torch tensor")
+        raise ValueError(
+            f"{wanted}; this one is read-only, as the arrays of JAX are: give a NumPy array or a torch tensor"
+        )
     return array
 
 
@@ -34,7 +38,9 @@ def _array_on(out: Any, wanted: str) -> NDArray[Any]:
     if isinstance(out, np.ndarray):
         return out
     try:
-        if hasattr(out, "__array__") or hasattr(out, "__array_interface__"):  # NumPy before 2.1 makes DLPack's read-only
+        if hasattr(out, "__array__") or hasattr(
+            out, "__array_interface__"
+        ):  # NumPy before 2.1 makes DLPack's read-only
             return np.asarray(out)
         return np.from_dlpack(out)
     except (TypeError, RuntimeError, BufferError, AttributeError) as error:
@@ -42,7 +48,9 @@ def _array_on(out: Any, wanted: str) -> NDArray[Any]:
 
 
 @kernel
-def write_values(codes: NDArray[np.uint8], values: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+def write_values(
+    codes: NDArray[np.uint8], values: NDArray[np.float32], out: NDArray[np.float32]
+) -> None:
     """Write values[code] of each code to out; codes uint8[num], values float32[4], out float32[num]."""
     for i in range(codes.shape[0]):
         out[i] = values[codes[i]]

@@ -58,7 +58,9 @@ class Level:
 
 def _levels() -> dict[str, Level]:
     levels = {
-        "random": Level("random", 0, 0, True, "rectangles of 1 to 3 cells a side anywhere (section 3.2)"),
+        "random": Level(
+            "random", 0, 0, True, "rectangles of 1 to 3 cells a side anywhere (section 3.2)"
+        ),
     }
     for t in (1, 2, 3):
         for m in (1, 2):
@@ -78,7 +80,14 @@ MAP = "map"
 
 OTHER_LEVELS: MappingProxyType[str, Level] = MappingProxyType(
     {
-        "building": Level("building", 0, 0, True, "rooms, corridors and doors, with solid blocks in rooms", BUILDING),
+        "building": Level(
+            "building",
+            0,
+            0,
+            True,
+            "rooms, corridors and doors, with solid blocks in rooms",
+            BUILDING,
+        ),
         "cave": Level("cave", 0, 0, True, "a cave, entered at its mouth", CAVE),
         MAP: Level(MAP, 0, 0, True, "a given map", GIVEN),
     }
@@ -140,7 +149,11 @@ class EnvConfig:
         _check_whole("rows", self.rows, MIN_SIDE, MAX_SIDE)
         _check_whole("cols", self.cols, MIN_SIDE, MAX_SIDE)
         _check_whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS)
-        if isinstance(self.beta, bool) or not isinstance(self.beta, (int, float)) or not 0 < self.beta <= 1:
+        if (
+            isinstance(self.beta, bool)
+            or not isinstance(self.beta, (int, float))
+            or not 0 < self.beta <= 1
+        ):
             raise ValueError(f"beta must be a number above 0 and at most 1, got {self.beta!r}")
         if self.max_steps is None:
             object.__setattr__(self, "max_steps", self.rows * self.cols)
@@ -148,9 +161,13 @@ class EnvConfig:
         if self.discoverable_only is None:
             object.__setattr__(self, "discoverable_only", self.level in OTHER_LEVELS)
         if not isinstance(self.discoverable_only, bool):
-            raise TypeError(f"discoverable_only must be True, False or None, got {self.discoverable_only!r}")
+            raise TypeError(
+                f"discoverable_only must be True, False or None, got {self.discoverable_only!r}"
+            )
         if self.level in OTHER_LEVELS and not self.discoverable_only:
-            raise ValueError(f"discoverable_only cannot be False for level {self.level!r}: much of it can never be seen")
+            raise ValueError(
+                f"discoverable_only cannot be False for level {self.level!r}: much of it can never be seen"
+            )
 
     @classmethod
     def of(cls, level: str = "random", size: int | tuple[int, int] = 21, **rest: Any) -> EnvConfig:
@@ -200,4 +217,6 @@ class EnvConfig:
     @cached_property
     def hash(self) -> str:
         """SHA-256 (hex) of the canonical JSON: keys sorted, no spaces."""
-        return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+        return hashlib.sha256(
+            json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":")).encode()
+        ).hexdigest()

@@ -19,7 +19,9 @@ from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, check_action, positions
 
-COLOURS: NDArray[np.uint8] = np.array([[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8)
+COLOURS: NDArray[np.uint8] = np.array(
+    [[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8
+)
 GLYPHS = "?.@#"
 CELL_PIXELS = 12
 
@@ -53,9 +55,13 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         observation: str = "float32",
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f'render_mode must be None, "rgb_array" or "ansi", got {render_mode!r}')
+            raise ValueError(
+                f'render_mode must be None, "rgb_array" or "ansi", got {render_mode!r}'
+            )
         self.render_mode = render_mode
-        self.config = EnvConfig.of(level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps)
+        self.config = EnvConfig.of(
+            level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps
+        )
         self.observation_space = observation_space(self.config, observation)
         self.action_space = spaces.Discrete(4)
         self._raw = observation == "uint8"
@@ -66,13 +72,17 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self._total = 0.0
         self._running = False
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start an episode and return its first observation and info."""
         super().reset(seed=seed)
         options = options or {}
         unknown = set(options) - {"terrain", "start", "map"}
         if unknown:
-            raise ValueError(f"options may hold terrain and start, or map, got {', '.join(sorted(map(str, unknown)))}")
+            raise ValueError(
+                f"options may hold terrain and start, or map, got {', '.join(sorted(map(str, unknown)))}"
+            )
         if "map" in options:
             if len(options) > 1:
                 raise ValueError("a map has its own terrain and start: options={'map': ...} alone")
@@ -80,7 +90,9 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         elif "terrain" in options:
             self._worlds.start_on(0, options["terrain"], tuple(options.get("start", (0, 0))))
         elif "start" in options:
-            raise ValueError("a start needs a terrain: options={'terrain': ..., 'start': (row, col)}")
+            raise ValueError(
+                "a start needs a terrain: options={'terrain': ..., 'start': (row, col)}"
+            )
         else:
             self._seed = following(self._seed) if seed is None else seed
             self._worlds.start_one(0, self._seed)
@@ -92,9 +104,13 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         found = given if isinstance(given, GridMap) else read_map(given)
         shape = found.terrain.shape
         if not self.config.discoverable_only:
-            raise ValueError('a map has walls that are never seen whole: make the environment with level="map"')
+            raise ValueError(
+                'a map has walls that are never seen whole: make the environment with level="map"'
+            )
         if shape != (self.config.rows, self.config.cols):
-            raise ValueError(f"the map has {shape[0]} x {shape[1]} cells: make the environment with size={shape}")
+            raise ValueError(
+                f"the map has {shape[0]} x {shape[1]} cells: make the environment with size={shape}"
+            )
         self._worlds.start_on(0, found.terrain, found.start)
 
     def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
@@ -106,7 +122,13 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self._total += reward
         outcome = self._scalars[OUTCOME]
         self._running = outcome == RUNNING
-        return self._observe(), reward, RUNNING < outcome < TIMED_OUT, outcome == TIMED_OUT, self._info()
+        return (
+            self._observe(),
+            reward,
+            RUNNING < outcome < TIMED_OUT,
+            outcome == TIMED_OUT,
+            self._info(),
+        )
 
     @property
     def terrain(self) -> NDArray[np.bool_]:
@@ -115,7 +137,9 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[4]: which moves stay on the grid and off known obstacles."""
-        mask: NDArray[np.bool_] = action_masks(self._worlds.codes, positions(self._worlds.scalars))[0]
+        mask: NDArray[np.bool_] = action_masks(self._worlds.codes, positions(self._worlds.scalars))[
+            0
+        ]
         return mask
 
     def render(self) -> Any:

@@ -46,7 +46,11 @@ class Record:
     @property
     def cells(self) -> int:
         """Cells that beta, coverage and the score refer to, counted from the terrain: all, or those that can be discovered."""
-        return cells_that_count(self.config, self.terrain_map(), self.start) if self.config.discoverable_only else self.config.n
+        return (
+            cells_that_count(self.config, self.terrain_map(), self.start)
+            if self.config.discoverable_only
+            else self.config.n
+        )
 
     def terrain_map(self) -> NDArray[np.bool_]:
         """Return the true map: bool[rows, cols], True where blocked."""
@@ -56,7 +60,9 @@ class Record:
 def unpack_terrain(packed: bytes, config: EnvConfig) -> NDArray[np.bool_]:
     """Return bool[rows, cols] from packed bits; ValueError when the length does not fit the configuration."""
     if len(packed) != (config.n + 7) // 8:
-        raise ValueError(f"a terrain of {config.rows}x{config.cols} takes {(config.n + 7) // 8} bytes, got {len(packed)}")
+        raise ValueError(
+            f"a terrain of {config.rows}x{config.cols} takes {(config.n + 7) // 8} bytes, got {len(packed)}"
+        )
     bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=config.n)
     return bits.reshape(config.rows, config.cols).astype(np.bool_)
 
@@ -101,7 +107,9 @@ class Episode:
     ) -> Episode:
         """Return an episode at its start, on the terrain of a seed or on a given terrain (exactly one of them)."""
         if (seed is None) == (terrain is None):
-            raise ValueError("an episode begins on a seed or on a terrain; give exactly one of them")
+            raise ValueError(
+                "an episode begins on a seed or on a terrain; give exactly one of them"
+            )
         worlds = Worlds(config)
         if seed is not None:
             worlds.start_one(0, seed)
@@ -144,7 +152,9 @@ class Episode:
     def abandon(self) -> None:
         """Give up: the episode ends at its return so far minus r_invalid."""
         if self.ended:
-            raise RuntimeError(f"the episode has ended ({self.outcome}); there is nothing to abandon")
+            raise RuntimeError(
+                f"the episode has ended ({self.outcome}); there is nothing to abandon"
+            )
         self.reward = -float(self.config.r_invalid)
         self.total += self.reward
         self.outcome = OUTCOMES[ABANDONED]

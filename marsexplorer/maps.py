@@ -55,22 +55,38 @@ class GridMap:
 
     def to_metres(self, position: tuple[int, int]) -> tuple[float, float]:
         """Return (x, y) of the middle of a cell (row, col) in the robot's frame."""
-        east, north = (position[1] + 0.5) * self.cell, (self.terrain.shape[0] - position[0] - 0.5) * self.cell
+        east, north = (
+            (position[1] + 0.5) * self.cell,
+            (self.terrain.shape[0] - position[0] - 0.5) * self.cell,
+        )
         x, y, yaw = self.origin
-        return x + east * math.cos(yaw) - north * math.sin(yaw), y + east * math.sin(yaw) + north * math.cos(yaw)
+        return x + east * math.cos(yaw) - north * math.sin(yaw), y + east * math.sin(
+            yaw
+        ) + north * math.cos(yaw)
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that a point in the robot's frame lies in; ValueError off the map."""
         dx, dy, yaw = x - self.origin[0], y - self.origin[1], self.origin[2]
-        east, north = dx * math.cos(yaw) + dy * math.sin(yaw), dy * math.cos(yaw) - dx * math.sin(yaw)
-        row, col = self.terrain.shape[0] - 1 - math.floor(north / self.cell), math.floor(east / self.cell)
+        east, north = (
+            dx * math.cos(yaw) + dy * math.sin(yaw),
+            dy * math.cos(yaw) - dx * math.sin(yaw),
+        )
+        row, col = (
+            self.terrain.shape[0] - 1 - math.floor(north / self.cell),
+            math.floor(east / self.cell),
+        )
         if not (0 <= row < self.terrain.shape[0] and 0 <= col < self.terrain.shape[1]):
-            raise ValueError(f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of {self.cell:g} m")
+            raise ValueError(
+                f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of {self.cell:g} m"
+            )
         return row, col
 
 
 def read_map(
-    path: Path | str, cell: float = CELL_M, inflation: float = 0.0, start: tuple[float, float] | None = None
+    path: Path | str,
+    cell: float = CELL_M,
+    inflation: float = 0.0,
+    start: tuple[float, float] | None = None,
 ) -> GridMap:
     """Return the map of a map_server YAML file; MapFileError when it, its picture or the arguments cannot be used.
 
@@ -85,7 +101,9 @@ def read_map(
     if not (math.isfinite(cell) and cell >= resolution):
         raise MapFileError(f"cell must be at least a pixel, {resolution:g} m, got {cell!r}")
     if not (math.isfinite(inflation) and 0 <= inflation <= 100 * cell):
-        raise MapFileError(f"inflation must be between 0 and 100 cells, in metres, got {inflation!r}")
+        raise MapFileError(
+            f"inflation must be between 0 and 100 cells, in metres, got {inflation!r}"
+        )
     blocked = _blocked_pixels(path.parent / fields["image"], fields)
     terrain = _form_cells(blocked, resolution, cell, inflation)
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in terrain.shape):
@@ -95,10 +113,14 @@ def read_map(
         )
     free = np.argwhere(~terrain)
     if not len(free):
-        raise MapFileError(f"{path}: no cell of {cell:g} m is free; choose a smaller cell or less inflation")
+        raise MapFileError(
+            f"{path}: no cell of {cell:g} m is free; choose a smaller cell or less inflation"
+        )
     unplaced = GridMap(terrain, cell, origin, (0, 0))
     points = np.array([unplaced.to_metres((int(row), int(col))) for row, col in free])
-    nearest = free[int(np.hypot(*(points - (0.0, 0.0) if start is None else points - start).T).argmin())]
+    nearest = free[
+        int(np.hypot(*(points - (0.0, 0.0) if start is None else points - start).T).argmin())
+    ]
     chosen = (int(nearest[0]), int(nearest[1]))
     if start is not None:
         try:
@@ -135,16 +157,27 @@ def _read_fields(path: Path) -> dict[str, Any]:
     except (OSError, yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise MapFileError(f"{path} is no readable YAML file: {error}") from error
     if not isinstance(found, dict):
-        raise MapFileError(f"{path}: expected the fields of a map_server file, such as image and resolution, got none")
+        raise MapFileError(
+            f"{path}: expected the fields of a map_server file, such as image and resolution, got none"
+        )
     fields: dict[str, Any] = {"image": found.get("image")}
     if not isinstance(fields["image"], str) or not fields["image"]:
         raise MapFileError(f"{path}: image must name the picture, got {found.get('image')!r}")
-    for name, low, high in (("resolution", 1e-4, 1e3), ("occupied_thresh", 0, 1), ("free_thresh", 0, 1), ("negate", 0, 1)):
+    for name, low, high in (
+        ("resolution", 1e-4, 1e3),
+        ("occupied_thresh", 0, 1),
+        ("free_thresh", 0, 1),
+        ("negate", 0, 1),
+    ):
         fields[name] = _number(path, name, found.get(name), low, high)
     if fields["free_thresh"] > fields["occupied_thresh"]:
-        raise MapFileError(f"{path}: free_thresh must not exceed occupied_thresh, got {fields['free_thresh']}")
+        raise MapFileError(
+            f"{path}: free_thresh must not exceed occupied_thresh, got {fields['free_thresh']}"
+        )
     if found.get("mode", "trinary") != "trinary":
-        raise MapFileError(f"{path}: mode must be trinary, got {found['mode']!r}; save the map in that mode")
+        raise MapFileError(
+            f"{path}: mode must be trinary, got {found['mode']!r}; save the map in that mode"
+        )
     origin = found.get("origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapFileError(f"{path}: origin must be [x, y, yaw], got {origin!r}")
@@ -154,7 +187,9 @@ def _read_fields(path: Path) -> dict[str, Any]:
 
 def _number(path: Path, name: str, value: object, low: float, high: float) -> float:
     if not isinstance(value, (int, float)) or not low <= value <= high:
-        raise MapFileError(f"{path}: {name} must be a number from {low:g} to {high:g}, got {value!r}")
+        raise MapFileError(
+            f"{path}: {name} must be a number from {low:g} to {high:g}, got {value!r}"
+        )
     return float(value)
 
 
@@ -165,9 +200,13 @@ def _blocked_pixels(path: Path, fields: dict[str, Any]) -> NDArray[np.bool_]:
     try:
         with Image.open(path, formats=("PPM", "PNG")) as picture:
             if picture.width * picture.height > MAX_PIXELS:
-                raise MapFileError(f"{path}: at most {MAX_PIXELS:,} pixels are read, got {picture.width} x {picture.height}")
+                raise MapFileError(
+                    f"{path}: at most {MAX_PIXELS:,} pixels are read, got {picture.width} x {picture.height}"
+                )
             if picture.mode not in ("L", "RGB", "RGBA", "LA", "P", "1"):
-                raise MapFileError(f"{path}: expected a picture of 8 bits a colour, got mode {picture.mode}")
+                raise MapFileError(
+                    f"{path}: expected a picture of 8 bits a colour, got mode {picture.mode}"
+                )
             pixels = np.asarray(picture.convert("RGBA"), np.float32)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         if isinstance(error, MapFileError):
@@ -179,7 +218,9 @@ def _blocked_pixels(path: Path, fields: dict[str, Any]) -> NDArray[np.bool_]:
     return ~free
 
 
-def _form_cells(blocked: NDArray[np.bool_], resolution: float, cell: float, inflation: float) -> NDArray[np.bool_]:
+def _form_cells(
+    blocked: NDArray[np.bool_], resolution: float, cell: float, inflation: float
+) -> NDArray[np.bool_]:
     """Return bool[rows, cols], True where a blocked pixel lies in the cell or within `inflation` metres of it.
 
     The grid begins in the south-west, as the origin does. What lies beyond the picture is blocked.
@@ -187,20 +228,36 @@ def _form_cells(blocked: NDArray[np.bool_], resolution: float, cell: float, infl
     height, width = blocked.shape
     rows, cols = (math.ceil(side * resolution / cell - 1e-9) for side in (height, width))
     if max(rows, cols) > MAX_SIDE:  # refused by the caller, in words
-        return np.ones((rows, cols), np.bool_) if rows * cols <= MAX_PIXELS else np.ones((MAX_SIDE + 1, 1), np.bool_)
+        return (
+            np.ones((rows, cols), np.bool_)
+            if rows * cols <= MAX_PIXELS
+            else np.ones((MAX_SIDE + 1, 1), np.bool_)
+        )
     at_row, at_col = np.nonzero(blocked)
     south, west = (height - 1 - at_row) * resolution, at_col * resolution
     terrain = np.zeros((rows, cols), np.bool_)
     low, high = 1e-9 - inflation, inflation - 1e-9
     reach = math.ceil((resolution + 2 * inflation) / cell) + 1
-    first_row, first_col = np.floor((south + low) / cell).astype(int), np.floor((west + low) / cell).astype(int)
+    first_row, first_col = (
+        np.floor((south + low) / cell).astype(int),
+        np.floor((west + low) / cell).astype(int),
+    )
     for step_row in range(reach + 1):
         for step_col in range(reach + 1):
             r, c = first_row + step_row, first_col + step_col
             gap_y = np.maximum(0, np.maximum(r * cell - south - resolution, south - (r + 1) * cell))
             gap_x = np.maximum(0, np.maximum(c * cell - west - resolution, west - (c + 1) * cell))
-            overlaps = (r * cell < south + resolution + high) & (c * cell < west + resolution + high)
-            near = overlaps & (np.hypot(gap_x, gap_y) <= max(inflation, 0.0)) & (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
+            overlaps = (r * cell < south + resolution + high) & (
+                c * cell < west + resolution + high
+            )
+            near = (
+                overlaps
+                & (np.hypot(gap_x, gap_y) <= max(inflation, 0.0))
+                & (r >= 0)
+                & (r < rows)
+                & (c >= 0)
+                & (c < cols)
+            )
             terrain[rows - 1 - r[near], c[near]] = True
     if rows * cell > height * resolution + 1e-9:
         terrain[0] = True

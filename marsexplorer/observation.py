@@ -35,11 +35,15 @@ def decode(observation: NDArray[Any]) -> Codes:
     ValueError for another number of dimensions, TypeError for another kind of numbers.
     """
     if observation.ndim != 2:
-        raise ValueError(f"an observation must have 2 dimensions (rows, cols), got shape {observation.shape}")
+        raise ValueError(
+            f"an observation must have 2 dimensions (rows, cols), got shape {observation.shape}"
+        )
     if observation.dtype == np.uint8:
         return np.ascontiguousarray(observation)
     if observation.dtype.kind != "f":
-        raise TypeError(f"an observation must be float32 (eq. 6) or uint8 codes, got {observation.dtype}")
+        raise TypeError(
+            f"an observation must be float32 (eq. 6) or uint8 codes, got {observation.dtype}"
+        )
     codes = (observation > 0.15).astype(np.uint8)
     codes += observation > 0.45
     codes += observation > 0.8
@@ -50,7 +54,9 @@ def rover_position(codes: Codes) -> tuple[int, int]:
     """Return the rover's (row, col); ValueError when no cell, or more than one, holds code 2."""
     cells = np.flatnonzero(codes == ROVER)
     if len(cells) != 1:
-        raise ValueError(f"an observation must hold exactly one rover cell (0.6, or code {ROVER}), got {len(cells)}")
+        raise ValueError(
+            f"an observation must hold exactly one rover cell (0.6, or code {ROVER}), got {len(cells)}"
+        )
     row, col = divmod(int(cells[0]), codes.shape[1])
     return row, col
 
@@ -60,7 +66,11 @@ def is_valid(codes, row, col, action):
     """Return whether a move from (row, col) stays on the grid and off known obstacles; codes uint8[rows, cols]."""
     to_row = row + np.int64(action == SOUTH) - np.int64(action == NORTH)
     to_col = col + np.int64(action == EAST) - np.int64(action == WEST)
-    return 0 <= to_row < codes.shape[0] and 0 <= to_col < codes.shape[1] and codes[to_row, to_col] != OBSTACLE
+    return (
+        0 <= to_row < codes.shape[0]
+        and 0 <= to_col < codes.shape[1]
+        and codes[to_row, to_col] != OBSTACLE
+    )
 
 
 @kernel

@@ -25,7 +25,16 @@ from numpy.typing import NDArray
 
 from marsexplorer.bitmap import COLS, RADIUS, ROWS, SHAPE, TARGET, WORDS, flood, shape_of
 from marsexplorer.compiled import inlined, kernel, prefetch
-from marsexplorer.config import COLLIDED, EXPLORED, FREE, OUT_OF_BOUNDS, ROVER, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.config import (
+    COLLIDED,
+    EXPLORED,
+    FREE,
+    OUT_OF_BOUNDS,
+    ROVER,
+    RUNNING,
+    TIMED_OUT,
+    EnvConfig,
+)
 from marsexplorer.lidar import ONE
 from marsexplorer.scan import scan
 from marsexplorer.terrain import draw_solvable, following
@@ -111,8 +120,22 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
-        start = np.int64(0)  # not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone
-        begin(state, base, codes, cbase, sight, rules, masks, start, start, rules[ROWS] * rules[COLS], rules[TARGET])
+        start = np.int64(
+            0
+        )  # not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone
+        begin(
+            state,
+            base,
+            codes,
+            cbase,
+            sight,
+            rules,
+            masks,
+            start,
+            start,
+            rules[ROWS] * rules[COLS],
+            rules[TARGET],
+        )
         state[base + SEED] = seed
     return draws
 
@@ -170,7 +193,12 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
         if k + AHEAD < count:
             base = listed[k + AHEAD] * record
             where = state[base + POSITION]
-            first = base + HEAD + np.int64(where >> np.uint64(32)) * words + (np.int64(where & np.uint64(0xFFFFFFFF)) >> 6)
+            first = (
+                base
+                + HEAD
+                + np.int64(where >> np.uint64(32)) * words
+                + (np.int64(where & np.uint64(0xFFFFFFFF)) >> 6)
+            )
             for line in range(0, 16 * words, LINE):
                 prefetch(state, first + line)
                 prefetch(state, first + known + line)
@@ -204,7 +232,9 @@ def settle(state, base, rules, rewards, i):
     """
     outcome = state[base + np.uint64(OUTCOME)]
     if outcome == np.uint64(RUNNING):
-        if np.int64(state[base + np.uint64(DISCOVERED)]) >= np.int64(state[base + np.uint64(ENOUGH)]):
+        if np.int64(state[base + np.uint64(DISCOVERED)]) >= np.int64(
+            state[base + np.uint64(ENOUGH)]
+        ):
             outcome = np.uint64(EXPLORED)
             rewards[i] += float(rules[BONUS])
         elif np.int64(state[base + np.uint64(STEPS)]) >= rules[LIMIT]:
@@ -275,11 +305,15 @@ def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcom
         end = min(first + BLOCK, actions.shape[0])
         move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
         for i in range(first, end):
-            outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
+            outcomes[i] = np.uint8(
+                settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i)
+            )
 
 
 @kernel
-def step_autoreset(actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed, last, last_codes):
+def step_autoreset(
+    actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed, last, last_codes
+):
     """Do `step_all`, and start each world that ended on the seed that follows its own.
 
     last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
@@ -291,7 +325,11 @@ def step_autoreset(actions, state, record, codes, sight, rules, masks, rewards, 
         end = min(first + BLOCK, actions.shape[0])
         move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
         for i in range(first, end):
-            outcomes[i] = np.uint8(settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i))
-            if outcomes[i] != RUNNING and not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
+            outcomes[i] = np.uint8(
+                settle(state, np.uint64(i) * np.uint64(record), rules, rewards, i)
+            )
+            if outcomes[i] != RUNNING and not begin_next(
+                state, record, codes, sight, rules, masks, last, last_codes, i
+            ):
                 return -1 - i
     return 0

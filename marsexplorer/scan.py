@@ -31,8 +31,21 @@ def scan(state, obstacles, codes, cbase, sight, rules, row, col):
     first = np.uint64(obstacles) + row * words + (col >> np.uint64(6))
     corner = np.uint64(cbase) + row * cols + col - radius * cols - radius
     if sight[0] == np.uint64(NARROW):
-        return scan_narrow(state, first, first + size, words, codes, corner, cols, sight, radius, col & np.uint64(63))
-    return scan_wide(state, first, first + size, words, codes, corner, cols, sight, radius, col & np.uint64(63))
+        return scan_narrow(
+            state,
+            first,
+            first + size,
+            words,
+            codes,
+            corner,
+            cols,
+            sight,
+            radius,
+            col & np.uint64(63),
+        )
+    return scan_wide(
+        state, first, first + size, words, codes, corner, cols, sight, radius, col & np.uint64(63)
+    )
 
 
 @inlined

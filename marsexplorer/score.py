@@ -12,7 +12,9 @@ def score(config: EnvConfig, episode_return: float, cells: int | None = None) ->
 
     (return + r_invalid) / (r_invalid + r_bonus + cells), Koutras et al. 2021, section 3.2, where cells is n.
     """
-    return (episode_return + config.r_invalid) / (config.r_invalid + config.r_bonus + (config.n if cells is None else cells))
+    return (episode_return + config.r_invalid) / (
+        config.r_invalid + config.r_bonus + (config.n if cells is None else cells)
+    )
 
 
 def steps_to_target(config: EnvConfig, outcome: str, steps: int) -> int:

@@ -58,7 +58,9 @@ def load(typingctx, array, at):
     del typingctx
 
     def code(context, builder, signature, args):
-        place = builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+        place = builder.gep(
+            context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]]
+        )
         return builder.load_atomic(place, "seq_cst", 8)
 
     return int64(array, int64), code
@@ -68,7 +70,9 @@ def _exchange(operation):
     """Return the code that changes array[at] by an operation, in one step for every thread, and returns what was there."""
 
     def code(context, builder, signature, args):
-        place = builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+        place = builder.gep(
+            context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]]
+        )
         return builder.atomic_rmw(operation, place, args[2], "seq_cst")
 
     return code
@@ -97,7 +101,9 @@ def pause(typingctx):
         del signature, args
         if builder.module.triple.startswith(("x86_64", "amd64")):
             kind = ir.FunctionType(ir.VoidType(), [])
-            builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), [])
+            builder.call(
+                cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), []
+            )
         return context.get_dummy_value()
 
     return types.void(), code
@@ -109,7 +115,9 @@ def address_of(typingctx, array):
     del typingctx
 
     def code(context, builder, signature, args):
-        return builder.ptrtoint(context.make_array(signature.args[0])(context, builder, args[0]).data, ir.IntType(64))
+        return builder.ptrtoint(
+            context.make_array(signature.args[0])(context, builder, args[0]).data, ir.IntType(64)
+        )
 
     return int64(array), code
 
@@ -136,8 +144,13 @@ def acquire(typingctx, lock, microseconds):
         del context, signature
         number, place = ir.IntType(32), ir.IntType(8).as_pointer()
         kind = ir.FunctionType(number, [place, ir.IntType(64), number])
-        function = cgutils.get_or_insert_function(builder.module, kind, "PyThread_acquire_lock_timed")
-        return builder.sext(builder.call(function, [builder.inttoptr(args[0], place), args[1], number(0)]), ir.IntType(64))
+        function = cgutils.get_or_insert_function(
+            builder.module, kind, "PyThread_acquire_lock_timed"
+        )
+        return builder.sext(
+            builder.call(function, [builder.inttoptr(args[0], place), args[1], number(0)]),
+            ir.IntType(64),
+        )
 
     return int64(int64, int64), code
 
@@ -274,7 +287,9 @@ def share(
 
 
 ALLOCATE = ctypes.PYFUNCTYPE(ctypes.c_void_p)(("PyThread_allocate_lock", ctypes.pythonapi))
-ACQUIRE = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int)(("PyThread_acquire_lock", ctypes.pythonapi))
+ACQUIRE = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int)(
+    ("PyThread_acquire_lock", ctypes.pythonapi)
+)
 FREE = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(("PyThread_free_lock", ctypes.pythonapi))
 """Python's locks by their addresses, for compiled code."""
 
@@ -291,7 +306,11 @@ class ThreadPool:
 
     def __init__(self, num_threads: int, num: int, arrays: tuple[Any, ...]) -> None:
         block = min(BLOCK, -(-num // (4 * num_threads)))
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        cores = (
+            len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count() or 1
+        )
         self._num_threads, self._block = num_threads, block
         self._control = np.zeros(RANGES + RANGE * num_threads, np.int64)
         state, record, codes, self._sight, rules, masks, outcomes, _, *others = arrays
@@ -316,10 +335,16 @@ class ThreadPool:
         values  float32[num * rows * cols], written: eq. 6 of the codes
         """
         if self._is_closed:
-            raise RuntimeError("a stack makes no steps after the shutdown of its threads by close(): make another stack")
+            raise RuntimeError(
+                "a stack makes no steps after the shutdown of its threads by close(): make another stack"
+            )
         out = NO_VALUES if values is None else values
-        count = int(share(0, *self._own, actions, rewards, terminated, truncated, out, *self._arrays))
-        if self._end is None:  # `share` is compiled now, so that no thread compiles while the process ends
+        count = int(
+            share(0, *self._own, actions, rewards, terminated, truncated, out, *self._arrays)
+        )
+        if (
+            self._end is None
+        ):  # `share` is compiled now, so that no thread compiles while the process ends
             self._begin()
         return count
 
@@ -335,14 +360,23 @@ class ThreadPool:
 
     def _begin(self) -> None:
         """Start the threads. They hold arrays and not this object, which ends them when it is gone."""
-        same_types = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_), NO_VALUES)
+        same_types = (
+            np.zeros(0, np.int64),
+            np.zeros(0),
+            np.zeros(0, np.bool_),
+            np.zeros(0, np.bool_),
+            NO_VALUES,
+        )
         locks = [ALLOCATE() for _ in range(self._num_threads)]
         for number, lock in enumerate(locks):
             ACQUIRE(lock, 1)
             self._control[RANGES + RANGE * number + LOCK] = lock
         threads = [
             threading.Thread(
-                target=share, args=(number, *self._own_arrays(), *same_types, *self._arrays), name="marsexplorer", daemon=True
+                target=share,
+                args=(number, *self._own_arrays(), *same_types, *self._arrays),
+                name="marsexplorer",
+                daemon=True,
             )
             for number in range(1, self._num_threads)
         ]

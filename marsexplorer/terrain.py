@@ -66,7 +66,9 @@ def draw_terrain(bits, base, shape, key):
     # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
-        longest = np.int64(3)  # not 3 itself: numba would compile `numbered_below` for this number alone
+        longest = np.int64(
+            3
+        )  # not 3 itself: numba would compile `numbered_below` for this number alone
         for _ in range(count):
             height = 1 + numbered_below(key, k + 1, longest)
             width = 1 + numbered_below(key, k + 2, longest)
@@ -84,7 +86,9 @@ def draw_terrain(bits, base, shape, key):
             col = at_col + numbered_below(key, k + 2, 2 * shift + 1) - shift
             height = 1 + numbered_below(key, k + 3, sides)
             width = 1 + numbered_below(key, k + 4, sides)
-            fill_rectangle(bits, base, shape, row - (height - 1) // 2, col - (width - 1) // 2, height, width)
+            fill_rectangle(
+                bits, base, shape, row - (height - 1) // 2, col - (width - 1) // 2, height, width
+            )
             k += 4
 
 
@@ -96,10 +100,18 @@ def reached_or_adjacent(reach, at, word, words, corners):
     across = reach[here] | vertical if corners else reach[here]
     found = reach[here] | vertical | (across << np.uint64(1)) | (across >> np.uint64(1))
     if word > 0:
-        across = reach[here - 1] | reach[here - 1 - words] | reach[here - 1 + words] if corners else reach[here - 1]
+        across = (
+            reach[here - 1] | reach[here - 1 - words] | reach[here - 1 + words]
+            if corners
+            else reach[here - 1]
+        )
         found |= across >> np.uint64(63)
     if word + 1 < words:
-        across = reach[here + 1] | reach[here + 1 - words] | reach[here + 1 + words] if corners else reach[here + 1]
+        across = (
+            reach[here + 1] | reach[here + 1 - words] | reach[here + 1 + words]
+            if corners
+            else reach[here + 1]
+        )
         found |= across << np.uint64(63)
     return found
 
@@ -174,10 +186,14 @@ def draw_other(bits, reach, shape, masks, seed):
 def draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
     """Return the terrain of a seed as rows of bits and the draws that it took, 0 when MAX_DRAWS were not enough."""
     if config.level == MAP:
-        raise ValueError(f'level "{MAP}" has no terrains of its own: give one, as reset(options={{"map": ...}}) does')
+        raise ValueError(
+            f'level "{MAP}" has no terrains of its own: give one, as reset(options={{"map": ...}}) does'
+        )
     shape, bits = shape_of(config), np.zeros(bitmap_words(config), np.uint64)
     draw_one = draw_solvable_alone if shape[GENERATOR] == RECTANGLES else draw_other
-    return bits, int(draw_one(bits, np.zeros_like(bits), shape, row_masks(config), np.uint64(check_seed(seed))))
+    return bits, int(
+        draw_one(bits, np.zeros_like(bits), shape, row_masks(config), np.uint64(check_seed(seed)))
+    )
 
 
 def unsolvable(config: EnvConfig, seed: int) -> ValueError:

@@ -65,18 +65,26 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         out: Any = None,
     ) -> None:
         self.num_envs = num_envs
-        self.config = EnvConfig.of(level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps)
+        self.config = EnvConfig.of(
+            level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps
+        )
         self.single_observation_space = observation_space(self.config, observation)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._raw = observation == "uint8"
         shape = (num_envs, self.config.rows, self.config.cols)
-        self._out = None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
+        self._out = (
+            None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
+        )
         self._worlds = Worlds(self.config, num_envs, num_threads, self._out if self._raw else None)
         self._seeds: list[int] | None = None
-        self._info = self._columns(self._worlds.shares, self._worlds.scalars, np.ones(num_envs, np.bool_))
-        self._final_info = self._columns(self._worlds.last_shares, self._worlds.last_scalars, self._worlds.ended)
+        self._info = self._columns(
+            self._worlds.shares, self._worlds.scalars, np.ones(num_envs, np.bool_)
+        )
+        self._final_info = self._columns(
+            self._worlds.last_shares, self._worlds.last_scalars, self._worlds.ended
+        )
         self._final_obs: NDArray[np.object_] = np.full(num_envs, None, object)
         self._which: NDArray[np.int64] = np.zeros(0, np.int64)
 
@@ -85,7 +93,9 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start every environment and return the observations and infos."""
         if options:
-            raise ValueError("a stack of environments takes no options; play given terrains one at a time")
+            raise ValueError(
+                "a stack of environments takes no options; play given terrains one at a time"
+            )
         super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = self._starting_seeds(seed)
         self._worlds.start(seeds)
@@ -95,7 +105,9 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _starting_seeds(self, seed: int | list[int | None] | None) -> list[int]:
         if isinstance(seed, (list, tuple)):
             if len(seed) != self.num_envs:
-                raise ValueError(f"seed must be one number or {self.num_envs} of them, got {len(seed)}")
+                raise ValueError(
+                    f"seed must be one number or {self.num_envs} of them, got {len(seed)}"
+                )
             return [following(None) if one is None else one for one in seed]
         if seed is not None:
             return [seed + i for i in range(self.num_envs)]
@@ -158,7 +170,9 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             return self._worlds.codes
         return np.empty(self._worlds.codes.shape, np.float32) if self._out is None else self._out
 
-    def _columns(self, shares: NDArray[np.float64], scalars: NDArray[np.uint64], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    def _columns(
+        self, shares: NDArray[np.float64], scalars: NDArray[np.uint64], mask: NDArray[np.bool_]
+    ) -> dict[str, Any]:
         """Return the columns of an info as views of the worlds' arrays."""
         whole = scalars.view(np.int64)
         info = {
@@ -194,4 +208,9 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             for i in which:
                 observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
         final_info = self._lasting(self._final_info)
-        return {"final_obs": observations, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
+        return {
+            "final_obs": observations,
+            "_final_obs": ended,
+            "final_info": final_info,
+            "_final_info": ended,
+        }

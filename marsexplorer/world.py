@@ -63,7 +63,13 @@ class Worlds:
     `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
     """
 
-    def __init__(self, config: EnvConfig, num: int = 1, num_threads: int = 1, codes: NDArray[np.uint8] | None = None) -> None:
+    def __init__(
+        self,
+        config: EnvConfig,
+        num: int = 1,
+        num_threads: int = 1,
+        codes: NDArray[np.uint8] | None = None,
+    ) -> None:
         if num_threads < 1:
             raise ValueError(f"num_threads must be at least 1, got {num_threads}")
         self.config = config
@@ -72,9 +78,15 @@ class Worlds:
         self._size = (config.rows + 2 * config.sensor_radius) * words
         self._record = HEAD + 3 * self._size
         self._state = np.zeros(num * self._record, np.uint64)
-        self.codes: NDArray[np.uint8] = np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
+        self.codes: NDArray[np.uint8] = (
+            np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
+        )
         self._codes = self.codes.reshape(-1)
-        self._tables = (sight_table(config.sensor_radius).copy(), rules_of(config), row_masks(config))
+        self._tables = (
+            sight_table(config.sensor_radius).copy(),
+            rules_of(config),
+            row_masks(config),
+        )
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
         self._listed = np.zeros(num, np.int64)
@@ -121,7 +133,10 @@ class Worlds:
             self._start_on_bits(index, terrains.draw_bits(self.config, seed), (0, 0), seed)
             return
         base, cells = index * self._record, self.config.n
-        state, codes = self._state[base : base + self._record], self._codes[index * cells : (index + 1) * cells]
+        state, codes = (
+            self._state[base : base + self._record],
+            self._codes[index * cells : (index + 1) * cells],
+        )
         seeds = np.array([check_seed(seed)], np.uint64)
         if start_all(state, self._record, codes, *self._tables, seeds):
             raise terrains.unsolvable(self.config, seed)
@@ -133,9 +148,13 @@ class Worlds:
         terrain  bool[rows, cols], True where blocked
         start    (row, col) of a free cell
         """
-        self._start_on_bits(index, pack(check_terrain(self.config, terrain, start), self.config), start, NO_SEED)
+        self._start_on_bits(
+            index, pack(check_terrain(self.config, terrain, start), self.config), start, NO_SEED
+        )
 
-    def _start_on_bits(self, index: int, bits: NDArray[np.uint64], start: tuple[int, int], seed: int) -> None:
+    def _start_on_bits(
+        self, index: int, bits: NDArray[np.uint64], start: tuple[int, int], seed: int
+    ) -> None:
         """Start one world on a terrain given as rows of bits, after counting what can be discovered where only that counts."""
         base, cells, enough = index * self._record, self.config.n, self.config.target
         self._state[base + HEAD : base + HEAD + self._size] = bits
@@ -163,7 +182,9 @@ class Worlds:
             self._step_and_start(actions)
         elif self._pool is not None:
             terminated, truncated = np.empty((2, self.num), np.bool_)
-            self._listed_after(self._pool.step(actions, self.rewards, terminated, truncated), actions)
+            self._listed_after(
+                self._pool.step(actions, self.rewards, terminated, truncated), actions
+            )
         else:
             self._listed_after(step_autoreset(actions, *self._arrays), actions)
         return self.rewards
@@ -190,7 +211,11 @@ class Worlds:
             self._step_and_start(actions)
             self.describe()
             describe(self._last, HEAD, self._tables[1], self.last_shares)
-            self.ended[:], truncated[:], rewards[:] = self.outcomes != RUNNING, self.outcomes == TIMED_OUT, self.rewards
+            self.ended[:], truncated[:], rewards[:] = (
+                self.outcomes != RUNNING,
+                self.outcomes == TIMED_OUT,
+                self.rewards,
+            )
             terminated[:] = self.ended & ~truncated
             which = np.flatnonzero(self.outcomes)
         elif self._pool is not None:
@@ -210,13 +235,18 @@ class Worlds:
         failed = -1 - count
         if failed == self.num:
             raise not_actions(self.num, actions)
-        raise terrains.unsolvable(self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED])))
+        raise terrains.unsolvable(
+            self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED]))
+        )
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
         self.step(actions)
         for index in np.flatnonzero(self.outcomes != RUNNING):
-            self.last_scalars[index], self.last_codes[index] = self._scalars[index], self.codes[index]
+            self.last_scalars[index], self.last_codes[index] = (
+                self._scalars[index],
+                self.codes[index],
+            )
             outcome = self.outcomes[index]
             self.start_one(int(index), terrains.next_seed(int(self._scalars[index, SEED])))
             self.outcomes[index] = outcome
@@ -236,7 +266,17 @@ class Worlds:
     def _described_arrays(self) -> tuple[Any, ...]:
         """What the compiled `step_described` takes besides the actions and what it writes for the caller."""
         *worlds, _, outcomes, listed, last, last_codes = self._arrays
-        return (*worlds, outcomes, listed, last, last_codes, self.shares, self.last_shares, self.ended, self._which)
+        return (
+            *worlds,
+            outcomes,
+            listed,
+            last,
+            last_codes,
+            self.shares,
+            self.last_shares,
+            self.ended,
+            self._which,
+        )
 
     @cached_property
     def _pool(self) -> ThreadPool | None:
@@ -263,9 +303,12 @@ class Worlds:
         records = taken["records"]
         if records.shape[1] == self._record - len(ADDED_SCALARS):
             added = np.broadcast_to(
-                np.array([self.config.n, self.config.target], np.uint64), (len(records), len(ADDED_SCALARS))
+                np.array([self.config.n, self.config.target], np.uint64),
+                (len(records), len(ADDED_SCALARS)),
             )
-            records = np.hstack([records[:, : ADDED_SCALARS[0]], added, records[:, ADDED_SCALARS[0] :]])
+            records = np.hstack(
+                [records[:, : ADDED_SCALARS[0]], added, records[:, ADDED_SCALARS[0] :]]
+            )
         self._state.reshape(self.num, -1)[which] = records
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
 
@@ -335,16 +378,24 @@ def not_actions(num: int, actions: Any) -> ValueError:
     return ValueError(f"actions must be {num} numbers in 0..3, got {actions!r}")
 
 
-def check_terrain(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]) -> NDArray[np.bool_]:
+def check_terrain(
+    config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]
+) -> NDArray[np.bool_]:
     """Return a given terrain as bool[rows, cols] when its type, shape and start are right; TypeError or ValueError else."""
     cells = np.asarray(terrain)
     if cells.dtype != np.bool_:
-        raise TypeError(f"terrain must be an array of bool, True where blocked, got dtype {cells.dtype}")
+        raise TypeError(
+            f"terrain must be an array of bool, True where blocked, got dtype {cells.dtype}"
+        )
     if cells.shape != (config.rows, config.cols):
-        raise ValueError(f"terrain must have shape ({config.rows}, {config.cols}), got {cells.shape}")
+        raise ValueError(
+            f"terrain must have shape ({config.rows}, {config.cols}), got {cells.shape}"
+        )
     row, col = start
     if not (0 <= row < config.rows and 0 <= col < config.cols):
-        raise ValueError(f"start must lie on the {config.rows}x{config.cols} grid, got {tuple(start)}")
+        raise ValueError(
+            f"start must lie on the {config.rows}x{config.cols} grid, got {tuple(start)}"
+        )
     if cells[row, col]:
         raise ValueError(f"start must be a free cell, but {tuple(start)} is an obstacle")
     return cells
@@ -357,5 +408,7 @@ def check_action(action: Any) -> int:
     except (TypeError, ValueError):
         code = -1
     if not 0 <= code < len(ACTIONS) or code != action:
-        raise ValueError(f"action must be 0 (north), 1 (east), 2 (south) or 3 (west), got {action!r}")
+        raise ValueError(
+            f"action must be 0 (north), 1 (east), 2 (south) or 3 (west), got {action!r}"
+        )
     return code

@@ -56,27 +56,57 @@ def test_the_page_tells_the_spaces_the_environment_has():
 def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     cells = json.loads((ROOT / "examples/tutorial.ipynb").read_text())["cells"]
     script = tmp_path / "tutorial.py"
-    script.write_text("\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"))
+    script.write_text(
+        "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    )
     env = {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT), "PATH": "", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, script], env=env, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, script],
+        env=env,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
-    mine, chance = (float(re.search(rf"^{name} +([\d.]+) moves of", done.stdout, re.M)[1]) for name in ("mine", "random"))
+    mine, chance = (
+        float(re.search(rf"^{name} +([\d.]+) moves of", done.stdout, re.M)[1])
+        for name in ("mine", "random")
+    )
     assert mine < chance
 
 
 @pytest.mark.long
 def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--site-dir",
+        str(tmp_path / "site"),
+    ]
     env = os.environ | {"NO_MKDOCS_2_WARNING": "1"}  # an advertisement of the theme's
-    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600, check=False
+    )
     assert done.returncode == 0, done.stderr
     pages = {path.name: path.read_text() for path in (tmp_path / "site").glob("*.html")}
-    assert {"index.html", "readme.html", "tutorial.html", "reference.html", "examples.html", "changelog.html"} <= set(pages)
+    assert {
+        "index.html",
+        "readme.html",
+        "tutorial.html",
+        "reference.html",
+        "examples.html",
+        "changelog.html",
+    } <= set(pages)
     assert "marsexplorer.episode.Episode" in pages["reference.html"]
     for name, text in pages.items():
-        assert not re.findall(r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text), name
+        assert not re.findall(
+            r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text
+        ), name
 
 
 def test_every_document_is_in_the_sites_navigation():
@@ -87,7 +117,9 @@ def test_every_document_is_in_the_sites_navigation():
 @pytest.mark.parametrize("page", ["security.md", "reliability.md"])
 def test_every_test_that_a_page_names_exists(page):
     """A file of tests where a path stands, a test of that name somewhere where a name, or its beginning, stands."""
-    words = set(re.findall(r"(?:tests/[\w/]+\.py|\btest_\w+\b(?!\.py))", (ROOT / "docs" / page).read_text()))
+    words = set(
+        re.findall(r"(?:tests/[\w/]+\.py|\btest_\w+\b(?!\.py))", (ROOT / "docs" / page).read_text())
+    )
     files = {word for word in words if word.endswith(".py")}
     assert files
     assert [path for path in sorted(files) if not (ROOT / path).is_file()] == []

@@ -29,8 +29,12 @@ def wheel(tmp_path_factory):
     """The wheel of this tree."""
     folder = tmp_path_factory.mktemp("wheel")
     made = pip("wheel", ROOT, "--no-deps", "--wheel-dir", folder)
-    if made.returncode and re.search(r"(found for|find .*) hatchling|to install build dependencies did not run", made.stderr):
-        pytest.skip("NO HATCHLING: the package registry cannot be reached, so no wheel can be built here")
+    if made.returncode and re.search(
+        r"(found for|find .*) hatchling|to install build dependencies did not run", made.stderr
+    ):
+        pytest.skip(
+            "NO HATCHLING: the package registry cannot be reached, so no wheel can be built here"
+        )
     assert made.returncode == 0, made.stderr
     return next(folder.glob("*.whl"))
 
@@ -40,7 +44,15 @@ def home(wheel, tmp_path_factory):
     """The bin/ of an environment with the wheel in it, its dependencies borrowed from ours."""
     folder = tmp_path_factory.mktemp("elsewhere") / "venv"
     venv.create(folder, symlinks=True)
-    installed = pip("--python", folder / "bin" / "python", "install", "--no-deps", "--no-index", "--no-compile", wheel)
+    installed = pip(
+        "--python",
+        folder / "bin" / "python",
+        "install",
+        "--no-deps",
+        "--no-index",
+        "--no-compile",
+        wheel,
+    )
     assert installed.returncode == 0, installed.stderr
     packages = next(folder.glob("lib/python*/site-packages"))
     (packages / "borrowed.pth").write_text("\n".join(site.getsitepackages()))
@@ -61,8 +73,19 @@ def borrow_kernels(packages):
 @contextmanager
 def serving(home, folder):
     """`marsexplorer serve` of that environment, started in a folder that is no checkout; yields its address."""
-    env = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "MARS_", "VIRTUAL_ENV"))}
-    command = [str(home / "marsexplorer"), "serve", "--port", "0", "--database", str(folder / "away.db")]
+    env = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("PYTHON", "MARS_", "VIRTUAL_ENV"))
+    }
+    command = [
+        str(home / "marsexplorer"),
+        "serve",
+        "--port",
+        "0",
+        "--database",
+        str(folder / "away.db"),
+    ]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, cwd=folder, env=env, **pipes) as process:
         try:
@@ -90,20 +113,45 @@ def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     for package in ("app", "marsexplorer"):  # templates and tables of numbers lie in the packages
         own = {name for name in files_under(ROOT / package) if "__pycache__" not in name}
         assert {f"{package}/{name}" for name in own} <= held
-    assert {f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")} <= held
-    assert not [name for name in held if name.endswith((".db", ".pyc")) or name.startswith(("tests/", "docs/"))]
+    assert {
+        f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")
+    } <= held
+    assert not [
+        name
+        for name in held
+        if name.endswith((".db", ".pyc")) or name.startswith(("tests/", "docs/"))
+    ]
 
 
 @pytest.mark.timeout(PATIENCE_S)
 def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
-    where = [str(home / "python"), "-c", "import app, marsexplorer; print(app.__file__, marsexplorer.__file__)"]
-    for path in subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split():
+    where = [
+        str(home / "python"),
+        "-c",
+        "import app, marsexplorer; print(app.__file__, marsexplorer.__file__)",
+    ]
+    for path in subprocess.run(
+        where, cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout.split():
         assert path.startswith(str(home.parent)), path
-    with serving(home, tmp_path) as url, httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
-        assert all(part in client.get("/").text for part in ('data-testid="board-player"', "static/common/theme.js"))
-        assert client.get("/static/common/base.css").content == (ROOT / "static" / "common" / "base.css").read_bytes()
+    with (
+        serving(home, tmp_path) as url,
+        httpx.Client(base_url=url, timeout=60, trust_env=False) as client,
+    ):
+        assert all(
+            part in client.get("/").text
+            for part in ('data-testid="board-player"', "static/common/theme.js")
+        )
+        assert (
+            client.get("/static/common/base.css").content
+            == (ROOT / "static" / "common" / "base.css").read_bytes()
+        )
         offered = {policy["name"] for policy in client.get("/api/policies").json()}
-        assert {"random", "frontier-cost", *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors"))} <= offered
+        assert {
+            "random",
+            "frontier-cost",
+            *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors")),
+        } <= offered
         begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "frontier-cost"})
         assert begun.status_code == 201
         assert client.get(f"/viewer/{begun.json()['session']}/").status_code == 200

@@ -69,7 +69,9 @@ class Exports:
             self._root = Path(tempfile.mkdtemp(prefix="mars-exports-"))
         export = Export(Path(tempfile.mkdtemp(dir=self._root)))
         self._made[study, what] = export
-        export.task = asyncio.create_task(self._make(export, study, what, authors), name=f"{what} of {study}")
+        export.task = asyncio.create_task(
+            self._make(export, study, what, authors), name=f"{what} of {study}"
+        )
 
     def file(self, study: str, name: str) -> Path | None:
         """Return the path of a finished file; None when there is none of this name."""
@@ -90,10 +92,19 @@ class Exports:
         if self._root is not None:
             await asyncio.to_thread(shutil.rmtree, self._root, ignore_errors=True)
 
-    async def _make(self, export: Export, study: str, what: ExportKind, authors: tuple[str, ...]) -> None:
+    async def _make(
+        self, export: Export, study: str, what: ExportKind, authors: tuple[str, ...]
+    ) -> None:
         """Make the files of an export; set its state, its files and what went wrong."""
         folder, files = export.folder, _files(export.folder, study, what)
-        options = ("--study", study, "--database", str(self._database), "--studies", str(self._studies))
+        options = (
+            "--study",
+            study,
+            "--database",
+            str(self._database),
+            "--studies",
+            str(self._studies),
+        )
         try:
             error = await self._run(export, what, *options, *_outputs(folder, what, authors))
             if error is None and what == "release":
@@ -108,7 +119,14 @@ class Exports:
         """Run a command; return None when it succeeds, else the last line that it wrote to stderr."""
         # a session of its own: Ctrl-C in the server's terminal is not meant for it
         process = export.process = await asyncio.create_subprocess_exec(
-            sys.executable, "-c", _RUN, *words, stdin=DEVNULL, stdout=DEVNULL, stderr=PIPE, start_new_session=True
+            sys.executable,
+            "-c",
+            _RUN,
+            *words,
+            stdin=DEVNULL,
+            stdout=DEVNULL,
+            stderr=PIPE,
+            start_new_session=True,
         )
         said = (await process.communicate())[1].decode(errors="replace").strip()
         if process.returncode == 0:
@@ -120,7 +138,10 @@ class Exports:
 def _files(folder: Path, study: str, what: ExportKind) -> dict[str, Path]:
     """Return the files of a finished export by the name they are downloaded under."""
     if what == "report":
-        return {f"{study}-report.html": folder / "report.html", f"{study}-report.json": folder / "report.json"}
+        return {
+            f"{study}-report.html": folder / "report.html",
+            f"{study}-report.json": folder / "report.json",
+        }
     return {f"{study}-release.zip": folder / "release.zip"}
 
 
@@ -128,4 +149,8 @@ def _outputs(folder: Path, what: ExportKind, authors: tuple[str, ...]) -> list[s
     """Return the options that say what the command writes."""
     if what == "report":
         return ["--html", str(folder / "report.html"), "--json", str(folder / "report.json")]
-    return ["--out", str(folder / "release"), *(word for author in authors for word in ("--author", author))]
+    return [
+        "--out",
+        str(folder / "release"),
+        *(word for author in authors for word in ("--author", author)),
+    ]

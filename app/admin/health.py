@@ -61,13 +61,23 @@ class Health:
         assert self._check is not None
         space = shutil.disk_usage(self._database.parent)
         wal = self._database.with_name(self._database.name + "-wal")
-        written = max((path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0)
+        written = max(
+            (path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0
+        )
         chain = chain_head(self._database)
         return {
             "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
-            "database": {"name": self._database.name, "size": _size(self._database), "wal_size": _size(wal)},
+            "database": {
+                "name": self._database.name,
+                "size": _size(self._database),
+                "wal_size": _size(wal),
+            },
             "last_write_ms": round(written * 1000),
-            "check": {"result": self._check.result, "is_whole": self._check.is_whole, "at_ms": self._check.at_ms},
+            "check": {
+                "result": self._check.result,
+                "is_whole": self._check.is_whole,
+                "at_ms": self._check.at_ms,
+            },
             "chain": chain and {"entries": chain.entries, "head": chain.head},
         }
 

@@ -18,12 +18,17 @@ MAX_BOARDS = 60
 
 async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
     """Return the boards that a person or a script plays now, those of participants first; no player's id."""
-    live = [session for session in lobby.sessions() if session.is_human and session.channel.subscribers]
+    live = [
+        session for session in lobby.sessions() if session.is_human and session.channel.subscribers
+    ]
     listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
 
     def read() -> list[tuple[Participant | None, TrialRow | None]]:
         present = [study_store.participant_of_session(session.id) for session in listed]
-        return [(each, next(iter(study_store.trials(each.id)[::-1]), None) if each else None) for each in present]
+        return [
+            (each, next(iter(study_store.trials(each.id)[::-1]), None) if each else None)
+            for each in present
+        ]
 
     found = []
     for session, (participant, trial) in zip(listed, await lobby.store.read(read), strict=True):
@@ -39,7 +44,9 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
                 "level": session.current.config.level,
             }
         )
-    return sorted(found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"])))
+    return sorted(
+        found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"]))
+    )
 
 
 async def board_messages(session: Session) -> AsyncGenerator[str, None]:

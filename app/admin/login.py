@@ -18,7 +18,14 @@ from itsdangerous import BadSignature, TimestampSigner
 
 from app.operators.actions import ActionLog
 from app.operators.delays import Delays, TooManyAttemptsError
-from app.operators.operators import PASSWORD_ALONE, Operator, Operators, check_password, is_password_of, list_operators
+from app.operators.operators import (
+    PASSWORD_ALONE,
+    Operator,
+    Operators,
+    check_password,
+    is_password_of,
+    list_operators,
+)
 from app.settings import Settings
 from app.storage.database import StoreError
 
@@ -43,7 +50,9 @@ class TooManyLoginsError(TooManyAttemptsError):
     """Too many others log in at this moment; the attempt was not looked at and does not count."""
 
     def __init__(self) -> None:
-        Exception.__init__(self, f"too many people log in at this moment: wait {BUSY_S} seconds, then try again")
+        Exception.__init__(
+            self, f"too many people log in at this moment: wait {BUSY_S} seconds, then try again"
+        )
         self.wait_s = BUSY_S
 
 
@@ -81,8 +90,19 @@ class AdminPassword:
 class AdminLogin:
     """The login of one server, with what it logs and how fast may be guessed."""
 
-    def __init__(self, password: AdminPassword, operators: Operators, log: ActionLog, delays: Delays | None = None) -> None:
-        self._password, self._operators, self._log, self._delays = password, operators, log, delays or Delays()
+    def __init__(
+        self,
+        password: AdminPassword,
+        operators: Operators,
+        log: ActionLog,
+        delays: Delays | None = None,
+    ) -> None:
+        self._password, self._operators, self._log, self._delays = (
+            password,
+            operators,
+            log,
+            delays or Delays(),
+        )
         self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
         self._revoked: set[str] = set()
         self._checking = asyncio.Lock()  # a hash takes 64 MiB: one at a time
@@ -100,10 +120,14 @@ class AdminLogin:
         self._delays.begin_attempt(address)
         who = await self._with_password(name, password) if name else None
         is_right = who is not None if name else self._password.is_right(password)
-        if not is_right or not await self._log.admit(name or PASSWORD_ALONE, self._codes(who, code)):
+        if not is_right or not await self._log.admit(
+            name or PASSWORD_ALONE, self._codes(who, code)
+        ):
             await self._note_refused(name)
             raise WrongPasswordError(
-                "this is no operator's name, password and code" if name else "this is not the operator's password"
+                "this is no operator's name, password and code"
+                if name
+                else "this is not the operator's password"
             )
         self._delays.forgive(address)
         since = who.created_ms if who else 0
@@ -146,7 +170,13 @@ class AdminLogin:
         """Log a refused login, at most one each minute, by the name if there is such an operator."""
         if time.monotonic() - self._refused_at >= REFUSED_EVERY_S:
             self._refused_at = time.monotonic()
-            known = PASSWORD_ALONE if not name else name if await self._operators.find(name) else "unknown name"
+            known = (
+                PASSWORD_ALONE
+                if not name
+                else name
+                if await self._operators.find(name)
+                else "unknown name"
+            )
             await self._log.end(await self._log.begin(known, "log_in", None), 401)
 
 

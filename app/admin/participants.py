@@ -31,7 +31,16 @@ QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
 _log = logging.getLogger(__name__)
-PARTICIPANT_FIELDS = ("id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms")
+PARTICIPANT_FIELDS = (
+    "id",
+    "kind",
+    "script",
+    "stage",
+    "joined_ms",
+    "session_id",
+    "invitation",
+    "supervised_ms",
+)
 """What the operator sees of a participant's row."""
 
 
@@ -44,7 +53,10 @@ def list_participants(reader: Reader, study: str, now_ms: int, hides: bool) -> l
     for row in study_reader.trial_activity(reader, study):
         trials[row["participant_id"]].append(row)
     events = study_reader.event_summaries(reader, study)
-    left = {event.participant_id: json.loads(event.detail).get("from") for event in study_reader.withdrawals(reader, study)}
+    left = {
+        event.participant_id: json.loads(event.detail).get("from")
+        for event in study_reader.withdrawals(reader, study)
+    }
     signs = defaultdict(list)
     for event in study_reader.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
@@ -75,7 +87,9 @@ def _totals(trials: Sequence[dict[str, Any]], hides: bool) -> dict[str, Any]:
     counts = {"warm_up": sum(trial["phase"] == "warm_up" for trial in ended), "ranked": len(ranked)}
     if hides:
         return {**counts, "mean_score": None, "mean_steps": None, "outcomes": {}}
-    steps = [steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked]
+    steps = [
+        steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked
+    ]
     return {
         **counts,
         "mean_score": sum(trial["score"] for trial in ranked) / len(ranked) if ranked else None,
@@ -87,7 +101,10 @@ def _totals(trials: Sequence[dict[str, Any]], hides: bool) -> dict[str, Any]:
 def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return for each stage how many people and how many scripts are at it."""
     count = Counter((each["stage"], each["kind"]) for each in people)
-    return [{"stage": stage, "human": count[stage, "human"], "script": count[stage, "script"]} for stage in STAGES]
+    return [
+        {"stage": stage, "human": count[stage, "human"], "script": count[stage, "script"]}
+        for stage in STAGES
+    ]
 
 
 class LiveFigures:
@@ -123,13 +140,20 @@ class LiveFigures:
         except StudyError:  # nobody has joined
             return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
-        found = [(name, trial.participant) for trial in data.trials if trial.participant in people for name in trial.labels]
+        found = [
+            (name, trial.participant)
+            for trial in data.trials
+            if trial.participant in people
+            for name in trial.labels
+        ]
         counts = Counter(name for name, _ in found)
         by_label = [
             {
                 "label": name,
                 "episodes": number,
-                "participants": sorted({participant_label(who) for each, who in found if each == name}),
+                "participants": sorted(
+                    {participant_label(who) for each, who in found if each == name}
+                ),
             }
             for name, number in counts.most_common()
         ]

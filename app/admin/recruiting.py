@@ -10,7 +10,9 @@ from app.study.invitations import Invitations, state_of, token_of, uses_of
 from app.study.supervision import code_of, valid_until_ms
 
 
-def recruiting(reader: Reader, invitations: Invitations, study: Study, now_ms: int) -> dict[str, Any]:
+def recruiting(
+    reader: Reader, invitations: Invitations, study: Study, now_ms: int
+) -> dict[str, Any]:
     """Return how people come into a study: its recruitment, the operator's code of the day, and its invitations.
 
     Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it

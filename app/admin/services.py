@@ -22,7 +22,9 @@ class AdminServices:
     began  monotonic seconds of the server's start
     """
 
-    def __init__(self, password: AdminPassword, progress: ParticipantProgress, studies: Path, health: Health) -> None:
+    def __init__(
+        self, password: AdminPassword, progress: ParticipantProgress, studies: Path, health: Health
+    ) -> None:
         database = progress.lobby.store.path
         store = progress.lobby.store
         self.actions, self.progress = ActionLog(store), progress

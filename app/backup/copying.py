@@ -59,9 +59,13 @@ def check_whole(database: Path, advance: Advance | None = None) -> None:
                 conn.set_progress_handler(lambda: advance(1, 1), INSTRUCTIONS)
             found = conn.execute("PRAGMA integrity_check(1)").fetchone()[0]
             if found != "ok":
-                raise StoreError(f"{database} is damaged ({found}): use another backup, or `marsexplorer recover {database}`")
+                raise StoreError(
+                    f"{database} is damaged ({found}): use another backup, or `marsexplorer recover {database}`"
+                )
             if stray := conn.execute("PRAGMA foreign_key_check").fetchone():
-                raise StoreError(f"{database} is not whole: a row of {stray[0]} belongs to nothing; use another backup")
+                raise StoreError(
+                    f"{database} is not whole: a row of {stray[0]} belongs to nothing; use another backup"
+                )
             for finding in check_chain(conn):
                 raise StoreError(f"{database} was changed: {finding}; use another backup")
     except sqlite3.Error as error:
@@ -75,9 +79,13 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
 
     try:
         with reading(database) as conn, closing(sqlite3.connect(target)) as copy:
-            conn.execute("SELECT count(*) FROM meta").fetchone()  # from here on `conn` sees one moment
+            conn.execute(
+                "SELECT count(*) FROM meta"
+            ).fetchone()  # from here on `conn` sees one moment
             conn.backup(copy, pages=PAGES, progress=progress)
-            copy.execute("PRAGMA journal_mode = DELETE")  # one file, which can be read where nothing can be written
+            copy.execute(
+                "PRAGMA journal_mode = DELETE"
+            )  # one file, which can be read where nothing can be written
     except sqlite3.Error as error:
         raise StoreError(f"cannot copy {database} to {target}: {error}") from error
 

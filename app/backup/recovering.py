@@ -47,8 +47,15 @@ class Recovery:
 
     def lines(self) -> list[str]:
         """Return the report as lines of text."""
-        lines = [f"{table}: {count:,} rows in the new file" + self._lost(table) for table, count in self.read.items()]
-        whole = "every page could be read" if not self.broken else f"pages could not be read of: {', '.join(self.broken)}"
+        lines = [
+            f"{table}: {count:,} rows in the new file" + self._lost(table)
+            for table, count in self.read.items()
+        ]
+        whole = (
+            "every page could be read"
+            if not self.broken
+            else f"pages could not be read of: {', '.join(self.broken)}"
+        )
         if self.stand_ins:
             whole += f"; {self.stand_ins:,} lost sessions and players have a row that says nothing of them"
         return [whole, *lines]
@@ -56,10 +63,19 @@ class Recovery:
     def _lost(self, table: str) -> str:
         out = self.left_out.get(table, 0)
         parts = ["; others could not be read"] if table in self.broken else []
-        return "".join([*parts, f"; {out:,} that could be read are left out, since they are not complete" if out else ""])
+        return "".join(
+            [
+                *parts,
+                f"; {out:,} that could be read are left out, since they are not complete"
+                if out
+                else "",
+            ]
+        )
 
 
-def recover(database: Path, out: Path, advance: Callable[[int, int], None] | None = None) -> Recovery:
+def recover(
+    database: Path, out: Path, advance: Callable[[int, int], None] | None = None
+) -> Recovery:
     """Read out a damaged database into a new file and return what was lost; the database stays as it is.
 
     advance  called with (tables read, of how many)
@@ -75,7 +91,9 @@ def recover(database: Path, out: Path, advance: Callable[[int, int], None] | Non
         with closing(_open_damaged(database)) as source:
             version = int(source.execute("PRAGMA user_version").fetchone()[0])
             if not 0 < version <= len(MIGRATIONS):
-                raise StoreError(f"{database} has schema {version}, this version knows 1 to {len(MIGRATIONS)}")
+                raise StoreError(
+                    f"{database} has schema {version}, this version knows 1 to {len(MIGRATIONS)}"
+                )
             source.execute("SELECT name FROM sqlite_master").fetchall()
             with closing(open_database(out, migrations=MIGRATIONS[:version]).conn) as target:
                 found = _fill(source, target, advance)
@@ -101,20 +119,33 @@ def _open_damaged(database: Path) -> sqlite3.Connection:
     return conn
 
 
-def _fill(source: sqlite3.Connection, target: sqlite3.Connection, advance: Callable[[int, int], None] | None) -> Recovery:
+def _fill(
+    source: sqlite3.Connection,
+    target: sqlite3.Connection,
+    advance: Callable[[int, int], None] | None,
+) -> Recovery:
     """Copy what can be read, table by table, and leave out what does not fit together."""
     found = Recovery()
     target.execute("PRAGMA foreign_keys = OFF")
-    tables = dict(target.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table' ORDER BY rowid").fetchall())
+    tables = dict(
+        target.execute(
+            "SELECT name, sql FROM sqlite_master WHERE type = 'table' ORDER BY rowid"
+        ).fetchall()
+    )
     with transaction(target):
         for number, (table, sql) in enumerate(tables.items(), 1):
-            columns = target.execute(f"SELECT name, pk FROM pragma_table_info('{table}')").fetchall()
+            columns = target.execute(
+                f"SELECT name, pk FROM pragma_table_info('{table}')"
+            ).fetchall()
             names = [name for name, _ in columns]
-            key = [name for name, place in sorted(columns, key=lambda column: int(column[1])) if place]
+            key = [
+                name for name, place in sorted(columns, key=lambda column: int(column[1])) if place
+            ]
             salvage = TableSalvage(source, table, names)
             marks = ", ".join("?" * len(names))
             target.executemany(
-                f"INSERT OR IGNORE INTO {table} VALUES ({marks})", _rows(salvage, target, key, "WITHOUT ROWID" not in sql)
+                f"INSERT OR IGNORE INTO {table} VALUES ({marks})",
+                _rows(salvage, target, key, "WITHOUT ROWID" not in sql),
             )
             if not salvage.is_whole:
                 found.broken.append(table)
@@ -126,12 +157,18 @@ def _fill(source: sqlite3.Connection, target: sqlite3.Connection, advance: Calla
         before = _counts(target, tables)
         _leave_out(target, list(tables))
         found.read = _counts(target, tables)
-        found.left_out = {table: before[table] - count for table, count in found.read.items() if before[table] > count}
+        found.left_out = {
+            table: before[table] - count
+            for table, count in found.read.items()
+            if before[table] > count
+        }
     target.execute("PRAGMA foreign_keys = ON")
     return found
 
 
-def _rows(salvage: TableSalvage, target: sqlite3.Connection, key: list[str], has_rowid: bool) -> Iterator[Row]:
+def _rows(
+    salvage: TableSalvage, target: sqlite3.Connection, key: list[str], has_rowid: bool
+) -> Iterator[Row]:
     if has_rowid:
         yield from salvage.by_rowid()
         return
@@ -142,7 +179,9 @@ def _rows(salvage: TableSalvage, target: sqlite3.Connection, key: list[str], has
 
 
 def _counts(conn: sqlite3.Connection, tables: dict[str, str]) -> dict[str, int]:
-    return {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in tables}
+    return {
+        table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in tables
+    }
 
 
 def _leave_out(conn: sqlite3.Connection, tables: list[str]) -> None:
@@ -154,7 +193,12 @@ def _leave_out(conn: sqlite3.Connection, tables: list[str]) -> None:
         for table in tables:
             keys = 'SELECT "from", "table", coalesce("to", \'\') FROM pragma_foreign_key_list(?)'
             for column, parent, to in conn.execute(keys, [table]).fetchall():
-                name = to or conn.execute("SELECT name FROM pragma_table_info(?) WHERE pk = 1", [parent]).fetchone()[0]
+                name = (
+                    to
+                    or conn.execute(
+                        "SELECT name FROM pragma_table_info(?) WHERE pk = 1", [parent]
+                    ).fetchone()[0]
+                )
                 stray = f"{column} IS NOT NULL AND {column} NOT IN (SELECT {name} FROM {parent})"
                 deleted += conn.execute(f"DELETE FROM {table} WHERE {stray}").rowcount
         if not deleted:

@@ -10,7 +10,9 @@ from app.database_file.lock import take_lock
 from app.storage.database import StoreError
 
 
-def restore(backup: Path, database: Path, stamp: str, advance: Advance | None = None) -> Path | None:
+def restore(
+    backup: Path, database: Path, stamp: str, advance: Advance | None = None
+) -> Path | None:
     """Put a verified copy of a backup in the place of a database, and return the name of what stood there, if anything did.
 
     stamp  distinguishes that name: NAME.before-STAMP, with its log NAME.before-STAMP-wal where it has one
@@ -18,7 +20,9 @@ def restore(backup: Path, database: Path, stamp: str, advance: Advance | None = 
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
     if not backup.exists():
-        raise StoreError(f"no backup at {backup}: give the path of a file that `marsexplorer backup` wrote")
+        raise StoreError(
+            f"no backup at {backup}: give the path of a file that `marsexplorer backup` wrote"
+        )
     if database.exists() and backup.samefile(database):
         raise StoreError(f"{backup} is the database itself: give the path of a backup")
     lock = take_lock(database)

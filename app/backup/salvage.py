@@ -55,13 +55,18 @@ class TableSalvage:
         """Yield the rows before the first damaged page and those after the last one; rows may come twice."""
         for direction in ("ASC", "DESC"):
             try:
-                yield from self._select(f"1 ORDER BY {', '.join(f'{column} {direction}' for column in key.split(', '))}", ())
+                yield from self._select(
+                    f"1 ORDER BY {', '.join(f'{column} {direction}' for column in key.split(', '))}",
+                    (),
+                )
                 return
             except sqlite3.DatabaseError:
                 self.is_whole = False
 
     def _select(self, condition: str, values: Sequence[object], before: str = "") -> Iterator[Row]:
-        yield from self._source.execute(f"SELECT {before}{self._columns} FROM {self._table} WHERE {condition}", values)
+        yield from self._source.execute(
+            f"SELECT {before}{self._columns} FROM {self._table} WHERE {condition}", values
+        )
 
     def _next_readable(self, first: int) -> int | None:
         """Return the smallest row id from `first` on from which a row can be read, None when there is none.

@@ -27,8 +27,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
-STUDIES = click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]")
-DATABASE = click.option("--database", type=PATH, help="The database the study was played in, if it is not the default one.")
+STUDIES = click.option(
+    "--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]"
+)
+DATABASE = click.option(
+    "--database",
+    type=PATH,
+    help="The database the study was played in, if it is not the default one.",
+)
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
 
@@ -41,7 +47,9 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
 
     name = "size"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | tuple[int, int]:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | tuple[int, int]:
         """Return a side or (rows, cols)."""
         if isinstance(value, (int, tuple)):
             return value
@@ -54,25 +62,39 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
 def levels_option(*default: str) -> Callable[[F], F]:
     """Return the option --level, which the command is given as `levels`, a tuple of names."""
     text = "random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
-    return click.option("--level", "levels", multiple=True, default=default, show_default=True, help=text)
+    return click.option(
+        "--level", "levels", multiple=True, default=default, show_default=True, help=text
+    )
 
 
 def sizes_option(*default: str) -> Callable[[F], F]:
     """Return the option --size, which the command is given as `sizes`, a tuple of sides and of (rows, cols)."""
     text = "21 for a square, 42x84 for rows x columns; repeatable."
-    return click.option("--size", "sizes", type=SizeType(), multiple=True, default=default, show_default=True, help=text)
+    return click.option(
+        "--size",
+        "sizes",
+        type=SizeType(),
+        multiple=True,
+        default=default,
+        show_default=True,
+        help=text,
+    )
 
 
 def seed_option(what: str) -> Callable[[F], F]:
     """Return the option --seed of a run, 0..1000; `what` says what it fixes."""
-    return click.option("--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help=what)
+    return click.option(
+        "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help=what
+    )
 
 
 def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) -> list[EnvConfig]:
     """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
     from marsexplorer.training.config import FAMILIES
 
-    names = dict.fromkeys(name for level in levels for name in (FAMILIES if level == "all" else (level,)))
+    names = dict.fromkeys(
+        name for level in levels for name in (FAMILIES if level == "all" else (level,))
+    )
     return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
 
 
@@ -165,7 +187,9 @@ def interruptible(work: Callable[[], T]) -> T:
                 worker.kill()
             thread.join(0.1)
         if killed:
-            thread.join(SHUTDOWN_TIMEOUT_S)  # else the pool's semaphores are still being given back when this process ends
+            thread.join(
+                SHUTDOWN_TIMEOUT_S
+            )  # else the pool's semaphores are still being given back when this process ends
         raise
 
 

@@ -109,7 +109,9 @@ class Commands(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(package_name="marsexplorer-playground", prog_name="marsexplorer")
 def cli() -> None:
     """Drive the MarsExplorer rover in a browser, watch policies, record every episode, and compare.

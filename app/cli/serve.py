@@ -11,15 +11,47 @@ from app.cli.console import PATH, check_more, settings_of
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
-@click.option("--host", help="Address to listen on; 0.0.0.0 lets other machines in.  [default: 127.0.0.1]")
-@click.option("--port", type=click.IntRange(0, 65535), help="Port to listen on; 0 takes a free one.  [default: 8000]")
-@click.option("--database", type=PATH, help="SQLite file to record in; made when absent.  [default: see below]")
-@click.option("--studies", type=PATH, help="Folder of studies to offer.  [default: studies, beside the default database]")
-@click.option("--policy", "policies", type=PATH, multiple=True, help="A trained policy's file to offer; repeatable.")
-@click.option("--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well.")
-@click.option("--map", "maps", type=PATH, multiple=True, help="A map_server file (YAML) to play on; repeatable.")
-@click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
-@click.option("--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example.")
+@click.option(
+    "--host", help="Address to listen on; 0.0.0.0 lets other machines in.  [default: 127.0.0.1]"
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="Port to listen on; 0 takes a free one.  [default: 8000]",
+)
+@click.option(
+    "--database",
+    type=PATH,
+    help="SQLite file to record in; made when absent.  [default: see below]",
+)
+@click.option(
+    "--studies",
+    type=PATH,
+    help="Folder of studies to offer.  [default: studies, beside the default database]",
+)
+@click.option(
+    "--policy",
+    "policies",
+    type=PATH,
+    multiple=True,
+    help="A trained policy's file to offer; repeatable.",
+)
+@click.option(
+    "--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well."
+)
+@click.option(
+    "--map",
+    "maps",
+    type=PATH,
+    multiple=True,
+    help="A map_server file (YAML) to play on; repeatable.",
+)
+@click.option(
+    "--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]"
+)
+@click.option(
+    "--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example."
+)
 @click.option(
     "--trusted-proxy",
     "trusted_proxies",
@@ -27,20 +59,60 @@ from app.cli.console import PATH, check_more, settings_of
     metavar="ADDRESS",
     help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
-@click.option("--durable", is_flag=True, default=None, help="Survive a power cut, at some milliseconds a move.")
-@click.option("--accept-loss", is_flag=True, default=None, help="Start although the log of a killed server is gone.")
-@click.option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup every so many minutes.")
-@click.option("--backup-to", type=PATH, metavar="DIR", help="Keep them there.  [default: backups, beside the database]")
-@click.option("--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]")
-@click.option("--admin", is_flag=True, default=None, help="Open the operator's page /admin; its password is printed.")
 @click.option(
-    "--metrics-port", type=click.IntRange(0, 65535), help="Serve metrics to Prometheus on this port too; 0: a free one."
+    "--durable",
+    is_flag=True,
+    default=None,
+    help="Survive a power cut, at some milliseconds a move.",
 )
-@click.option("--metrics-host", help="Address for the metrics; only this machine reaches the default.  [default: 127.0.0.1]")
-@click.option("--log-format", type=click.Choice(["text", "json"]), help="json: each request too, an object a line on stderr.")
+@click.option(
+    "--accept-loss",
+    is_flag=True,
+    default=None,
+    help="Start although the log of a killed server is gone.",
+)
+@click.option(
+    "--backup-every",
+    type=float,
+    metavar="MINUTES",
+    help="Make a verified backup every so many minutes.",
+)
+@click.option(
+    "--backup-to",
+    type=PATH,
+    metavar="DIR",
+    help="Keep them there.  [default: backups, beside the database]",
+)
+@click.option(
+    "--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]"
+)
+@click.option(
+    "--admin",
+    is_flag=True,
+    default=None,
+    help="Open the operator's page /admin; its password is printed.",
+)
+@click.option(
+    "--metrics-port",
+    type=click.IntRange(0, 65535),
+    help="Serve metrics to Prometheus on this port too; 0: a free one.",
+)
+@click.option(
+    "--metrics-host",
+    help="Address for the metrics; only this machine reaches the default.  [default: 127.0.0.1]",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    help="json: each request too, an object a line on stderr.",
+)
 @click.argument("more", type=PATH, nargs=-1, metavar="")
 def serve(
-    more: tuple[Path, ...], policies: tuple[Path, ...], maps: tuple[Path, ...], trusted_proxies: tuple[str, ...], **given: Any
+    more: tuple[Path, ...],
+    policies: tuple[Path, ...],
+    maps: tuple[Path, ...],
+    trusted_proxies: tuple[str, ...],
+    **given: Any,
 ) -> None:
     """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
 

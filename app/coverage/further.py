@@ -29,7 +29,9 @@ SIMULATED_SLOPE = 0.0005
 """Of learning, in score a trial, where the mixed model is measured."""
 
 
-def measure_false_alarms(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> float:
+def measure_false_alarms(
+    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
+) -> float:
     """Return in how many percent of studies p is below 0.05 although policy and people have the same mean over terrains.
 
     The policy deviates from people on each terrain, by amounts of mean 0 (`simulated_studies.POLICY_SD`).
@@ -40,7 +42,9 @@ def measure_false_alarms(population: ScorePopulation, icc: float, players: int, 
     return 100 * float((crossed_p(values[:, None, :] - scores) < 2 * TAIL).mean())
 
 
-def measure_ratio(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> float:
+def measure_ratio(
+    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
+) -> float:
     """Return in how many percent of studies the interval of policy / people covers the ratio of the means over terrains."""
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
@@ -51,7 +55,9 @@ def measure_ratio(population: ScorePopulation, icc: float, players: int, studies
     return 100 * float((is_kept & has_interval).mean())
 
 
-def measure_iqm(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> float:
+def measure_iqm(
+    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
+) -> float:
     """Return in how many percent of studies the IQM's interval covers the IQM of other players on the same terrains."""
     rng, covered = generator(population, icc, players, seed), 0
     for at in range(0, studies, STUDIES_AT_ONCE):
@@ -80,18 +86,33 @@ class MixedModelCoverage:
     terrains: float
 
 
-def measure_mixed_model(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> MixedModelCoverage:
+def measure_mixed_model(
+    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
+) -> MixedModelCoverage:
     """Return how often the mixed model's intervals cover, in studies in which everybody learns alike."""
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
     covered: list[tuple[bool, bool, float]] = []
     for table, truth in zip(scores, terrain, strict=True):
-        trials = rng.permuted(np.tile(np.arange(table.shape[1], dtype=np.float64), (players, 1)), axis=1)
+        trials = rng.permuted(
+            np.tile(np.arange(table.shape[1], dtype=np.float64), (players, 1)), axis=1
+        )
         found = fit_mixed_model("score", table + SIMULATED_SLOPE * (trials - trials.mean()), trials)
         if found.interval and found.slope_interval:
-            inside = [each.interval[0] <= truth[each.terrain] <= each.interval[1] for each in found.terrains]
+            inside = [
+                each.interval[0] <= truth[each.terrain] <= each.interval[1]
+                for each in found.terrains
+            ]
             mean, slope = mean_score(population), SIMULATED_SLOPE
             is_mean = found.interval[0] <= mean <= found.interval[1]
-            covered.append((is_mean, found.slope_interval[0] <= slope <= found.slope_interval[1], float(np.mean(inside))))
+            covered.append(
+                (
+                    is_mean,
+                    found.slope_interval[0] <= slope <= found.slope_interval[1],
+                    float(np.mean(inside)),
+                )
+            )
     shares = 100 * np.array(covered).mean(0)
-    return MixedModelCoverage(population.name, icc, players, studies, 100 * len(covered) / studies, *map(float, shares))
+    return MixedModelCoverage(
+        population.name, icc, players, studies, 100 * len(covered) / studies, *map(float, shares)
+    )

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
-from app.coverage.further import PAIRED_ICCS, measure_false_alarms, measure_iqm, measure_mixed_model, measure_ratio
+from app.coverage.further import (
+    PAIRED_ICCS,
+    measure_false_alarms,
+    measure_iqm,
+    measure_mixed_model,
+    measure_ratio,
+)
 from app.coverage.simulated_studies import (
     SCORE_BOUNDS,
     STEPS_BOUNDS,
@@ -42,19 +48,31 @@ STUDIES_AT_ONCE = 250
 """Studies worked on at a time."""
 
 
-def measure_cell(population: ScorePopulation, icc: float, players: int, studies: int, seed: int) -> Cell:
+def measure_cell(
+    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
+) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
-    scores, terrain = simulate_studies(population, icc, players, studies, generator(population, icc, players, seed))
-    truth, everywhere = mean_score(population) + terrain.mean(1), np.full(studies, mean_score(population))
+    scores, terrain = simulate_studies(
+        population, icc, players, studies, generator(population, icc, players, seed)
+    )
+    truth, everywhere = (
+        mean_score(population) + terrain.mean(1),
+        np.full(studies, mean_score(population)),
+    )
     means = scores.mean(2)
     t, printed = t_interval(means), printed_interval(means)
     stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
     bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
-    guaranteed = np.concatenate([guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks])
-    is_guaranteed = is_a_few_players(
-        failures(population, scores).sum(2).astype(np.float64), np.full(means.shape, float(TERRAINS))
+    guaranteed = np.concatenate(
+        [guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks]
     )
-    steps_covered, headline_steps_covered = _steps_covered(population, scores, terrain, is_guaranteed)
+    is_guaranteed = is_a_few_players(
+        failures(population, scores).sum(2).astype(np.float64),
+        np.full(means.shape, float(TERRAINS)),
+    )
+    steps_covered, headline_steps_covered = _steps_covered(
+        population, scores, terrain, is_guaranteed
+    )
     return Cell(
         population=population.name,
         icc=icc,
@@ -70,7 +88,8 @@ def measure_cell(population: ScorePopulation, icc: float, players: int, studies:
         new_terrains=_percent_covered(crossed_interval(scores), everywhere),
         pooled=_percent_covered(_pooled(scores), truth),
         guaranteed_headline=100 * float(is_guaranteed.mean()),
-        headline=100 * float(np.where(is_guaranteed, guaranteed, _is_covered(printed, truth)).mean()),
+        headline=100
+        * float(np.where(is_guaranteed, guaranteed, _is_covered(printed, truth)).mean()),
         headline_steps=headline_steps_covered,
         printed_steps=steps_covered,
     )
@@ -84,8 +103,12 @@ def _steps_covered(
     means = steps.mean(2)
     printed, headline = _is_covered(printed_interval(means), truth), np.ones(len(means), bool)
     if is_guaranteed.any():
-        headline[is_guaranteed] = guaranteed_covers(means[is_guaranteed], STEPS_BOUNDS, truth[is_guaranteed])
-    return 100 * float(printed.mean()), 100 * float(np.where(is_guaranteed, headline, printed).mean())
+        headline[is_guaranteed] = guaranteed_covers(
+            means[is_guaranteed], STEPS_BOUNDS, truth[is_guaranteed]
+        )
+    return 100 * float(printed.mean()), 100 * float(
+        np.where(is_guaranteed, headline, printed).mean()
+    )
 
 
 def _pooled(scores: Floats) -> Ends:
@@ -109,7 +132,12 @@ def measure_cells(
     studies: int, seed: int, players: Sequence[int] = PLAYERS, progress: Progress | None = None
 ) -> Iterator[Cell]:
     """Yield every cell: populations x ICC x players; progress is called with (cells done, cells in all)."""
-    cells = [(population, icc, count) for population in SCORE_POPULATIONS for icc in ICCS for count in players]
+    cells = [
+        (population, icc, count)
+        for population in SCORE_POPULATIONS
+        for icc in ICCS
+        for count in players
+    ]
     for done, (population, icc, count) in enumerate(cells, 1):
         yield measure_cell(population, icc, count, studies, seed)
         if progress:
@@ -118,20 +146,49 @@ def measure_cells(
 
 def markdown_table(cells: Sequence[Cell]) -> str:
     """Return the table as docs/report.md shows it."""
-    heads = ("population", "ICC", "players", "**printed**", "missed low / high", "width / t", "t", "bootstrap-t")
-    lines: list[tuple[str, ...]] = [(*heads, "guaranteed", "new terrains", "pooled"), ("---",) * 3 + ("---:",) * 8]
+    heads = (
+        "population",
+        "ICC",
+        "players",
+        "**printed**",
+        "missed low / high",
+        "width / t",
+        "t",
+        "bootstrap-t",
+    )
+    lines: list[tuple[str, ...]] = [
+        (*heads, "guaranteed", "new terrains", "pooled"),
+        ("---",) * 3 + ("---:",) * 8,
+    ]
     for cell in cells:
         missed = f"{cell.below:.1f} / {cell.above:.1f}"
         shares = (cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
-        first = (cell.population, f"{cell.icc:g}", str(cell.players), f"**{cell.printed:.1f}**", missed, f"{cell.width:.2f}")
+        first = (
+            cell.population,
+            f"{cell.icc:g}",
+            str(cell.players),
+            f"**{cell.printed:.1f}**",
+            missed,
+            f"{cell.width:.2f}",
+        )
         lines.append((*first, *(f"{share:.1f}" for share in shares)))
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def headline_table(cells: Sequence[Cell]) -> str:
     """Return the table of rule 2, of the populations in which players fail, as docs/report.md shows it."""
-    heads = ("population", "ICC", "players", "guaranteed is headline", "**headline, score**", "printed, score")
-    lines: list[tuple[str, ...]] = [(*heads, "**headline, steps**", "printed, steps"), ("---",) * 3 + ("---:",) * 5]
+    heads = (
+        "population",
+        "ICC",
+        "players",
+        "guaranteed is headline",
+        "**headline, score**",
+        "printed, score",
+    )
+    lines: list[tuple[str, ...]] = [
+        (*heads, "**headline, steps**", "printed, steps"),
+        ("---",) * 3 + ("---:",) * 5,
+    ]
     failing = {population.name for population in SCORE_POPULATIONS if population.collisions}
     for cell in (each for each in cells if each.population in failing):
         shares = (
@@ -140,7 +197,15 @@ def headline_table(cells: Sequence[Cell]) -> str:
             f"**{cell.headline_steps:.1f}**",
             f"{cell.printed_steps:.1f}",
         )
-        lines.append((cell.population, f"{cell.icc:g}", str(cell.players), f"{cell.guaranteed_headline:.1f}", *shares))
+        lines.append(
+            (
+                cell.population,
+                f"{cell.icc:g}",
+                str(cell.players),
+                f"{cell.guaranteed_headline:.1f}",
+                *shares,
+            )
+        )
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
@@ -155,7 +220,12 @@ FURTHER: dict[str, tuple[Measured, Sequence[float]]] = {
 
 
 def _percentages(
-    measure: Measured, iccs: Sequence[float], studies: int, seed: int, players: Sequence[int], progress: Progress
+    measure: Measured,
+    iccs: Sequence[float],
+    studies: int,
+    seed: int,
+    players: Sequence[int],
+    progress: Progress,
 ) -> Iterator[tuple[str, ...]]:
     """Yield the rows of a Markdown table: population, ICC, and what is measured by players."""
     yield ("population", "ICC", *(f"{count} players" for count in players))
@@ -167,11 +237,18 @@ def _percentages(
         progress(done, len(rows))
 
 
-def _mixed_models(studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
+def _mixed_models(
+    studies: int, seed: int, players: Sequence[int], progress: Progress
+) -> Iterator[tuple[str, ...]]:
     """Yield the rows of a Markdown table of the mixed model's coverage."""
     yield ("population", "ICC", "players", "converged", "mean", "slope", "terrains")
     yield (*("---",) * 3, *("---:",) * 4)
-    cells = [(population, icc, count) for population in SCORE_POPULATIONS for icc in ICCS for count in players]
+    cells = [
+        (population, icc, count)
+        for population in SCORE_POPULATIONS
+        for icc in ICCS
+        for count in players
+    ]
     for done, (population, icc, count) in enumerate(cells, 1):
         found = measure_mixed_model(population, icc, count, studies, seed)
         shares = (found.converged, found.mean, found.slope, found.terrains)
@@ -185,7 +262,9 @@ def coverage_error(coverage: float, studies: int) -> float:
     return float(100 * scipy.special.ndtri(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
 
 
-def _further(what: str, studies: int, seed: int, players: Sequence[int], progress: Progress) -> Iterator[tuple[str, ...]]:
+def _further(
+    what: str, studies: int, seed: int, players: Sequence[int], progress: Progress
+) -> Iterator[tuple[str, ...]]:
     """Return the rows of what is measured instead of the quoted table."""
     if what == "mixed":
         return _mixed_models(studies, seed, players, progress)
@@ -194,13 +273,41 @@ def _further(what: str, studies: int, seed: int, players: Sequence[int], progres
 
 
 @click.command()
-@click.option("--studies", type=click.IntRange(min=20), default=2000, show_default=True, help="Simulated studies a cell.")
+@click.option(
+    "--studies",
+    type=click.IntRange(min=20),
+    default=2000,
+    show_default=True,
+    help="Simulated studies a cell.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--players", multiple=True, type=click.IntRange(min=5), help="Numbers of players; default 5, 10, 20, 30.")
-@click.option("--ratio", "what", flag_value="ratio", help="Measure the interval of policy / people instead.")
-@click.option("--paired", "what", flag_value="paired", help="Measure the false alarms of the test of policy - people instead.")
-@click.option("--iqm", "what", flag_value="iqm", help="Measure the interval of the interquartile mean instead.")
-@click.option("--mixed", "what", flag_value="mixed", help="Measure the mixed model's intervals instead, at minutes a row.")
+@click.option(
+    "--players",
+    multiple=True,
+    type=click.IntRange(min=5),
+    help="Numbers of players; default 5, 10, 20, 30.",
+)
+@click.option(
+    "--ratio", "what", flag_value="ratio", help="Measure the interval of policy / people instead."
+)
+@click.option(
+    "--paired",
+    "what",
+    flag_value="paired",
+    help="Measure the false alarms of the test of policy - people instead.",
+)
+@click.option(
+    "--iqm",
+    "what",
+    flag_value="iqm",
+    help="Measure the interval of the interquartile mean instead.",
+)
+@click.option(
+    "--mixed",
+    "what",
+    flag_value="mixed",
+    help="Measure the mixed model's intervals instead, at minutes a row.",
+)
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
 def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""

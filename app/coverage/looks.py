@@ -41,7 +41,10 @@ class LookingRule:
         """Return the level of the interval at each look."""
         if self.spending is None:
             return [CONFIDENCE] * len(self.looks)
-        return [each.confidence for each in boundaries(self.spending, [look / PLAYERS for look in self.looks])]
+        return [
+            each.confidence
+            for each in boundaries(self.spending, [look / PLAYERS for look in self.looks])
+        ]
 
 
 AFTER_EACH = tuple(range(FIRST, PLAYERS + 1))
@@ -71,16 +74,25 @@ class Outcome:
 
 def measure(population: ScorePopulation, rule: LookingRule, studies: int, seed: int) -> Outcome:
     """Return the outcome of a rule in one population; the same for the same seed."""
-    scores, terrain = simulate_studies(population, ICC, PLAYERS, studies, generator(population, ICC, PLAYERS, seed))
+    scores, terrain = simulate_studies(
+        population, ICC, PLAYERS, studies, generator(population, ICC, PLAYERS, seed)
+    )
     truth, means = mean_score(population) + terrain.mean(1), scores.mean(2)
     policy = truth + means.std(1, ddof=1).mean()
-    ends = [_interval(means[:, :look], level) for look, level in zip(rule.looks, rule.levels(), strict=True)]
+    ends = [
+        _interval(means[:, :look], level)
+        for look, level in zip(rule.looks, rule.levels(), strict=True)
+    ]
     misses = np.array([_leaves_out(each, truth) for each in ends])
     sees_policy = np.array([_leaves_out(each, policy) for each in ends])
     sees_policy[-1] = True  # at the last look every study stops
     at = sees_policy.argmax(0)
     covered = ~misses[at, np.arange(studies)]
-    return Outcome(100 * float(misses.any(0).mean()), 100 * float(covered.mean()), float(np.array(rule.looks)[at].mean()))
+    return Outcome(
+        100 * float(misses.any(0).mean()),
+        100 * float(covered.mean()),
+        float(np.array(rule.looks)[at].mean()),
+    )
 
 
 def _interval(means: Floats, level: float) -> Ends:
@@ -96,7 +108,9 @@ def _leaves_out(ends: Ends, value: Floats) -> NDArray[np.bool_]:
 
 def table(studies: int, seed: int, advance: Progress | None = None) -> list[Sequence[str]]:
     """Return the rows of the table, its heads first; advance: (cells measured, in all)."""
-    rows: list[Sequence[str]] = [("population", "looks", "misses", "coverage at the stop", "players at the stop")]
+    rows: list[Sequence[str]] = [
+        ("population", "looks", "misses", "coverage at the stop", "players at the stop")
+    ]
     cells = [(population, rule) for population in SCORE_POPULATIONS for rule in RULES]
     for done, (population, rule) in enumerate(cells, 1):
         found = measure(population, rule, studies, seed)
@@ -113,7 +127,12 @@ def table(studies: int, seed: int, advance: Progress | None = None) -> list[Sequ
 def main(studies: int, seed: int) -> None:
     """Measure what looking costs and print it as a Markdown table (percent of studies; 20 players, ICC 0.2)."""
     rows = table(studies, seed)
-    click.echo("\n".join("| " + " | ".join(row) + " |" for row in (rows[0], ("---", "---", "---:", "---:", "---:"), *rows[1:])))
+    click.echo(
+        "\n".join(
+            "| " + " | ".join(row) + " |"
+            for row in (rows[0], ("---", "---", "---:", "---:", "---:"), *rows[1:])
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -28,9 +28,13 @@ POLICY_SD = 0.01
 """Of what a policy scores on a terrain, apart from what the terrain adds to everybody's score."""
 
 
-def generator(population: ScorePopulation, icc: float, players: int, seed: int) -> np.random.Generator:
+def generator(
+    population: ScorePopulation, icc: float, players: int, seed: int
+) -> np.random.Generator:
     """Return the generator of a cell's studies, another one for every cell and seed."""
-    return np.random.default_rng([seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)])
+    return np.random.default_rng(
+        [seed, players, round(100 * icc), SCORE_POPULATIONS.index(population)]
+    )
 
 
 def mean_score(population: ScorePopulation) -> float:
@@ -47,7 +51,10 @@ def simulate_studies(
     """
     shape = (studies, players, TERRAINS)
     if not population.collisions:
-        player, terrain = (_drawn(population.shape, size, rng) for size in ((studies, players, 1), (studies, 1, TERRAINS)))
+        player, terrain = (
+            _drawn(population.shape, size, rng)
+            for size in ((studies, players, 1), (studies, 1, TERRAINS))
+        )
         # the ICC is of the one-way model, in which terrains count as variance within players
         terrain_share = min(TERRAIN_SHARE, 1 - icc)
         episode = _drawn(population.shape, shape, rng)
@@ -58,16 +65,27 @@ def simulate_studies(
     rate = np.full((studies, players, 1), population.collisions)
     if icc:
         spread = 1 / icc - 1
-        rate = rng.beta(population.collisions * spread, (1 - population.collisions) * spread, (studies, players, 1))
+        rate = rng.beta(
+            population.collisions * spread,
+            (1 - population.collisions) * spread,
+            (studies, players, 1),
+        )
     terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
-    played = PLAYED_SCORE + 0.004 * rng.standard_normal((studies, players, 1)) + terrain + 0.008 * rng.standard_normal(shape)
+    played = (
+        PLAYED_SCORE
+        + 0.004 * rng.standard_normal((studies, players, 1))
+        + terrain
+        + 0.008 * rng.standard_normal(shape)
+    )
     return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
 
 
 def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:
     """Return which episodes of `simulate_studies` ended in a collision; the costs of one are far beyond every other spread."""
     failed: NDArray[np.bool_] = (
-        scores < PLAYED_SCORE - COLLISION_COST / 2 if population.collisions else np.zeros_like(scores, bool)
+        scores < PLAYED_SCORE - COLLISION_COST / 2
+        if population.collisions
+        else np.zeros_like(scores, bool)
     )
     return failed
 
@@ -78,13 +96,15 @@ def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tu
     Steps mirror the score, with a spread of STEPS_SD; a collision counts the limit.
     """
     failed = failures(population, scores)
-    middle, spread = (PLAYED_SCORE, PLAYED_SD) if population.collisions else (mean_score(population), 0.03)
+    middle, spread = (
+        (PLAYED_SCORE, PLAYED_SD) if population.collisions else (mean_score(population), 0.03)
+    )
     each = STEPS_SD / spread
     played = MEAN_STEPS - each * (scores + COLLISION_COST * failed - middle)
     steps: Floats = np.where(failed, STEPS_BOUNDS[1], played)
-    truth: Floats = (1 - population.collisions) * (MEAN_STEPS - each * terrain.mean(1)) + population.collisions * STEPS_BOUNDS[
-        1
-    ]
+    truth: Floats = (1 - population.collisions) * (
+        MEAN_STEPS - each * terrain.mean(1)
+    ) + population.collisions * STEPS_BOUNDS[1]
     return steps, truth
 
 
@@ -95,7 +115,9 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
     if shape == "lognormal":
         sigma2 = 0.64
         drawn = np.exp(np.sqrt(sigma2) * rng.standard_normal(size))
-        scaled: Floats = (np.exp(sigma2 / 2) - drawn) / np.sqrt((np.exp(sigma2) - 1) * np.exp(sigma2))
+        scaled: Floats = (np.exp(sigma2 / 2) - drawn) / np.sqrt(
+            (np.exp(sigma2) - 1) * np.exp(sigma2)
+        )
         return scaled
     return rng.standard_normal(size)
 

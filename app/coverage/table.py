@@ -29,8 +29,14 @@ SCORE_POPULATIONS = (
     ScorePopulation("symmetric", "normal players and episodes"),
     ScorePopulation("skewed", "exponential tails (skewness 2)", "exponential"),
     ScorePopulation("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),
-    ScorePopulation("collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05),
-    ScorePopulation("rare collisions", "2 % of episodes collide; with ICC, very few players do it often", collisions=0.02),
+    ScorePopulation(
+        "collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05
+    ),
+    ScorePopulation(
+        "rare collisions",
+        "2 % of episodes collide; with ICC, very few players do it often",
+        collisions=0.02,
+    ),
 )
 
 
@@ -74,5 +80,7 @@ def saved() -> list[Cell]:
 def nearest(players: int) -> list[Cell]:
     """Return the saved cells of the measured number of players nearest to this one, the smaller of two."""
     cells = saved()
-    count = min({cell.players for cell in cells}, key=lambda measured: (abs(measured - players), measured))
+    count = min(
+        {cell.players for cell in cells}, key=lambda measured: (abs(measured - players), measured)
+    )
     return [cell for cell in cells if cell.players == count]

@@ -25,7 +25,9 @@ class DailyPolicies:
     def __init__(self, path: Path, offers: Sequence[PolicyOffer]) -> None:
         shipped = policies.names()
         self._offers = [offer for offer in offers if offer.name in shipped]
-        self._offers.sort(key=lambda offer: _SLOW.index(offer.name) + 1 if offer.name in _SLOW else 0)
+        self._offers.sort(
+            key=lambda offer: _SLOW.index(offer.name) + 1 if offer.name in _SLOW else 0
+        )
         self._evaluations = PolicyEvaluations(path)
         self._soon: asyncio.Task[None] | None = None
 
@@ -41,10 +43,22 @@ class DailyPolicies:
         moves     to 99 %, None where it was not reached or is not known yet
         coverage  0..1 at the end; None while it is not known
         """
-        offers = [offer for offer in self._offers if offer.size in (None, (terrain.config.rows, terrain.config.cols))]
-        jobs = [EvaluationJob(offer.source, terrain.config, (seed_of(terrain.key),)) for offer in offers]
-        found = [_described(offer.name, state) for offer, state in zip(offers, self._evaluations.request(jobs), strict=True)]
-        return sorted(found, key=lambda each: (each["moves"] is None, each["moves"] or 0, -(each["coverage"] or 0)))
+        offers = [
+            offer
+            for offer in self._offers
+            if offer.size in (None, (terrain.config.rows, terrain.config.cols))
+        ]
+        jobs = [
+            EvaluationJob(offer.source, terrain.config, (seed_of(terrain.key),)) for offer in offers
+        ]
+        found = [
+            _described(offer.name, state)
+            for offer, state in zip(offers, self._evaluations.request(jobs), strict=True)
+        ]
+        return sorted(
+            found,
+            key=lambda each: (each["moves"] is None, each["moves"] or 0, -(each["coverage"] or 0)),
+        )
 
     async def close(self) -> None:
         """End the evaluation under way."""

@@ -24,7 +24,9 @@ def day_end_ms(day: str) -> int:
     return day_start_ms(day) + DAY_MS
 
 
-def people_on(reader: Reader, terrain: DailyTerrain, player_id: str | None, names_episodes: bool) -> dict[str, Any]:
+def people_on(
+    reader: Reader, terrain: DailyTerrain, player_id: str | None, names_episodes: bool
+) -> dict[str, Any]:
     """Return what people came to on a terrain; no player is named.
 
     names_episodes  True once the day is over: the rows of the table then say which episode they are
@@ -32,12 +34,17 @@ def people_on(reader: Reader, terrain: DailyTerrain, player_id: str | None, name
     `moves` is the distribution, [moves, how many people] of those who came to 99 %; `unfinished` counts the others. `you` is
     the player's own row, None where they have none.
     """
-    cells, ended = cells_of_daily(terrain), results(reader, terrain.commitment, day_end_ms(terrain.day))
+    cells, ended = (
+        cells_of_daily(terrain),
+        results(reader, terrain.commitment, day_end_ms(terrain.day)),
+    )
     found = [_row(each, cells, player_id) for each in ended]
     found.sort(key=_order)
     for number, row in enumerate(found):
         before = found[number - 1] if number else None
-        row["rank"] = before["rank"] if before is not None and _order(before) == _order(row) else number + 1
+        row["rank"] = (
+            before["rank"] if before is not None and _order(before) == _order(row) else number + 1
+        )
         if not names_episodes:
             del row["episode"]
     counts = Counter(row["moves"] for row in found if row["moves"] is not None)
@@ -60,7 +67,9 @@ def describe_attempt(attempt: DailyAttempt | None, terrain: DailyTerrain) -> dic
         "episode": attempt.episode_id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / cells_of_daily(terrain) if attempt.discovered is not None else None,
+        "coverage": attempt.discovered / cells_of_daily(terrain)
+        if attempt.discovered is not None
+        else None,
         "score": attempt.score,
         "unranked": _why_unranked(attempt) if ended else None,
     }
@@ -68,7 +77,9 @@ def describe_attempt(attempt: DailyAttempt | None, terrain: DailyTerrain) -> dic
 
 def streak(attempts: Sequence[DailyAttempt], today: str) -> int:
     """Return on how many days in a row a player came to the end of the daily terrain, up to today or to yesterday."""
-    played = {each.day for each in attempts if each.ended_ms is not None and each.outcome != "abandoned"}
+    played = {
+        each.day for each in attempts if each.ended_ms is not None and each.outcome != "abandoned"
+    }
     day = today if today in played else day_before(today)
     count = 0
     while day in played:
@@ -100,4 +111,7 @@ def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, An
 
 def _order(row: dict[str, Any]) -> tuple[float, float]:
     """Return what rows are sorted by: moves to 99 %, then how little was mapped."""
-    return (float("inf") if row["moves"] is None else row["moves"], -row["coverage"] if row["moves"] is None else 0.0)
+    return (
+        float("inf") if row["moves"] is None else row["moves"],
+        -row["coverage"] if row["moves"] is None else 0.0,
+    )

@@ -43,7 +43,9 @@ class DatabaseLock:
         try:
             handle = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
-            raise StoreError(f"cannot read the database {self._path}: {error.strerror}; give another --database") from error
+            raise StoreError(
+                f"cannot read the database {self._path}: {error.strerror}; give another --database"
+            ) from error
         stat = os.fstat(handle)
         identity = stat.st_dev, stat.st_ino
         try:
@@ -100,9 +102,13 @@ def _lock_file_of(path: Path) -> int:
     """Return the handle of NAME-lock, locked."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path.with_name(path.name + "-lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        handle = os.open(
+            path.with_name(path.name + "-lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644
+        )
     except OSError as error:
-        raise StoreError(f"cannot write the database {path}: {error.strerror}; give another --database") from error
+        raise StoreError(
+            f"cannot write the database {path}: {error.strerror}; give another --database"
+        ) from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -26,9 +26,14 @@ class FilePlace:
     """The names of an open database and of its write-ahead log, and the files that they led to when it was opened."""
 
     def __init__(self, path: Path) -> None:
-        log = f"{os.path.realpath(path)}-wal"  # SQLite keeps it beside the file that a link leads to
+        log = (
+            f"{os.path.realpath(path)}-wal"  # SQLite keeps it beside the file that a link leads to
+        )
         self._name = path.name
-        self._files: list[tuple[str, Identity]] = [(str(path), identity_of(path)), (log, identity_of(log))]
+        self._files: list[tuple[str, Identity]] = [
+            (str(path), identity_of(path)),
+            (log, identity_of(log)),
+        ]
 
     def fault(self) -> str | None:
         """Return one sentence when a file is no longer where it was, else None; takes about 3 microseconds."""

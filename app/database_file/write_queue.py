@@ -38,7 +38,9 @@ SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
 WAITS = "another program is writing the server's database: your move waits, and is made as soon as that program is done"
 SLOW = "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded"
 LOCKED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
-NOT_BEGUN = "the server's disk has not answered for a while: nothing has changed; try again in a moment"
+NOT_BEGUN = (
+    "the server's disk has not answered for a while: nothing has changed; try again in a moment"
+)
 FULL = "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment"
 ENDS = "the server is about to stop: nothing has changed; try again in a moment"
 BROKEN = (
@@ -116,7 +118,12 @@ class WriteQueue:
             self._thread.join()
             self._thread = None
 
-    async def run(self, work: Callable[[], T], notice: Notice | None = None, then: Callable[[T], None] | None = None) -> T:
+    async def run(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+    ) -> T:
         """Return the result of `work()`, called on the thread of the writes, once what it wrote is committed.
 
         notice  told one sentence when the wait has lasted NOTICE_S
@@ -273,12 +280,17 @@ class WriteQueue:
 
     def _set_timer(self) -> None:
         """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer serves all of them."""
-        self._timer = self._loop.call_at(self._unanswered[0].deadline - PATIENCE_S + NOTICE_S, self._look_at_waiting)
+        self._timer = self._loop.call_at(
+            self._unanswered[0].deadline - PATIENCE_S + NOTICE_S, self._look_at_waiting
+        )
 
     def _look_at_waiting(self) -> None:
         self._timer = None
         self._drop_answered()
-        while self._unanswered and self._unanswered[0].deadline - PATIENCE_S + NOTICE_S <= self._loop.time():
+        while (
+            self._unanswered
+            and self._unanswered[0].deadline - PATIENCE_S + NOTICE_S <= self._loop.time()
+        ):
             self._tell_why(self._unanswered.popleft())
             self._drop_answered()
         if self._unanswered:

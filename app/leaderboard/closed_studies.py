@@ -60,9 +60,15 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     rules = data.protocol.exclusion.get(figure["set"], {})
     ranked = [cohort.ranked[person] for person in members(cohort, rules)]
     groups = [
-        [EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ()) for each in own] for own in ranked
+        [
+            EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ())
+            for each in own
+        ]
+        for own in ranked
     ]
-    completed = float(np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups]))
+    completed = float(
+        np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups])
+    )
     pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
     plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
     likeness = human_likeness(reader, data, cohort, members(cohort, rules))

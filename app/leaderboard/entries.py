@@ -17,7 +17,11 @@ from marsexplorer.policies import PolicyNotFoundError
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
 
-OFFERED = (*(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random", 42), EnvConfig.of("random", 84))
+OFFERED = (
+    *(EnvConfig.of(level, 21) for level in LEVELS),
+    EnvConfig.of("random", 42),
+    EnvConfig.of("random", 84),
+)
 """The configurations that the page's terrain dialog offers: each has an entry, even if nobody has played it."""
 
 
@@ -51,7 +55,10 @@ class LeaderboardEntry:
         slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        return {name: EvaluationJob(self._source(name, sources), self.config, self.seeds) for name in ordered}
+        return {
+            name: EvaluationJob(self._source(name, sources), self.config, self.seeds)
+            for name in ordered
+        }
 
     def _source(self, name: str, sources: dict[str, str]) -> str:
         if self.files is None or name not in self.files.hashes:
@@ -79,9 +86,14 @@ class LeaderboardEntry:
         }
 
 
-def list_entries(reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures) -> list[LeaderboardEntry]:
+def list_entries(
+    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures
+) -> list[LeaderboardEntry]:
     """Return every entry: closed studies, then what people have played, the most played first, then the rest."""
-    found = {f"study-{data.protocol.name}": _of_study(data, human) for data, human in studies.closed(reader)}
+    found = {
+        f"study-{data.protocol.name}": _of_study(data, human)
+        for data, human in studies.closed(reader)
+    }
     for figure in volunteers.human_level(reader)["figures"]:
         config = EnvConfig(**figure["config"])
         found[config.hash] = _of_config(config, figure)
@@ -104,7 +116,9 @@ def held_out_seeds(config: EnvConfig) -> tuple[int, ...]:
 def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
     protocol = data.protocol
     names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
-    return LeaderboardEntry(*names, human, ranked_seeds(data), protocol.name, protocol.policies, data.policy_files)
+    return LeaderboardEntry(
+        *names, human, ranked_seeds(data), protocol.name, protocol.policies, data.policy_files
+    )
 
 
 def _of_config(config: EnvConfig, human: dict[str, Any] | None) -> LeaderboardEntry:

@@ -51,7 +51,11 @@ class PolicyEvaluations:
         event loop.
         """
         keys = {job.key: job for job in jobs}
-        came = {key: self._shipped.find(job) if self._shipped else None for key, job in keys.items() if key not in self._done}
+        came = {
+            key: self._shipped.find(job) if self._shipped else None
+            for key, job in keys.items()
+            if key not in self._done
+        }
         known = {**self._done, **self._failed, **{key: made for key, made in came.items() if made}}
         missing = {key: job for key, job in keys.items() if key not in known}
         if missing and not self._closed:
@@ -89,7 +93,12 @@ class PolicyEvaluations:
         command = (sys.executable, "-m", "app.leaderboard.worker")
         # a session of its own: Ctrl-C in the server's terminal is not meant for it
         process = self._process = await asyncio.create_subprocess_exec(
-            *command, stdin=PIPE, stdout=PIPE, limit=MAX_LINE_BYTES, env=environment, start_new_session=True
+            *command,
+            stdin=PIPE,
+            stdout=PIPE,
+            limit=MAX_LINE_BYTES,
+            env=environment,
+            start_new_session=True,
         )
         while self._waiting:
             key, job = next(iter(self._waiting.items()))
@@ -116,7 +125,9 @@ class PolicyEvaluations:
             else:
                 self._failed[key] = message["error"]
                 return
-        for each in self._waiting:  # none when we close; else the process has died: nothing more comes
+        for (
+            each
+        ) in self._waiting:  # none when we close; else the process has died: nothing more comes
             self._failed[each] = "the evaluation ended early; restart the server to try again"
         if self._waiting:
             _log.warning("the leaderboard's evaluation ended early (%s)", job.policy)
@@ -142,7 +153,11 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
         kept = json.loads(path.read_bytes())
-        return {key: value for key, value in kept.items() if key.split("|")[0] == CORE_VERSION and "curve" in value}
+        return {
+            key: value
+            for key, value in kept.items()
+            if key.split("|")[0] == CORE_VERSION and "curve" in value
+        }
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 

@@ -6,7 +6,13 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from app.statistics.summaries import EpisodeSummary, coverage_curve, summary_of, trial_summaries, visit_counts
+from app.statistics.summaries import (
+    EpisodeSummary,
+    coverage_curve,
+    summary_of,
+    trial_summaries,
+    visit_counts,
+)
 from app.storage.reader import Reader, record_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
@@ -40,7 +46,10 @@ class HumanSummaries:
         state = json.dumps(human)
         if self._made.get(config.hash, ("",))[0] != state:
             now: Replays = {}
-            self._made[config.hash] = (state, _pictures(reader, config, self._replays.pop(config.hash, {}), now))
+            self._made[config.hash] = (
+                state,
+                _pictures(reader, config, self._replays.pop(config.hash, {}), now),
+            )
             self._keep(config.hash, now)
         return self._made[config.hash][1]
 
@@ -50,8 +59,12 @@ class HumanSummaries:
         figures  (hash of the configuration, figure or None) of every board
         """
         states = {config: json.dumps(human) for config, human in figures if human is not None}
-        self._made = {config: made for config, made in self._made.items() if states.get(config) == made[0]}
-        self._replays = {config: replays for config, replays in self._replays.items() if config in states}
+        self._made = {
+            config: made for config, made in self._made.items() if states.get(config) == made[0]
+        }
+        self._replays = {
+            config: replays for config, replays in self._replays.items() if config in states
+        }
 
     def _keep(self, config: str, replays: Replays) -> None:
         """Keep the replays of a board that was just read, and of those before it as many as there is room for."""
@@ -81,7 +94,11 @@ def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
-    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups), "trials": trial_summaries(groups)}
+    return {
+        "curve": coverage_curve(config, groups),
+        "visits": visit_counts(config, groups),
+        "trials": trial_summaries(groups),
+    }
 
 
 def _replayed(reader: Reader, row: dict[str, Any]) -> EpisodeSummary | None:

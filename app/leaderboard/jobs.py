@@ -25,11 +25,15 @@ class EvaluationJob:
     def key(self) -> str:
         """Everything that the figure depends on, as one string."""
         seeds = hashlib.sha256(",".join(map(str, self.seeds)).encode()).hexdigest()
-        return "|".join((CORE_VERSION, self.policy, policy_hash(self.policy), self.config.hash, seeds))
+        return "|".join(
+            (CORE_VERSION, self.policy, policy_hash(self.policy), self.config.hash, seeds)
+        )
 
     def to_json(self) -> str:
         """Return the line the worker reads."""
-        return json.dumps({"policy": self.policy, "config": self.config.to_dict(), "seeds": self.seeds})
+        return json.dumps(
+            {"policy": self.policy, "config": self.config.to_dict(), "seeds": self.seeds}
+        )
 
 
 @lru_cache(64)

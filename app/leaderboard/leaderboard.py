@@ -36,7 +36,9 @@ class Leaderboard:
 
     def __init__(self, database: Path, offers: Sequence[PolicyOffer], studies: Path) -> None:
         self._database, self._offers = database, offers
-        self._evaluations = PolicyEvaluations(database.with_name(database.name + "-figures.json"), ShippedFigures())
+        self._evaluations = PolicyEvaluations(
+            database.with_name(database.name + "-figures.json"), ShippedFigures()
+        )
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies)
@@ -49,7 +51,9 @@ class Leaderboard:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             found = list_entries(reader, self._studies, self.volunteers)
-            self._people.drop_all_but((entry.config.hash, entry.human) for entry in found if entry.study is None)
+            self._people.drop_all_but(
+                (entry.config.hash, entry.human) for entry in found if entry.study is None
+            )
         return found
 
     async def newest_entries(self) -> list[LeaderboardEntry]:
@@ -67,8 +71,12 @@ class Leaderboard:
         """Return everything about one entry and begin evaluations that are missing; UnknownEntryError when there is none."""
         found = next((entry for entry in await self.newest_entries() if entry.id == entry_id), None)
         if found is None:
-            raise UnknownEntryError(f"no board {entry_id!r} on the leaderboard; GET api/leaderboard lists them")
-        people = await asyncio.get_running_loop().run_in_executor(self._thread, self._people_of, found)
+            raise UnknownEntryError(
+                f"no board {entry_id!r} on the leaderboard; GET api/leaderboard lists them"
+            )
+        people = await asyncio.get_running_loop().run_in_executor(
+            self._thread, self._people_of, found
+        )
         size = (found.config.rows, found.config.cols)
         sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
         jobs = found.jobs(sources)
@@ -84,7 +92,12 @@ class Leaderboard:
             }
             for (name, job), state in zip(jobs.items(), states, strict=True)
         ]
-        return {"board": found.to_dict(), "people": people, "policies": policies, "sentence": None if people else NOBODY_PLAYED}
+        return {
+            "board": found.to_dict(),
+            "people": people,
+            "policies": policies,
+            "sentence": None if people else NOBODY_PLAYED,
+        }
 
     async def close(self) -> None:
         """End the evaluation under way, and drop the readings that wait."""

@@ -32,14 +32,24 @@ def make_board(
 
     The figures do not depend on `workers`. `advance` is called with the number of policies that are done and their number.
     """
-    origin = Origin(version("marsexplorer-playground"), f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard")
+    origin = Origin(
+        version("marsexplorer-playground"),
+        f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard",
+    )
     size = (entry.config.rows, entry.config.cols)
-    sources = {offer.name: offer.source for offer in PolicyCatalogue().offers() if offer.size in (None, size)}
+    sources = {
+        offer.name: offer.source
+        for offer in PolicyCatalogue().offers()
+        if offer.size in (None, size)
+    }
     jobs = list(entry.jobs(sources).values())
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        found = [kept.find(job) if kept is not None and job.policy not in again else None for job in jobs]
+        found = [
+            kept.find(job) if kept is not None and job.policy not in again else None for job in jobs
+        ]
         waiting = [
-            old or pool.submit(make_figure, job, origin) for job, old in zip(reversed(jobs), reversed(found), strict=True)
+            old or pool.submit(make_figure, job, origin)
+            for job, old in zip(reversed(jobs), reversed(found), strict=True)
         ]  # the slowest first
         figures = []
         for each in reversed(waiting):

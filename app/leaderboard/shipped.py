@@ -60,7 +60,14 @@ class ShippedFigures:
         if key not in self._read:
             self._read[key] = _read_file(self._folder / file_name(job.config), key)
         own = file_sha256(job.policy)
-        return next((each for each in self._read[key] if (each.policy, each.file_sha256) == (job.policy, own)), None)
+        return next(
+            (
+                each
+                for each in self._read[key]
+                if (each.policy, each.file_sha256) == (job.policy, own)
+            ),
+            None,
+        )
 
 
 def file_name(config: EnvConfig) -> str:
@@ -75,13 +82,18 @@ def file_sha256(policy: str) -> str | None:
     return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def to_document(config: EnvConfig, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin) -> str:
+def to_document(
+    config: EnvConfig, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin
+) -> str:
     """Return the text of a configuration's file: JSON, a line for each policy."""
     head = {
         "format": FORMAT, "core_version": CORE_VERSION, **asdict(origin), "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
-    rows = [{name: value for name, value in asdict(figure).items() if name != "origin"} for figure in figures]
+    rows = [
+        {name: value for name, value in asdict(figure).items() if name != "origin"}
+        for figure in figures
+    ]
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
     return json.dumps(head)[:-1] + f', "policies": [\n{lines}\n]}}\n'
 

@@ -25,7 +25,10 @@ def main() -> None:
         try:
             job = json.loads(line)
             figure, _ = evaluate_policy(
-                job["policy"], EnvConfig(**job["config"]), job["seeds"], lambda done: send({"done": done})
+                job["policy"],
+                EnvConfig(**job["config"]),
+                job["seeds"],
+                lambda done: send({"done": done}),
             )
             send({"figure": figure})
         except (ValueError, LookupError, OSError, RuntimeError) as error:
@@ -33,7 +36,10 @@ def main() -> None:
 
 
 def evaluate_policy(
-    source: str, config: EnvConfig, seeds: Sequence[int], advance: Callable[[int], None] = lambda done: None
+    source: str,
+    config: EnvConfig,
+    seeds: Sequence[int],
+    advance: Callable[[int], None] = lambda done: None,
 ) -> tuple[dict[str, Any], list[int]]:
     """Return a policy's figure on the terrains of some seeds, and its steps to 99 % on each.
 

@@ -26,24 +26,45 @@ class Metrics:
         self.registry = CollectorRegistry()
         registry = self.registry
         ProcessCollector(registry=registry)
-        self._moves = Counter("marsexplorer_moves", "Moves that were committed.", ["driver"], registry=registry)
+        self._moves = Counter(
+            "marsexplorer_moves", "Moves that were committed.", ["driver"], registry=registry
+        )
         self._moves_by = {name: self._moves.labels(name) for name in ("human", "script", "policy")}
         self.step = Histogram(
-            "marsexplorer_step_seconds", "A move, from its check to its frame.", buckets=_SHORT_S, registry=registry
+            "marsexplorer_step_seconds",
+            "A move, from its check to its frame.",
+            buckets=_SHORT_S,
+            registry=registry,
         )
         self.commit = Histogram(
-            "marsexplorer_commit_seconds", "A transaction of the writer.", buckets=_SHORT_S, registry=registry
+            "marsexplorer_commit_seconds",
+            "A transaction of the writer.",
+            buckets=_SHORT_S,
+            registry=registry,
         )
         self.dropped_frames = Counter(
-            "marsexplorer_dropped_frames", "Frames that a newer one replaced before a subscriber got them.", registry=registry
+            "marsexplorer_dropped_frames",
+            "Frames that a newer one replaced before a subscriber got them.",
+            registry=registry,
         )
-        self._requests = Counter("marsexplorer_http_requests", "Requests that were answered.", ["status"], registry=registry)
+        self._requests = Counter(
+            "marsexplorer_http_requests",
+            "Requests that were answered.",
+            ["status"],
+            registry=registry,
+        )
         self._refusals = Counter(
-            "marsexplorer_refusals", "Requests, sockets and moves that were refused.", ["reason"], registry=registry
+            "marsexplorer_refusals",
+            "Requests, sockets and moves that were refused.",
+            ["reason"],
+            registry=registry,
         )
         self.sockets = Gauge("marsexplorer_sockets", "Sockets that are open.", registry=registry)
         self.event_loop_lag = Histogram(
-            "marsexplorer_event_loop_lag_seconds", "How late the event loop came back.", buckets=_LONG_S, registry=registry
+            "marsexplorer_event_loop_lag_seconds",
+            "How late the event loop came back.",
+            buckets=_LONG_S,
+            registry=registry,
         )
 
     def count_move(self, driver: str) -> None:

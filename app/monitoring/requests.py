@@ -43,7 +43,10 @@ class ObservedRequests:
             nonlocal status, is_open
             kind = message["type"]
             if kind in ("http.response.start", "websocket.accept"):
-                message["headers"] = [*message.get("headers", ()), (REQUEST_ID_HEADER, scope["request_id"].encode())]
+                message["headers"] = [
+                    *message.get("headers", ()),
+                    (REQUEST_ID_HEADER, scope["request_id"].encode()),
+                ]
             if kind in ("http.response.start", "websocket.http.response.start"):
                 status = message["status"]
             elif kind == "websocket.accept":
@@ -73,7 +76,12 @@ class ObservedRequests:
 
     def _write(self, scope: Scope, status: int, seconds: float) -> None:
         route = scope["noted"].get("route", "none")
-        what = {"method": scope.get("method", "WEBSOCKET"), "route": route, "status": status, "ms": round(seconds * 1000, 3)}
+        what = {
+            "method": scope.get("method", "WEBSOCKET"),
+            "route": route,
+            "status": status,
+            "ms": round(seconds * 1000, 3),
+        }
         _log.info("request", extra=what)
 
 

@@ -7,8 +7,20 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.moves.likeness import EpisodeAgreements, Likeness, episode_agreements, find_likeness, player_agreements
-from app.moves.regret import RegretSummary, has_regret, regret_cache, study_estimator, summarize_regret
+from app.moves.likeness import (
+    EpisodeAgreements,
+    Likeness,
+    episode_agreements,
+    find_likeness,
+    player_agreements,
+)
+from app.moves.regret import (
+    RegretSummary,
+    has_regret,
+    regret_cache,
+    study_estimator,
+    summarize_regret,
+)
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.study_figures import primary_set
 from app.storage.reader import Reader
@@ -34,7 +46,9 @@ class MoveAnalysis:
             players = (replace(each, player=names[each.player]) for each in regret.by_player)
             regret = replace(regret, by_player=tuple(sorted(players, key=lambda each: each.player)))
         likeness = (replace(each, participant=names[each.participant]) for each in self.likeness)
-        return MoveAnalysis(regret, tuple(sorted(likeness, key=lambda each: (each.participant, each.policy))))
+        return MoveAnalysis(
+            regret, tuple(sorted(likeness, key=lambda each: (each.participant, each.policy)))
+        )
 
 
 @dataclass(frozen=True)
@@ -61,13 +75,25 @@ def analyse_moves(
     try:
         with progress("comparing moves with the policies'") as advance:
             agreements = episode_agreements(reader, data, policies, advance)
-        return analyse_known(reader, data, policies, synthetic, progress, KnownMoves(agreements, regret_cache(database)))
+        return analyse_known(
+            reader,
+            data,
+            policies,
+            synthetic,
+            progress,
+            KnownMoves(agreements, regret_cache(database)),
+        )
     finally:
         reader.close()
 
 
 def analyse_known(
-    reader: Reader, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar, known: KnownMoves
+    reader: Reader,
+    data: StudyData,
+    policies: Sequence[str],
+    synthetic: bool,
+    progress: ProgressBar,
+    known: KnownMoves,
 ) -> dict[str, MoveAnalysis]:
     """Return what `analyse_moves` does, from agreements that are known."""
     found = {}

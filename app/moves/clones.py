@@ -53,15 +53,21 @@ def clone_episodes(reader: Reader, data: StudyData, synthetic: bool, seed: int) 
                 held_out[player] = tuple(own)
     if not trained or not held_out:
         who = "scripts" if synthetic else "people"
-        way_out = "" if synthetic else "; --synthetic trains on its scripts, and says so on the card"
-        raise ValueError(f"a clone needs finished ranked episodes of {who} on several terrains, and there are none{way_out}")
+        way_out = (
+            "" if synthetic else "; --synthetic trains on its scripts, and says so on the card"
+        )
+        raise ValueError(
+            f"a clone needs finished ranked episodes of {who} on several terrains, and there are none{way_out}"
+        )
     return CloneEpisodes(tuple(trained), held_out, held)
 
 
 def agreement_on(episodes: CloneEpisodes, policy: Policy) -> float:
     """Return the mean over players of the share of moves on held-out terrains that the policy would have made too, 0..1."""
     found = {
-        player: {"policy": sum((agreement_with(policy, record) for record in own), start=Agreement())}
+        player: {
+            "policy": sum((agreement_with(policy, record) for record in own), start=Agreement())
+        }
         for player, own in episodes.held_out.items()
     }
     return mean_agreement(found, "policy") or 0.0
@@ -76,7 +82,13 @@ def mean_steps(records: Sequence[Record], policy: Policy) -> float:
     return float(np.mean(steps))
 
 
-def _records(reader: Reader, cohort: Cohort, player: str, held: Sequence[int], is_held: bool) -> list[Record]:
+def _records(
+    reader: Reader, cohort: Cohort, player: str, held: Sequence[int], is_held: bool
+) -> list[Record]:
     ranked = [trial for trial in cohort.ranked[player] if (trial.terrain in held) == is_held]
     trials = ranked if is_held else [*cohort.warm_up[player], *ranked]
-    return [record for trial, record in trial_records(reader, trials) if trial.core_version == CORE_VERSION]
+    return [
+        record
+        for trial, record in trial_records(reader, trials)
+        if trial.core_version == CORE_VERSION
+    ]

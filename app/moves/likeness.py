@@ -74,27 +74,43 @@ def episode_agreements(
     """
     radius = data.protocol.env_config.sensor_radius
     source = data.policy_files.source
-    loaded = {name: load(source(name), radius) for name in dict.fromkeys(policies) if name != NO_PLAN}
+    loaded = {
+        name: load(source(name), radius) for name in dict.fromkeys(policies) if name != NO_PLAN
+    }
     trials = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
     found = {}
     for done, (trial, record) in enumerate(trial_records(reader, trials), 1):
         if trial.core_version == CORE_VERSION:
-            found.update({(trial.episode, name): agreement_with(policy, record) for name, policy in loaded.items()})
+            found.update(
+                {
+                    (trial.episode, name): agreement_with(policy, record)
+                    for name, policy in loaded.items()
+                }
+            )
         if progress:
             progress(done, len(trials))
     return found
 
 
-def player_agreements(cohort: Cohort, policies: Sequence[str], found: EpisodeAgreements) -> dict[str, dict[str, Agreement]]:
+def player_agreements(
+    cohort: Cohort, policies: Sequence[str], found: EpisodeAgreements
+) -> dict[str, dict[str, Agreement]]:
     """Return each player's agreement with each policy over their ranked episodes, `random` left out."""
     names, none = [name for name in dict.fromkeys(policies) if name != NO_PLAN], Agreement()
     return {
-        player: {name: sum((found.get((trial.episode, name), none) for trial in cohort.ranked[player]), none) for name in names}
+        player: {
+            name: sum(
+                (found.get((trial.episode, name), none) for trial in cohort.ranked[player]), none
+            )
+            for name in names
+        }
         for player in members(cohort, {})
     }
 
 
-def human_likeness(reader: Reader, data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, float]:
+def human_likeness(
+    reader: Reader, data: StudyData, cohort: Cohort, ids: Sequence[str]
+) -> dict[str, float]:
     """Return how much each of the protocol's policies moves like people: the mean over players of the share of moves, 0..1.
 
     Each of the first SAMPLED_PLAYERS `ids` enters with the first SAMPLED_EPISODES ranked terrains they finished: that takes
@@ -104,15 +120,25 @@ def human_likeness(reader: Reader, data: StudyData, cohort: Cohort, ids: Sequenc
     for name in data.protocol.policies:
         try:
             source = data.policy_files.source(name)
-            policy = load(source, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
+            policy = (
+                load(source, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
+            )
         except (LookupError, ValueError, OSError):
             policy = None
         if policy is not None:
             agreements = {}
             for player in ids[:SAMPLED_PLAYERS]:
-                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain)[:SAMPLED_EPISODES]
-                own = [record for trial, record in trial_records(reader, trials) if trial.core_version == CORE_VERSION]
-                agreements[player] = {name: sum((agreement_with(policy, record) for record in own), start=Agreement())}
+                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain)[
+                    :SAMPLED_EPISODES
+                ]
+                own = [
+                    record
+                    for trial, record in trial_records(reader, trials)
+                    if trial.core_version == CORE_VERSION
+                ]
+                agreements[player] = {
+                    name: sum((agreement_with(policy, record) for record in own), start=Agreement())
+                }
             share = mean_agreement(agreements, name)
             if share is not None:
                 found[name] = share
@@ -125,7 +151,11 @@ def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
     for player, own in agreements.items():
         for policy, agreement in own.items():
             if agreement.moves:
-                others = [each[policy] for name, each in agreements.items() if name != player and each[policy].moves]
+                others = [
+                    each[policy]
+                    for name, each in agreements.items()
+                    if name != player and each[policy].moves
+                ]
                 deviation = _deviation(agreement, others)
                 found.append(Likeness(player, policy, agreement.moves, agreement.share, deviation))
     return tuple(found)
@@ -133,7 +163,9 @@ def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
 
 def mean_agreement(agreements: PlayerAgreements, policy: str) -> float | None:
     """Return the mean over players of their agreement with a policy, 0..1: its likeness to people; None without a move."""
-    shares = [own[policy].share for own in agreements.values() if policy in own and own[policy].moves]
+    shares = [
+        own[policy].share for own in agreements.values() if policy in own and own[policy].moves
+    ]
     return float(np.mean(shares)) if shares else None
 
 

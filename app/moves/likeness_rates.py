@@ -38,18 +38,28 @@ def draw_people(count: int, rng: np.random.Generator) -> list[Player]:
     return [Player(str(rng.choice(STYLES)), float(1 / (1 + np.exp(-logit)))) for logit in logits]
 
 
-def agreements_of(config: EnvConfig, player: Player, terrains: int, rng: np.random.Generator) -> dict[str, Agreement]:
+def agreements_of(
+    config: EnvConfig, player: Player, terrains: int, rng: np.random.Generator
+) -> dict[str, Agreement]:
     """Play a player on some terrains and return its agreement with each of STYLES."""
     policies = {name: load(name, config.sensor_radius) for name in STYLES}
     found = dict.fromkeys(STYLES, Agreement())
     for seed in range(FIRST_SEED, FIRST_SEED + terrains):
-        record = play_with_slips(load(player.style, config.sensor_radius), config, seed, player.slip, rng).record()
-        found = {name: found[name] + agreement_with(policy, record) for name, policy in policies.items()}
+        record = play_with_slips(
+            load(player.style, config.sensor_radius), config, seed, player.slip, rng
+        ).record()
+        found = {
+            name: found[name] + agreement_with(policy, record) for name, policy in policies.items()
+        }
     return found
 
 
 def share_standing_out(
-    people: Sequence[dict[str, Agreement]], who: dict[str, Agreement], others: int, studies: int, rng: np.random.Generator
+    people: Sequence[dict[str, Agreement]],
+    who: dict[str, Agreement],
+    others: int,
+    studies: int,
+    rng: np.random.Generator,
 ) -> float:
     """Return in which share of studies a player stands out among `others` people drawn from a pool."""
     hits = 0
@@ -69,7 +79,10 @@ def main(people: int, terrains: int, studies: int, seed: int) -> None:
     """Print how often people and programs stand out among nine others, on level random at 21x21."""
     config, rng = EnvConfig(), np.random.default_rng(seed)
     pool = [agreements_of(config, player, terrains, rng) for player in draw_people(people, rng)]
-    alarms = [share_standing_out(pool[:at] + pool[at + 1 :], own, 9, max(1, studies // 10), rng) for at, own in enumerate(pool)]
+    alarms = [
+        share_standing_out(pool[:at] + pool[at + 1 :], own, 9, max(1, studies // 10), rng)
+        for at, own in enumerate(pool)
+    ]
     click.echo(f"people: {np.mean(alarms):.1%} stand out")
     for style in STYLES:
         for slip in (0.0, 0.02, 0.1):

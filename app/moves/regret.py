@@ -114,7 +114,11 @@ def trial_regrets(
             f"the study {data.protocol.name!r} is open, and nothing of its ranked terrains may leave before it is closed; "
             "close it first, or ask for the warm-up"
         )
-    own = [trial for trial in trials if trial.ended_ms is not None and trial.core_version == CORE_VERSION]
+    own = [
+        trial
+        for trial in trials
+        if trial.ended_ms is not None and trial.core_version == CORE_VERSION
+    ]
     for done, (trial, record) in enumerate(trial_records(reader, own), 1):
         yield trial, record, estimator.regret(record)
         if progress:
@@ -138,7 +142,9 @@ def rows_of(episode: str, found: EpisodeRegret) -> Iterator[RegretRow]:
     for step in range(len(found.actions)):
         loss = found.loss(step)
         kind = None if loss.kind is None else str(loss.kind)
-        yield RegretRow(episode, step, ACTIONS[loss.action], loss.regret, ACTIONS[loss.best_action], kind)
+        yield RegretRow(
+            episode, step, ACTIONS[loss.action], loss.regret, ACTIONS[loss.best_action], kind
+        )
 
 
 def summarize_regret(
@@ -153,7 +159,9 @@ def summarize_regret(
 
     None where no episode has a regret.
     """
-    phase, own = ("warm_up", cohort.warm_up) if data.closed_ms is None else ("ranked", cohort.ranked)
+    phase, own = (
+        ("warm_up", cohort.warm_up) if data.closed_ms is None else ("ranked", cohort.ranked)
+    )
     trials = [trial for player in ids for trial in own[player]]
     if not has_regret(data.protocol.env_config):
         return None
@@ -174,15 +182,22 @@ def summarize_regret(
         mean=total,
         interval=None if low_high is None else (max(0.0, float(low_high[0])), float(low_high[1])),
         by_kind={
-            str(kind): float(np.mean([player.by_kind[str(kind)] for player in players])) / total if total else 0.0
+            str(kind): float(np.mean([player.by_kind[str(kind)] for player in players])) / total
+            if total
+            else 0.0
             for kind in LossKind
         },
         by_tenth=tuple(
             float(value)
-            for value in np.mean([np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()], axis=0)
+            for value in np.mean(
+                [np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()],
+                axis=0,
+            )
         ),
         policy=POLICY,
-        policy_mean=_policy_mean(data.policy_files.source(POLICY), list(terrains.values()), estimator),
+        policy_mean=_policy_mean(
+            data.policy_files.source(POLICY), list(terrains.values()), estimator
+        ),
         by_player=players,
     )
 
@@ -200,4 +215,8 @@ def _player(player: str, episodes: Sequence[EpisodeRegret]) -> PlayerRegret:
 def _policy_mean(source: str, records: Sequence[Record], estimator: RegretEstimator) -> float:
     """Return the mean regret of the policy's own episodes on the terrains of some records; `source` as `load` takes it."""
     policy = load(source, records[0].config.sensor_radius)
-    return float(np.mean([estimator.regret(play_terrain(policy, record).record()).total for record in records]))
+    return float(
+        np.mean(
+            [estimator.regret(play_terrain(policy, record).record()).total for record in records]
+        )
+    )

@@ -53,7 +53,9 @@ class SlipPool:
         return float(((low <= truth) & (truth <= high)).mean())
 
 
-def play_with_slips(policy: Policy, config: EnvConfig, seed: int, rate: float, rng: np.random.Generator) -> Episode:
+def play_with_slips(
+    policy: Policy, config: EnvConfig, seed: int, rate: float, rng: np.random.Generator
+) -> Episode:
     """Play a terrain with the policy, each move a random valid one with probability `rate`."""
     episode = Episode.begin(config, seed=seed)
     policy.reset(seed)
@@ -66,10 +68,19 @@ def play_with_slips(policy: Policy, config: EnvConfig, seed: int, rate: float, r
 
 
 def measure_slips(
-    config: EnvConfig, rates: Sequence[float], replicates: int, terrains: int, seed: int, policy: str = "ppo"
+    config: EnvConfig,
+    rates: Sequence[float],
+    replicates: int,
+    terrains: int,
+    seed: int,
+    policy: str = "ppo",
 ) -> SlipPool:
     """Return the total regret of `replicates` players of each rate on the same terrains; the same for the same seed."""
-    rng, estimator, player = np.random.default_rng(seed), RegretEstimator(policy), load(policy, config.sensor_radius)
+    rng, estimator, player = (
+        np.random.default_rng(seed),
+        RegretEstimator(policy),
+        load(policy, config.sensor_radius),
+    )
     regret = np.zeros((len(rates), replicates, terrains))
     for at in np.ndindex(regret.shape):
         episode = play_with_slips(player, config, FIRST_SEED + at[2], rates[at[0]], rng)
@@ -87,11 +98,15 @@ def main(terrains: int, replicates: int, studies: int, seed: int) -> None:
     pool = measure_slips(EnvConfig(), SLIP_RATES, replicates, terrains, seed)
     for rate, means in zip(pool.rates, pool.regret.mean((1, 2)), strict=True):
         click.echo(f"slip rate {rate:4.0%}: mean regret {means:6.1f} moves an episode")
-    click.echo(f"rank correlation over {pool.regret[..., 0].size} players: {pool.rank_correlation():.3f}")
+    click.echo(
+        f"rank correlation over {pool.regret[..., 0].size} players: {pool.rank_correlation():.3f}"
+    )
     rng = np.random.default_rng(seed)
     for players in (5, 10, 20):
         covered = pool.coverage(players, studies, rng)
-        click.echo(f"{players} players: the 95 % interval covers the mean in {covered:.1%} of {studies} studies")
+        click.echo(
+            f"{players} players: the 95 % interval covers the mean in {covered:.1%} of {studies} studies"
+        )
 
 
 if __name__ == "__main__":

@@ -42,7 +42,9 @@ class Regrets:
         """
         check_size(record.config)
         if self._waiting >= MAX_WAITING:
-            raise RegretBusyError("many players are asking where they lost moves; ask again in a minute")
+            raise RegretBusyError(
+                "many players are asking where they lost moves; ask again in a minute"
+            )
         self._waiting += 1
         try:
             async with self._turn:
@@ -72,7 +74,9 @@ class Regrets:
         except asyncio.CancelledError:
             await _end(process)  # its answer would be taken for the next request's
             raise
-        answer: dict[str, Any] = json.loads(line) if line else {"error": "working out the regret ended early; ask again"}
+        answer: dict[str, Any] = (
+            json.loads(line) if line else {"error": "working out the regret ended early; ask again"}
+        )
         return answer
 
     async def _started(self) -> Process:

@@ -38,7 +38,9 @@ class ActionLog:
     def _begin(self, operator: str, action: str, study: str | None) -> int:
         sql = "INSERT INTO operator_actions (at_ms, operator, action, study) VALUES (?, ?, ?, ?)"
         with self._store.transaction():
-            number = self._store.connection.execute(sql, (time.time_ns() // 1_000_000, operator, action, study)).lastrowid
+            number = self._store.connection.execute(
+                sql, (time.time_ns() // 1_000_000, operator, action, study)
+            ).lastrowid
         assert number is not None
         return number
 
@@ -51,7 +53,9 @@ class ActionLog:
 
     def _end(self, number: int, status: int) -> None:
         with self._store.transaction():
-            self._store.connection.execute("UPDATE operator_actions SET status = ? WHERE number = ?", (status, number))
+            self._store.connection.execute(
+                "UPDATE operator_actions SET status = ? WHERE number = ?", (status, number)
+            )
 
 
 def read_actions(database: Path, count: int) -> list[dict[str, Any]]:

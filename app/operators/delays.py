@@ -21,7 +21,9 @@ class TooManyAttemptsError(Exception):
     """An address has guessed too often; `wait_s` says when its next attempt is looked at, in whole seconds."""
 
     def __init__(self, wait_s: int) -> None:
-        super().__init__(f"too many wrong attempts from this address: wait {wait_s} seconds, then try again")
+        super().__init__(
+            f"too many wrong attempts from this address: wait {wait_s} seconds, then try again"
+        )
         self.wait_s = wait_s
 
 
@@ -42,7 +44,11 @@ class Delays:
         if now < until:
             raise TooManyAttemptsError(max(1, round(until - now)))
         count = 1 if now - last > FORGOTTEN_AFTER_S else count + 1
-        wait_s = min(LONGEST_WAIT_S, FIRST_WAIT_S * 2.0 ** min(count - FREE_ATTEMPTS, 30)) if count >= FREE_ATTEMPTS else 0.0
+        wait_s = (
+            min(LONGEST_WAIT_S, FIRST_WAIT_S * 2.0 ** min(count - FREE_ATTEMPTS, 30))
+            if count >= FREE_ATTEMPTS
+            else 0.0
+        )
         self._attempts[address] = (count, now + wait_s, now)
         self._attempts.move_to_end(address)
         if len(self._attempts) > MAX_ADDRESSES:

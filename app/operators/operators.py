@@ -70,17 +70,24 @@ class Operators:
             return True
         totp, now = pyotp.TOTP(operator.totp_secret), int(self._clock()) // PERIOD_S
         for period in (now - 1, now, now + 1):
-            if hmac.compare_digest(totp.generate_otp(period).encode(), code.strip().encode("utf-8", "replace")):
+            if hmac.compare_digest(
+                totp.generate_otp(period).encode(), code.strip().encode("utf-8", "replace")
+            ):
                 sql = "UPDATE operators SET last_code = ?2 WHERE name = ?1 AND last_code < ?2"
                 with self._store.transaction():
-                    return self._store.connection.execute(sql, (operator.name, period)).rowcount == 1
+                    return (
+                        self._store.connection.execute(sql, (operator.name, period)).rowcount == 1
+                    )
         return False
 
 
 def is_password_of(operator: Operator | None, password: str) -> bool:
     """Return whether a password is an operator's; it takes some 50 ms in any case, so call it in a thread."""
     try:
-        _HASHER.verify(_NOBODYS_HASH if operator is None else operator.password_hash, password.encode("utf-8", "surrogatepass"))
+        _HASHER.verify(
+            _NOBODYS_HASH if operator is None else operator.password_hash,
+            password.encode("utf-8", "surrogatepass"),
+        )
     except VerifyMismatchError:
         return False
     return operator is not None
@@ -89,7 +96,9 @@ def is_password_of(operator: Operator | None, password: str) -> bool:
 def check_password(password: str) -> None:
     """Raise OperatorError where a password is too short."""
     if len(password) < MIN_PASSWORD:
-        raise OperatorError(f"the operator's password must have at least {MIN_PASSWORD} characters, got {len(password)}")
+        raise OperatorError(
+            f"the operator's password must have at least {MIN_PASSWORD} characters, got {len(password)}"
+        )
 
 
 def add_operator(database: Path, name: str, password: str, totp: bool = False) -> str | None:
@@ -104,18 +113,35 @@ def add_operator(database: Path, name: str, password: str, totp: bool = False) -
     check_password(password)
     secret = pyotp.random_base32() if totp else None
     with _writing(database) as conn:
-        row = (name, _HASHER.hash(password.encode("utf-8", "surrogatepass")), secret, 0, time.time_ns() // 1_000_000)
-        if conn.execute("INSERT OR IGNORE INTO operators VALUES (?, ?, ?, ?, ?)", row).rowcount != 1:
-            raise OperatorError(f"there is an operator {name!r} already: remove them first, or choose another name")
+        row = (
+            name,
+            _HASHER.hash(password.encode("utf-8", "surrogatepass")),
+            secret,
+            0,
+            time.time_ns() // 1_000_000,
+        )
+        if (
+            conn.execute("INSERT OR IGNORE INTO operators VALUES (?, ?, ?, ?, ?)", row).rowcount
+            != 1
+        ):
+            raise OperatorError(
+                f"there is an operator {name!r} already: remove them first, or choose another name"
+            )
         note_from_command_line(conn, f"add_operator {name}")
-    return None if secret is None else pyotp.TOTP(secret).provisioning_uri(name=name, issuer_name="MarsExplorer Playground")
+    return (
+        None
+        if secret is None
+        else pyotp.TOTP(secret).provisioning_uri(name=name, issuer_name="MarsExplorer Playground")
+    )
 
 
 def remove_operator(database: Path, name: str) -> None:
     """Remove an operator; they are logged out at once. OperatorError when there is none of this name."""
     with _writing(database) as conn:
         if conn.execute("DELETE FROM operators WHERE name = ?", [name]).rowcount != 1:
-            raise OperatorError(f"there is no operator {name!r}; `marsexplorer operator list` names them")
+            raise OperatorError(
+                f"there is no operator {name!r}; `marsexplorer operator list` names them"
+            )
         note_from_command_line(conn, f"remove_operator {name}")
 
 
@@ -141,4 +167,6 @@ def _writing(database: Path) -> Iterator[sqlite3.Connection]:
         with closing(open_database(database).conn) as conn, transaction(conn):
             yield conn
     except sqlite3.Error as error:
-        raise StoreError(f"the database {database} did not take the write, nothing changed: {error}") from error
+        raise StoreError(
+            f"the database {database} did not take the write, nothing changed: {error}"
+        ) from error

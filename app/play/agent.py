@@ -42,7 +42,13 @@ class Agent:
     It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
     """
 
-    def __init__(self, session: Session, player: Session | None, load: Callable[[], Policy], decisions: DecisionQueue) -> None:
+    def __init__(
+        self,
+        session: Session,
+        player: Session | None,
+        load: Callable[[], Policy],
+        decisions: DecisionQueue,
+    ) -> None:
         self._session, self._player, self._load, self._decisions = session, player, load, decisions
         self._owner = (player or session).row.player_id or session.id
         self._policy: Policy | None = None
@@ -94,9 +100,13 @@ class Agent:
         self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
         if session.pace is not None:
             with suppress(StoreError):
-                await session.set_pace(Pace(mode="paused", moves_per_second=session.pace.moves_per_second))
+                await session.set_pace(
+                    Pace(mode="paused", moves_per_second=session.pace.moves_per_second)
+                )
         name = session.row.driver_name
-        session.fail(f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again")
+        session.fail(
+            f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again"
+        )
 
     def _delay(self) -> float | None:
         """Return seconds until the next move, 0 or less for now, None for not before something changes."""
@@ -127,7 +137,10 @@ class Agent:
         session = self._session
         if session.episode.ended or session.fault:
             return False
-        return self._decided is None or self._decided[:2] != (session.current.id, session.episode.steps)
+        return self._decided is None or self._decided[:2] != (
+            session.current.id,
+            session.episode.steps,
+        )
 
     async def _decide(self) -> None:
         """Decide on the newest frame and publish the policy's thought about it; drop both if the episode has changed."""
@@ -149,14 +162,20 @@ class Agent:
         """Make the move that was decided on."""
         assert self._decided is not None
         episode, step, action = self._decided
-        await self._session.act(Move(episode, step, action, f"policy:{self._session.row.driver_name}"))
+        await self._session.act(
+            Move(episode, step, action, f"policy:{self._session.row.driver_name}")
+        )
         self._single_moves = max(0, self._single_moves - 1)
         self._schedule()
 
     def _schedule(self) -> None:
         """Set when the next timed move is due; a late move does not make the following ones faster."""
         pace, now = self._session.pace, asyncio.get_running_loop().time()
-        rate = pace.moves_per_second if pace is not None and pace.mode == "timed" else DEFAULT_MOVES_PER_SECOND
+        rate = (
+            pace.moves_per_second
+            if pace is not None and pace.mode == "timed"
+            else DEFAULT_MOVES_PER_SECOND
+        )
         self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
 
     async def _prepared_policy(self, row: EpisodeRow) -> Policy | None:
@@ -164,7 +183,9 @@ class Agent:
         if self._policy is None:
             self._policy = await asyncio.to_thread(self._load)
         if self._prepared_for is None or self._prepared_for.id != row.id:
-            actions = bytes(self._session.episode.actions) if self._session.current.id == row.id else None
+            actions = (
+                bytes(self._session.episode.actions) if self._session.current.id == row.id else None
+            )
             if actions is None:
                 return None
             await asyncio.to_thread(replay_decisions, self._policy, row, actions)

@@ -145,7 +145,10 @@ def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) 
         _check_pace(gaps)
     except _MismatchError as mismatch:
         return Attested("unattested", str(mismatch), mismatch.step)
-    is_supervised = any(0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS for at_ms in conditions.supervised_ms)
+    is_supervised = any(
+        0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS
+        for at_ms in conditions.supervised_ms
+    )
     return Attested("supervised" if is_supervised else "attested")
 
 
@@ -163,7 +166,9 @@ class Ending:
     attested: Attested | None = None
 
 
-def prepare_end(store: Store, episode_id: str, conditions: Conditions | None, last: Row | None) -> Ending:
+def prepare_end(
+    store: Store, episode_id: str, conditions: Conditions | None, last: Row | None
+) -> Ending:
     """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
 
     conditions  None for a script's episode, which has no level
@@ -176,13 +181,19 @@ def prepare_end(store: Store, episode_id: str, conditions: Conditions | None, la
     return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
 
 
-def attest_stored(store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None) -> Attested:
+def attest_stored(
+    store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None
+) -> Attested:
     """Return the level of a person's episode by the rows in the store, other episodes' timing compared too.
 
     ending  what was prepared of it; what has changed since is compared again
     """
     found = None
-    if ending is not None and ending.conditions == conditions and ending.events.until == count_input_events(store, episode_id):
+    if (
+        ending is not None
+        and ending.conditions == conditions
+        and ending.events.until == count_input_events(store, episode_id)
+    ):
         found = ending.attested
     if found is None:
         found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
@@ -205,7 +216,9 @@ def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> li
         if not press["trusted"]:
             raise _MismatchError("the browser does not vouch for the press", step)
         if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
-            raise _MismatchError(f"the press {press['code']!r} does not drive where the move went", step)
+            raise _MismatchError(
+                f"the press {press['code']!r} does not drive where the move went", step
+            )
         found.append(press)
     return found
 
@@ -214,7 +227,9 @@ def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
     """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
     for index in range(first, len(presses)):
         press = presses[index]
-        is_same = abs(press["client_ms"] - move["key_down_ms"]) <= SAME_TIME_MS and not press["repeat"]
+        is_same = (
+            abs(press["client_ms"] - move["key_down_ms"]) <= SAME_TIME_MS and not press["repeat"]
+        )
         if is_same and press["kind"] == _KINDS[move["input"]]:
             if press["server_ms"] > move["server_ms"]:
                 raise _MismatchError("its press was received after the move", step)
@@ -290,7 +305,10 @@ class _Pages:
     def _find(self, *move: float) -> _Page | None:
         """Return the page that takes a move: the one of the move before, else the newest."""
         known = [page for page in reversed(self._pages) if page is not self._last]
-        return next((page for page in ([self._last] if self._last else []) + known if page.take(*move)), None)
+        return next(
+            (page for page in ([self._last] if self._last else []) + known if page.take(*move)),
+            None,
+        )
 
     def _gap_ms(self, page: _Page, moves: Sequence[Row], step: int) -> float:
         if self._last is None:
@@ -302,7 +320,9 @@ class _Pages:
 
 def _rested(moves: Sequence[Row]) -> bool:
     """Return whether the server received nothing for REST_MS between two of the moves."""
-    return any(after["server_ms"] - before["server_ms"] >= REST_MS for before, after in pairwise(moves))
+    return any(
+        after["server_ms"] - before["server_ms"] >= REST_MS for before, after in pairwise(moves)
+    )
 
 
 def _check_pace(gaps: Sequence[float]) -> None:

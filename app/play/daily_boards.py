@@ -13,7 +13,14 @@ from weakref import WeakValueDictionary
 from app.play.daily_terrain import seed_of, terrain_of_day
 from app.play.lobby import Lobby
 from app.play.session import Session
-from app.storage.playground import DailyAttempt, DailyTerrain, daily_secret, find_attempt, find_terrain, keep_terrain
+from app.storage.playground import (
+    DailyAttempt,
+    DailyTerrain,
+    daily_secret,
+    find_attempt,
+    find_terrain,
+    keep_terrain,
+)
 from app.storage.reader import utc_day
 from app.storage.store import DailyDay
 from marsexplorer.config import EnvConfig
@@ -52,7 +59,11 @@ class DailyBoards:
     async def attempt(self, player_id: str | None, day: str) -> DailyAttempt | None:
         """Return a player's attempt at a day's terrain; None before it."""
         store = self._lobby.store
-        return None if player_id is None else await store.read(lambda: find_attempt(store, player_id, day))
+        return (
+            None
+            if player_id is None
+            else await store.read(lambda: find_attempt(store, player_id, day))
+        )
 
     async def begin(self, player_id: str) -> tuple[Session, bool]:
         """Return the board of a player's attempt at today's terrain, and whether it was open already.
@@ -67,7 +78,9 @@ class DailyBoards:
             attempt = await self.attempt(player_id, terrain.day)
             if attempt is None:
                 mark = DailyDay(terrain.day, terrain.commitment)
-                return await self._lobby.create_daily(player_id, terrain.config, seed_of(terrain.key), mark), False
+                return await self._lobby.create_daily(
+                    player_id, terrain.config, seed_of(terrain.key), mark
+                ), False
             if attempt.ended_ms is not None:
                 raise DailyPlayedError(
                     f"you have played the terrain of {terrain.day}, and it is played once; the next one comes at midnight UTC"
@@ -84,7 +97,9 @@ class DailyBoards:
             return
         terrain = await self.today()
         if config == terrain.config and seed == seed_of(terrain.key):
-            raise ValueError("this seed draws today's daily terrain, which can be practised from tomorrow (UTC) on")
+            raise ValueError(
+                "this seed draws today's daily terrain, which can be practised from tomorrow (UTC) on"
+            )
 
     def _keep(self, day: str) -> DailyTerrain:
         terrain = terrain_of_day(daily_secret(self._lobby.store), day)

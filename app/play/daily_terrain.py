@@ -63,7 +63,9 @@ def day_start_ms(day: str) -> int:
     """Return when a day began (UTC), in milliseconds since 1970; ValueError unless it is a date like "2026-11-22"."""
     if len(day) != 10:
         raise ValueError(f"a day must be a date like 2026-11-22, got {day!r}")
-    return int(datetime.combine(date.fromisoformat(day), datetime.min.time(), UTC).timestamp()) * 1000
+    return (
+        int(datetime.combine(date.fromisoformat(day), datetime.min.time(), UTC).timestamp()) * 1000
+    )
 
 
 def day_before(day: str, days: int = 1) -> str:
@@ -79,7 +81,12 @@ def check_daily(conn: sqlite3.Connection) -> Iterator[Finding]:
         except ValueError as error:
             found = f"a key that cannot be read: {error}"
         if found != row["commitment"]:
-            yield Finding(f"daily terrain {row['day']}", "commitment", row["commitment"], f"{found} from its key")
+            yield Finding(
+                f"daily terrain {row['day']}",
+                "commitment",
+                row["commitment"],
+                f"{found} from its key",
+            )
     for row in daily_causes(conn):
         yield from _check_cause(row)
 
@@ -101,6 +108,10 @@ def _check_cause(row: dict[str, Any]) -> Iterator[Finding]:
         if stored != expected:
             yield Finding(where, f"{what} of a daily attempt", stored, expected)
     if not 0 <= row["started_ms"] - began < DAY_MS + START_SLACK_MS:
-        yield Finding(where, "start of a daily attempt", row["started_ms"], f"a time on {row['day']} (UTC)")
+        yield Finding(
+            where, "start of a daily attempt", row["started_ms"], f"a time on {row['day']} (UTC)"
+        )
     if row["version"] == 1:
-        yield Finding(where, "daily attempt", row["day"], "an entry of the chain from before there were any")
+        yield Finding(
+            where, "daily attempt", row["day"], "an entry of the chain from before there were any"
+        )

@@ -78,8 +78,12 @@ class DecisionQueue:
                 await self._answer(self._next_batch())
         finally:
             self._serving = None
-            least = min(self._used_s.values(), default=0.0)  # who has had no more than the others is as new
-            self._used_s = defaultdict(float, {owner: s for owner, s in self._used_s.items() if s > least})
+            least = min(
+                self._used_s.values(), default=0.0
+            )  # who has had no more than the others is as new
+            self._used_s = defaultdict(
+                float, {owner: s for owner, s in self._used_s.items() if s > least}
+            )
 
     def _next_batch(self) -> list[_Request]:
         """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
@@ -90,13 +94,20 @@ class DecisionQueue:
         for request in self._waiting:
             if request is next_one:
                 continue
-            is_same = first is not None and len(chosen) < MAX_BATCH and shared_net(request.policy) is first
+            is_same = (
+                first is not None
+                and len(chosen) < MAX_BATCH
+                and shared_net(request.policy) is first
+            )
             (chosen if is_same else left).append(request)
         self._waiting = left
         return chosen
 
     async def _answer(self, batch: list[_Request]) -> None:
-        policies, observations = [request.policy for request in batch], [request.observation for request in batch]
+        policies, observations = (
+            [request.policy for request in batch],
+            [request.observation for request in batch],
+        )
         began = time.monotonic()
         answers: list[int | Exception]
         try:
@@ -113,9 +124,13 @@ class DecisionQueue:
             else:
                 request.answer.set_result(answer)
 
-    async def _decide(self, policies: list[Policy], observations: list[NDArray[np.uint8]]) -> list[int | Exception]:
+    async def _decide(
+        self, policies: list[Policy], observations: list[NDArray[np.uint8]]
+    ) -> list[int | Exception]:
         """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
-        deciding = asyncio.get_running_loop().run_in_executor(self._threads, act_many, policies, observations)
+        deciding = asyncio.get_running_loop().run_in_executor(
+            self._threads, act_many, policies, observations
+        )
         done, _ = await asyncio.wait([deciding], timeout=self._decision_s)
         if done:
             return list(deciding.result())

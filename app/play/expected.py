@@ -26,7 +26,9 @@ class ExpectedDiscoveries:
     def of(self, session: Session) -> str:
         """Return the message about the newest frame; PermissionError on a board that a person plays."""
         if session.is_human or session.participation is not None:
-            raise PermissionError("what a look is expected to show is told of a policy's own board alone")
+            raise PermissionError(
+                "what a look is expected to show is told of a policy's own board alone"
+            )
         episode, asked = session.episode, (session.current.id, session.episode.steps)
         if asked != self._asked:
             self._asked, self._answer = asked, self._encode(session.current.id, episode)

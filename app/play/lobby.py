@@ -83,7 +83,11 @@ class Lobby:
         return [group.board(session_id) for session_id, group in self._groups.items()]
 
     async def create(
-        self, wanted: NewSession, player_id: str, control: Control = "bearer", left: Sequence[Session] = ()
+        self,
+        wanted: NewSession,
+        player_id: str,
+        control: Control = "bearer",
+        left: Sequence[Session] = (),
     ) -> Session:
         """Return a new player's session, paired with its rival's; ValueError for an unknown policy or map, or no terrain.
 
@@ -94,22 +98,38 @@ class Lobby:
         """
         if wanted.player != HUMAN:
             self.policies.check(wanted.player, HUMAN)
-        drivers = [wanted.player] if wanted.rival is None else [wanted.player, self.policies.check(wanted.rival)]
-        replayed = None if wanted.replays is None else await self._ended_session(wanted.replays, wanted.player)
+        drivers = (
+            [wanted.player]
+            if wanted.rival is None
+            else [wanted.player, self.policies.check(wanted.rival)]
+        )
+        replayed = (
+            None
+            if wanted.replays is None
+            else await self._ended_session(wanted.replays, wanted.player)
+        )
         is_same = replayed is not None and wanted.leaves_terrain
-        terrain = terrain_of(replayed.current) if replayed and is_same else self.maps.first_terrain(wanted)
+        terrain = (
+            terrain_of(replayed.current)
+            if replayed and is_same
+            else self.maps.first_terrain(wanted)
+        )
         self.policies.check_size(drivers, terrain.config)
         seed, episodes = await self._begin_episodes(terrain, len(drivers))
         rows = self._session_rows(drivers, player_id, control)
         boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
-        await self._open_episodes(boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left)
+        await self._open_episodes(
+            boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left
+        )
         player = self._add_group(boards).player
         if replayed is not None:
             replayed.pair_with(player)
         return player
 
-    async def create_daily(self, player_id: str, config: EnvConfig, seed: int, daily: DailyDay) -> Session:
+    async def create_daily(
+        self, player_id: str, config: EnvConfig, seed: int, daily: DailyDay
+    ) -> Session:
         """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
         rows = self._session_rows([HUMAN], player_id, "cookie")
         board = Session(rows[0], self.store, self.sources.clock_ms)
@@ -140,14 +160,20 @@ class Lobby:
         group = self._groups.get(session.id)
         return session.row.player_id if group is None else group.player.row.player_id
 
-    async def restart(self, session: Session, wanted: NewEpisode, left: Sequence[Session] = ()) -> None:
+    async def restart(
+        self, session: Session, wanted: NewEpisode, left: Sequence[Session] = ()
+    ) -> None:
         """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
         group = self._groups.get(session.id) or await self._resume(session.id)
         if session is group.rival:
-            raise ValueError("a rival plays its player's terrain; begin the next episode in the player's session")
+            raise ValueError(
+                "a rival plays its player's terrain; begin the next episode in the player's session"
+            )
         async with group.lock:
             terrain = self.maps.next_terrain(session.current, wanted)
-            self.policies.check_size((board.row.driver_name for board in group.boards), terrain.config)
+            self.policies.check_size(
+                (board.row.driver_name for board in group.boards), terrain.config
+            )
             seed, episodes = await self._begin_episodes(terrain, len(group.boards))
             await self._open_episodes(group.boards, episodes, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
@@ -155,10 +181,14 @@ class Lobby:
     def new_board(self, player_id: str, participation: Participation) -> Session:
         """Return a new board for a participant; nobody can find it before `begin` opens its first episode."""
         id_, now = self.sources.session_id(), self.sources.clock_ms()
-        row = SessionRow(id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie")
+        row = SessionRow(
+            id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie"
+        )
         return Session(row, self.store, self.sources.clock_ms, participation)
 
-    async def begin(self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction) -> None:
+    async def begin(
+        self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction
+    ) -> None:
         """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
         _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
         await self._open_episodes([board], episodes, seed, False, within)
@@ -168,7 +198,9 @@ class Lobby:
     async def change_pace(self, session: Session, change: ChangePace) -> Pace:
         """Change the pace and return it; ValueError when the session has none or cannot follow."""
         if session.pace is None:
-            raise ValueError("this session is driven by a person; only a policy's session (a rival's, say) has a pace")
+            raise ValueError(
+                "this session is driven by a person; only a policy's session (a rival's, say) has a pace"
+            )
         if change.follow and session.row.rival_of is None:
             raise ValueError("only a rival can follow; give moves_per_second, pause or step")
         rate = change.moves_per_second or session.pace.moves_per_second
@@ -187,7 +219,9 @@ class Lobby:
     def forget(self, deleted: Sequence[str]) -> None:
         """Unload some sessions, which are deleted."""
         for session_id in deleted:
-            if (group := self._groups.get(session_id)) is not None:  # somebody asked for it just then
+            if (
+                group := self._groups.get(session_id)
+            ) is not None:  # somebody asked for it just then
                 self._unload(group)
 
     def close(self) -> None:
@@ -196,13 +230,19 @@ class Lobby:
             self._unload(group)
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _session_rows(self, drivers: list[str], player_id: str, control: Control) -> list[SessionRow]:
+    def _session_rows(
+        self, drivers: list[str], player_id: str, control: Control
+    ) -> list[SessionRow]:
         now, rows = self.sources.clock_ms(), list[SessionRow]()
         for number, driver in enumerate(drivers):
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
             mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
             id_ = self.sources.session_id()
-            rows.append(SessionRow(id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control))
+            rows.append(
+                SessionRow(
+                    id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control
+                )
+            )
         return rows
 
     def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
@@ -221,7 +261,9 @@ class Lobby:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
-    async def _begin_episodes(self, terrain: ChosenTerrain, boards: int) -> tuple[int | None, list[Episode]]:
+    async def _begin_episodes(
+        self, terrain: ChosenTerrain, boards: int
+    ) -> tuple[int | None, list[Episode]]:
         """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
         chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
         return chosen.seed, await asyncio.to_thread(lambda: [chosen.begin() for _ in range(boards)])
@@ -259,7 +301,9 @@ class Lobby:
                 )
                 for board, episode in zip(boards, episodes, strict=True)
             ]
-            running = [board for board in (*boards, *left) if board.number and not board.episode.ended]
+            running = [
+                board for board in (*boards, *left) if board.number and not board.episode.ended
+            ]
             abandoned = [(board, board.current, board.abandoned()) for board in running]
             endings = [await board.prepare_end(board.current) for board in running]
 
@@ -267,10 +311,14 @@ class Lobby:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     found = [
                         board.closing(current, episode, now, ending)
-                        for (board, current, episode), ending in zip(abandoned, endings, strict=True)
+                        for (board, current, episode), ending in zip(
+                            abandoned, endings, strict=True
+                        )
                     ]
                     self.store.next_episode([closing for closing, _ in found], rows)
-                hidden = [board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)]
+                hidden = [
+                    board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)
+                ]
                 return [attested for _, attested in found], hidden
 
             def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
@@ -279,7 +327,9 @@ class Lobby:
                     board.begin(row, episode, hides)
                 for (board, current, episode), level in zip(abandoned, levels, strict=True):
                     if board not in boards:
-                        board.go_on(current, episode, level, hides_scores=False)  # a board that is left is no study's
+                        board.go_on(
+                            current, episode, level, hides_scores=False
+                        )  # a board that is left is no study's
 
             await self.store.write(record, then=publish)
 
@@ -292,7 +342,9 @@ class Lobby:
             self._groups[board.id] = group
             if not board.is_human:
                 load = partial(self.policies.load, board.row.driver_name)
-                group.agents[board.id] = Agent(board, player if board is rival else None, load, self._decisions)
+                group.agents[board.id] = Agent(
+                    board, player if board is rival else None, load, self._decisions
+                )
         return group
 
     def _pair(self, group: BoardGroup) -> None:
@@ -311,7 +363,9 @@ class Lobby:
             try:
                 boards = [await self._resumed(*each) for each in found]
             except ValueError as error:
-                raise UnknownSessionError(session_id, f"session {session_id!r} cannot be resumed: {error}") from error
+                raise UnknownSessionError(
+                    session_id, f"session {session_id!r} cannot be resumed: {error}"
+                ) from error
             return self._add_group(boards)
 
     def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
@@ -322,13 +376,22 @@ class Lobby:
         found = self.store.resume_session(session_id, self.sources.clock_ms())
         player_id = session_id if found is None else found.session.rival_of or session_id
         ids = [player_id, self.store.rival_of(player_id)]
-        rows = [self.store.resume_session(each, self.sources.clock_ms()) for each in ids if each is not None]
+        rows = [
+            self.store.resume_session(each, self.sources.clock_ms())
+            for each in ids
+            if each is not None
+        ]
         if found is None or rows[0] is None:
             raise UnknownSessionError(session_id)
         stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]
-        return [(row, study, study is not None and study.hides_scores(row.episode.id)) for row, study in stored]
+        return [
+            (row, study, study is not None and study.hides_scores(row.episode.id))
+            for row, study in stored
+        ]
 
-    async def _resumed(self, row: Resumable, participation: Participation | None, hides_scores: bool) -> Session:
+    async def _resumed(
+        self, row: Resumable, participation: Participation | None, hides_scores: bool
+    ) -> Session:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
         episode = await asyncio.to_thread(restore_episode, row.episode, row.actions, row.ended)
         session = Session(row.session, self.store, self.sources.clock_ms, participation)
@@ -350,4 +413,6 @@ class Lobby:
 
 def _is_idle(board: Session, horizon: float) -> bool:
     """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
-    return board.channel.subscribers == 0 and board.touched < horizon and not board.changing.locked()
+    return (
+        board.channel.subscribers == 0 and board.touched < horizon and not board.changing.locked()
+    )

@@ -70,7 +70,9 @@ class Message(BaseModel):
             known = [info.alias or name for name, info in cls.model_fields.items()]
             unknown = [str(name) for name in data if name not in known]
             if unknown:
-                raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {', '.join(known)}")
+                raise ValueError(
+                    f"unknown field {unknown[0]!r}; the fields are: {', '.join(known)}"
+                )
         return data
 
 
@@ -81,10 +83,18 @@ class Act(Message):
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
     step: int = Field(ge=0, description="`step` of that frame: the number of moves made so far")
     action: ActionName = Field(description="where to go: row-1, col+1, row+1, col-1")
-    input: Literal["key", "touch"] | None = Field(default=None, description="the page's trusted event, if any")
-    key_down_ms: Milliseconds | None = Field(default=None, description="when the key went down, client clock")
-    key_up_ms: Milliseconds | None = Field(default=None, description="when the last key came up, client clock")
-    client_ms: Milliseconds | None = Field(default=None, description="when the move was sent, client clock")
+    input: Literal["key", "touch"] | None = Field(
+        default=None, description="the page's trusted event, if any"
+    )
+    key_down_ms: Milliseconds | None = Field(
+        default=None, description="when the key went down, client clock"
+    )
+    key_up_ms: Milliseconds | None = Field(
+        default=None, description="when the last key came up, client clock"
+    )
+    client_ms: Milliseconds | None = Field(
+        default=None, description="when the move was sent, client clock"
+    )
 
     @property
     def code(self) -> int:
@@ -108,8 +118,12 @@ class InputEvent(Message):
     repeat: bool | None = None
     trusted: bool | None = Field(default=None, description="`event.isTrusted`")
     client_ms: Milliseconds = Field(description="monotonic client clock")
-    step: int | None = Field(default=None, ge=0, description="`step` of the frame that was on screen")
-    round_trip_ms: Milliseconds | None = Field(default=None, description="from the last move to its frame")
+    step: int | None = Field(
+        default=None, ge=0, description="`step` of the frame that was on screen"
+    )
+    round_trip_ms: Milliseconds | None = Field(
+        default=None, description="from the last move to its frame"
+    )
 
 
 class Events(Message):
@@ -121,7 +135,10 @@ class Events(Message):
     kind: Literal["events"]
     episode: str = Field(max_length=64)
     batch: str | None = Field(
-        default=None, min_length=8, max_length=64, description="drawn by the page, another for each batch"
+        default=None,
+        min_length=8,
+        max_length=64,
+        description="drawn by the page, another for each batch",
     )
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 
@@ -135,10 +152,18 @@ class ExpectedRequest(Message):
 class NewEpisode(Message):
     """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
 
-    level: LevelName | None = Field(default=None, description="a name from `GET /api/levels`", examples=["random"])
+    level: LevelName | None = Field(
+        default=None, description="a name from `GET /api/levels`", examples=["random"]
+    )
     size: Size | None = Field(default=None, examples=[21])
-    seed: Seed | None = Field(default=None, description="of the terrain; a chosen terrain never counts", examples=[7])
-    map: str | None = Field(default=None, max_length=200, description="a name from `GET /api/maps`, instead of the three above")
+    seed: Seed | None = Field(
+        default=None, description="of the terrain; a chosen terrain never counts", examples=[7]
+    )
+    map: str | None = Field(
+        default=None,
+        max_length=200,
+        description="a name from `GET /api/maps`, instead of the three above",
+    )
 
     @property
     def leaves_terrain(self) -> bool:
@@ -148,29 +173,42 @@ class NewEpisode(Message):
     @model_validator(mode="after")
     def _map_stands_alone(self) -> Self:
         if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
-            raise ValueError("a map has a size and a terrain of its own: leave out level, size and seed where map is given")
+            raise ValueError(
+                "a map has a size and a terrain of its own: leave out level, size and seed where map is given"
+            )
         return self
 
 
 class NewSession(NewEpisode):
     """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
 
-    player: str = Field(default="human", max_length=200, description='"human" or a name from `GET /api/policies`')
+    player: str = Field(
+        default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
+    )
     rival: str | None = Field(
-        default=None, max_length=200, description="a policy to play the same terrain beside", examples=["frontier-cost"]
+        default=None,
+        max_length=200,
+        description="a policy to play the same terrain beside",
+        examples=["frontier-cost"],
     )
     replays: str | None = Field(
-        default=None, max_length=128, description="the session whose ended episode a policy replays beside it"
+        default=None,
+        max_length=128,
+        description="the session whose ended episode a policy replays beside it",
     )
 
 
 class ChangePace(Message):
     """Exactly one of the four."""
 
-    moves_per_second: float | None = Field(default=None, gt=0, le=60, allow_inf_nan=False, examples=[8])
+    moves_per_second: float | None = Field(
+        default=None, gt=0, le=60, allow_inf_nan=False, examples=[8]
+    )
     pause: Literal[True] | None = None
     step: Literal[True] | None = Field(default=None, description="pause and make one move")
-    follow: Literal[True] | None = Field(default=None, description="one move after each of the player's")
+    follow: Literal[True] | None = Field(
+        default=None, description="one move after each of the player's"
+    )
 
     @model_validator(mode="after")
     def _exactly_one(self) -> ChangePace:
@@ -190,14 +228,19 @@ class Frame(BaseModel):
     rows: int
     cols: int
     grid: list[str] = Field(
-        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover", examples=[["@..#?", "...??"]]
+        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover",
+        examples=[["@..#?", "...??"]],
     )
     position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
     discovered: int = Field(description="cells")
-    cells: int = Field(description="that count: all, or on maps and levels with walls those that can be discovered")
+    cells: int = Field(
+        description="that count: all, or on maps and levels with walls those that can be discovered"
+    )
     coverage: float = Field(description="discovered / cells")
     heading: ActionName
-    reward: float | None = Field(description="of the last move (eq. 8); this and the next two null where a study hides them")
+    reward: float | None = Field(
+        description="of the last move (eq. 8); this and the next two null where a study hides them"
+    )
     return_: float | None = Field(alias="return", description="sum of the rewards")
     score: float | None = Field(description="normalized (section 3.2)")
     outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
@@ -224,7 +267,9 @@ class Thought(BaseModel):
     probabilities: tuple[float, float, float, float] | None = Field(
         description="of north, east, south, west; null when it has none"
     )
-    value: float | None = Field(description="what it expects to earn from here on, in its own units; null when it has none")
+    value: float | None = Field(
+        description="what it expects to earn from here on, in its own units; null when it has none"
+    )
     goal: tuple[int, int] | None = Field(
         description="the known free cell that its next move leads towards; null when it has none"
     )
@@ -236,7 +281,9 @@ class Expected(BaseModel):
     kind: Literal["expected"]
     episode: str
     step: int
-    cells: list[tuple[int, int, int]] = Field(description="[row, col, unknown cells], of the cells with any")
+    cells: list[tuple[int, int, int]] = Field(
+        description="[row, col, unknown cells], of the cells with any"
+    )
 
 
 class Pace(BaseModel):
@@ -312,12 +359,21 @@ def encode_history(episode_id: str, episode: Episode) -> str:
     """Return the path so far as JSON text."""
     positions = [[int(row), int(col)] for row, col in episode.path]
     discovered = [int(count) for count in episode.discoveries]
-    history = {"kind": "history", "episode": episode_id, "positions": positions, "discovered": discovered}
+    history = {
+        "kind": "history",
+        "episode": episode_id,
+        "positions": positions,
+        "discovered": discovered,
+    }
     return _ENCODER.encode(history).decode()
 
 
 def encode_thought(
-    episode_id: str, step: int, probabilities: Sequence[float] | None, value: float, goal: tuple[int, int] | None = None
+    episode_id: str,
+    step: int,
+    probabilities: Sequence[float] | None,
+    value: float,
+    goal: tuple[int, int] | None = None,
 ) -> str:
     """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
 
@@ -330,7 +386,9 @@ def encode_thought(
         "kind": "thought",
         "episode": episode_id,
         "step": step,
-        "probabilities": None if probabilities is None else [round(float(share), 4) for share in probabilities],
+        "probabilities": None
+        if probabilities is None
+        else [round(float(share), 4) for share in probabilities],
         "value": round(float(value), 3) if isfinite(value) else None,
         "goal": None if goal is None else [int(goal[0]), int(goal[1])],
     }

@@ -45,7 +45,9 @@ class PolicyCatalogue:
             size: tuple[int, int] | None = getattr(policy, "size", None)
             episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
             episode.step(policy.act(episode.codes.copy()))
-            self._offers[policy.name] = PolicyOffer(policy.name, policies.describe(source), source, size)
+            self._offers[policy.name] = PolicyOffer(
+                policy.name, policies.describe(source), source, size
+            )
         for level in (name for name in OTHER_LEVELS if name != MAP):
             Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
         none = np.zeros((5, 5), np.uint8)
@@ -58,7 +60,9 @@ class PolicyCatalogue:
     def check(self, name: str, *others: str) -> str:
         """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
         if name not in self._offers:
-            raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *self._offers))}")
+            raise ValueError(
+                f"no policy {name!r}; choose one of: {', '.join((*others, *self._offers))}"
+            )
         return name
 
     def check_size(self, names: Iterable[str], config: EnvConfig) -> None:

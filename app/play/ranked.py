@@ -74,7 +74,11 @@ class PageBoards:
                 return await self._begin(as_new_session(terrain.config, wanted), player_id)
             others = [board for board in found if board is not session]
             waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
-            left = [board for board in others if board.episode.steps and board is not waiting and not terrain.is_chosen]
+            left = [
+                board
+                for board in others
+                if board.episode.steps and board is not waiting and not terrain.is_chosen
+            ]
             if waiting is None:
                 await self._lobby.restart(session, wanted, left)
                 return session, False
@@ -114,7 +118,10 @@ class PageBoards:
             found = None if watchable is None else watchable[0]
         with suppress(UnknownSessionError):
             session = None if found is None else await self._lobby.get(found)
-            if session is not None and link in (session.current.id, self._lobby.watch_ids.of(session.id)):
+            if session is not None and link in (
+                session.current.id,
+                self._lobby.watch_ids.of(session.id),
+            ):
                 return await self.with_id(player_id, session.row.rival_of or session.id)
         return None
 
@@ -124,7 +131,10 @@ class PageBoards:
             try:
                 await self.abandon_left()
                 await self.delete_unplayed()
-            except (StoreError, sqlite3.Error) as error:  # a page that cannot be read, say: the next time perhaps it can
+            except (
+                StoreError,
+                sqlite3.Error,
+            ) as error:  # a page that cannot be read, say: the next time perhaps it can
                 _log.warning("ranked episodes that were left stay open for now: %s", error)
             await asyncio.sleep(min(SWEEP_S, self._abandon_after_s / 4))
 
@@ -144,11 +154,15 @@ class PageBoards:
         before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
 
         def delete(after: int) -> tuple[list[str], int | None]:
-            return delete_unplayed(lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after)
+            return delete_unplayed(
+                lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after
+            )
 
         after: int | None = 0
         while after is not None:
-            deleted, after = await lobby.store.write(partial(delete, after), then=lambda found: lobby.forget(found[0]))
+            deleted, after = await lobby.store.write(
+                partial(delete, after), then=lambda found: lobby.forget(found[0])
+            )
             count += len(deleted)
         return count
 
@@ -157,7 +171,11 @@ class PageBoards:
         is_ranked = wanted.player == HUMAN and wanted.rival is None
         terrain = self._lobby.maps.first_terrain(wanted)
         waiting = _waiting(found, terrain.config) if is_ranked and not terrain.is_chosen else None
-        left = [board for board in found if board.episode.steps and board is not waiting and wanted.replays is None]
+        left = [
+            board
+            for board in found
+            if board.episode.steps and board is not waiting and wanted.replays is None
+        ]
         if waiting is None:
             return await self._lobby.create(wanted, player_id, "cookie", left), False
         await _abandon(left)
@@ -168,7 +186,11 @@ class PageBoards:
         store = self._lobby.store
         rows = await store.read(lambda: open_ranked(store, player_id))
         found = [(row, await self._board_of(row)) for row in rows]
-        return [board for row, board in found if board is not None and board.current.id == row.episode_id]
+        return [
+            board
+            for row, board in found
+            if board is not None and board.current.id == row.episode_id
+        ]
 
     async def _board_of(self, row: OpenRanked) -> Session | None:
         """Return the board of an open episode; None when the rules that it was played by are gone."""
@@ -192,7 +214,10 @@ def as_new_session(config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSes
 
 def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:
     """Return the board whose open episode is of a configuration."""
-    return next((board for board in boards if board.current.config == config and not board.episode.ended), None)
+    return next(
+        (board for board in boards if board.current.config == config and not board.episode.ended),
+        None,
+    )
 
 
 async def _abandon(boards: Sequence[Session]) -> None:

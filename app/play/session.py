@@ -16,7 +16,15 @@ from functools import partial
 from typing import Any, Literal, Protocol
 
 from app.database_file.write_queue import Notice
-from app.play.attestation import Attested, Conditions, Ending, attest_stored, key_map_of, level_reaches, prepare_end
+from app.play.attestation import (
+    Attested,
+    Conditions,
+    Ending,
+    attest_stored,
+    key_map_of,
+    level_reaches,
+    prepare_end,
+)
 from app.play.channel import Channel
 from app.play.messages import Events, Pace, encode_frame
 from app.storage.input_events import InputEventRow, add_input_events
@@ -101,13 +109,21 @@ class Session:
     """
 
     def __init__(
-        self, row: SessionRow, store: Store, clock: Callable[[], int], participation: Participation | None = None
+        self,
+        row: SessionRow,
+        store: Store,
+        clock: Callable[[], int],
+        participation: Participation | None = None,
     ) -> None:
         self.id = row.id
         self.participation = participation
         self.row = row
         self.channel = Channel(store.metrics.dropped_frames.inc)
-        self.pace = None if self.is_human else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
+        self.pace = (
+            None
+            if self.is_human
+            else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
+        )
         self.number = 0
         self.fault: str | None = None
         self.thought = ""
@@ -148,8 +164,16 @@ class Session:
         """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
         is_persons = self.is_human and self.participation is None and self.takes_persons_moves
-        is_known = is_persons and row.driver == HUMAN and not row.assisted and not row.seed_chosen and row.daily is None
-        return is_known and (self.attested is None or level_reaches(self.attested.level, "declared"))
+        is_known = (
+            is_persons
+            and row.driver == HUMAN
+            and not row.assisted
+            and not row.seed_chosen
+            and row.daily is None
+        )
+        return is_known and (
+            self.attested is None or level_reaches(self.attested.level, "declared")
+        )
 
     @property
     def takes_persons_moves(self) -> bool:
@@ -176,7 +200,9 @@ class Session:
             began = time.perf_counter()
             self._check_current(move.episode, move.step)
             if not self.is_human and move.driver in (HUMAN, SCRIPT):
-                raise RefusedError(f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed")
+                raise RefusedError(
+                    f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
+                )
             current, episode = self.current, self.episode.copy()
             is_deviation = move.driver == SCRIPT and current.driver == HUMAN
             if is_deviation:
@@ -185,14 +211,20 @@ class Session:
             ending = await self.prepare_end(current, row) if episode.ended else None
 
             def record() -> tuple[Attested | None, bool]:
-                if not is_deviation and not episode.ended:  # one statement, without a transaction around it
+                if (
+                    not is_deviation and not episode.ended
+                ):  # one statement, without a transaction around it
                     self._store.add_step(row)
                     return None, self.hides_scores(current.id)
                 with self._store.transaction():
                     if is_deviation and self.participation is not None:
                         self.participation.note_script(current.id)
                     self._store.add_step(row)
-                    attested = self._close(current, episode, row.server_ms, ending) if episode.ended else None
+                    attested = (
+                        self._close(current, episode, row.server_ms, ending)
+                        if episode.ended
+                        else None
+                    )
                 return attested, self.hides_scores(current.id)
 
             def publish(found: tuple[Attested | None, bool]) -> None:
@@ -203,7 +235,9 @@ class Session:
 
             await self._store.write(record, notice, publish)
 
-    async def abandon(self, episode: str, step: int | None, note: Callable[[], None] | None = None) -> None:
+    async def abandon(
+        self, episode: str, step: int | None, note: Callable[[], None] | None = None
+    ) -> None:
         """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
 
         step  None: after whatever move is being made now
@@ -220,7 +254,9 @@ class Session:
                     attested = self._close(current, abandoned, at_ms, ending)
                 return attested, self.hides_scores(current.id)
 
-            await self._store.write(record, then=lambda found: self.go_on(current, abandoned, *found))
+            await self._store.write(
+                record, then=lambda found: self.go_on(current, abandoned, *found)
+            )
 
     def begin(self, row: EpisodeRow, episode: Episode, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
@@ -228,7 +264,9 @@ class Session:
         self.fault = self.attested = None
         self.publish_frame(hides_scores)
 
-    def go_on(self, current: EpisodeRow, episode: Episode, attested: Attested | None, hides_scores: bool) -> None:
+    def go_on(
+        self, current: EpisodeRow, episode: Episode, attested: Attested | None, hides_scores: bool
+    ) -> None:
         """Let the episode stand where a copy of it stands, which the store holds now, and publish its frame.
 
         attested  the level of the episode if it has ended
@@ -254,7 +292,9 @@ class Session:
             return None  # its board keeps no input events
 
         if self._keeping is not None:
-            await asyncio.wait([self._keeping])  # what came without it would be compared again on the thread of the writes
+            await asyncio.wait(
+                [self._keeping]
+            )  # what came without it would be compared again on the thread of the writes
 
         def prepare() -> Ending:
             row = None if last is None else dataclasses.asdict(last)
@@ -270,7 +310,11 @@ class Session:
         ending  of `prepare_end`
         """
         conditions = self._conditions(current)
-        attested = None if conditions is None else attest_stored(self._store, current.id, conditions, ending)
+        attested = (
+            None
+            if conditions is None
+            else attest_stored(self._store, current.id, conditions, ending)
+        )
         level, reason = (None, None) if attested is None else (attested.level, attested.reason)
         events = None if ending is None else ending.events
         return Closing(current.id, episode.record(), at_ms, level, reason, events), attested
@@ -292,14 +336,22 @@ class Session:
         if self.participation is not None:
             self.participation.check_events(events.episode)
         elif not self.is_human:
-            raise RefusedError("input events are kept of a board that a person drives; a policy drives this one")
+            raise RefusedError(
+                "input events are kept of a board that a person drives; a policy drives this one"
+            )
         elif not self.takes_persons_moves:
-            raise RefusedError("input events are kept of a board that the page has begun; on this one every move is a script's")
+            raise RefusedError(
+                "input events are kept of a board that the page has begun; on this one every move is a script's"
+            )
         elif not self._store.is_episode_of(self.id, events.episode):
-            raise RefusedError(f"episode {events.episode!r} is none of this board's: no input events were kept")
+            raise RefusedError(
+                f"episode {events.episode!r} is none of this board's: no input events were kept"
+            )
         rows = [InputEventRow(**event.model_dump()) for event in events.events]
         if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
-            raise RefusedError("this episode has more input events than are kept; the rest is dropped")
+            raise RefusedError(
+                "this episode has more input events than are kept; the rest is dropped"
+            )
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""
@@ -326,7 +378,9 @@ class Session:
             self.fault, self.pace = None, pace
             self.channel.notify()
 
-        await self._store.write(partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second), then=change)
+        await self._store.write(
+            partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second), then=change
+        )
 
     def fail(self, fault: str) -> None:
         """Keep the policy's failure, one sentence, and notify subscribers."""
@@ -345,7 +399,9 @@ class Session:
         self.thought = ""
         self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
 
-    def _close(self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None) -> Attested | None:
+    def _close(
+        self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None
+    ) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
         closing, attested = self.closing(current, episode, at_ms, ending)
         self._store.next_episode([closing], ())
@@ -366,9 +422,13 @@ class Session:
         if self.participation is not None:
             self.participation.check_open()
         if episode != self.current.id:
-            raise RefusedError(f"episode {episode!r} is not the current one, which is {self.current.id!r}")
+            raise RefusedError(
+                f"episode {episode!r} is not the current one, which is {self.current.id!r}"
+            )
         if self.episode.ended:
-            raise RefusedError(f"the episode has ended ({self.episode.outcome}); begin the next one")
+            raise RefusedError(
+                f"the episode has ended ({self.episode.outcome}); begin the next one"
+            )
         if step != self.episode.steps:
             raise RefusedError(f"step {step} is not the current one, which is {self.episode.steps}")
 

@@ -59,7 +59,9 @@ class Spectators:
 
         def read() -> Shown:
             episode_id = link if board is None else newest_episode(store, board)
-            found = episode_id and watchable_session(store, episode_id, self._lobby.sources.clock_ms(), viewer)
+            found = episode_id and watchable_session(
+                store, episode_id, self._lobby.sources.clock_ms(), viewer
+            )
             if not episode_id or not found:
                 raise UnwatchableError(link)
             return Shown(found[0], episode_id, board is not None)
@@ -74,7 +76,9 @@ class Spectators:
         episode_id = (await self.shown(link, viewer)).episode_id
         found, episode = await self._stored(episode_id, link)
         config, driver = found.episode.config, found.episode.driver
-        whole = await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
+        whole = (
+            await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
+        )
         return {
             "episode": episode_id,
             "player": found.session.driver_name if driver.startswith("policy:") else driver,
@@ -104,7 +108,9 @@ class Spectators:
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                episode = (await self._stored(episode_id, link))[1] if board is None else board.episode
+                episode = (
+                    (await self._stored(episode_id, link))[1] if board is None else board.episode
+                )
                 frame = encode_frame(episode_id, episode) if board is None else board.frame
                 has_ended, is_behind = episode.ended, episode.steps > steps + 1
                 if frame != newest:

@@ -96,12 +96,16 @@ class MapCatalogue:
         if was.config.level == MAP and wanted.leaves_terrain:
             return terrain_of(was)
         level = wanted.level or ("random" if was.config.level == MAP else was.config.level)
-        return ChosenTerrain(EnvConfig.of(level, wanted.size or (was.config.rows, was.config.cols)), wanted.seed)
+        return ChosenTerrain(
+            EnvConfig.of(level, wanted.size or (was.config.rows, was.config.cols)), wanted.seed
+        )
 
     def _find(self, name: str) -> ChosenTerrain:
         if name not in self._maps:
             offered = (
-                f"choose one of: {', '.join(self._maps)}" if self._maps else "this server offers none (serve --map FILE.yaml)"
+                f"choose one of: {', '.join(self._maps)}"
+                if self._maps
+                else "this server offers none (serve --map FILE.yaml)"
             )
             raise ValueError(f"no map {name!r}; {offered}")
         return self._maps[name].terrain
@@ -116,7 +120,10 @@ def terrain_of(row: EpisodeRow) -> ChosenTerrain:
 
 def _is_of(row: EpisodeRow, terrain: ChosenTerrain) -> bool:
     assert terrain.cells is not None
-    return (row.config, row.start) == (terrain.config, terrain.start) and row.terrain == np.packbits(terrain.cells).tobytes()
+    return (row.config, row.start) == (
+        terrain.config,
+        terrain.start,
+    ) and row.terrain == np.packbits(terrain.cells).tobytes()
 
 
 def _offered(path: Path, cell_m: float) -> OfferedMap:

@@ -53,7 +53,11 @@ _PATHS: dict[Action, re.Pattern[str]] = {
 }
 """The POST requests of each action, by the end of their path."""
 
-WHAT: dict[Action, str] = {"join": "joins of a study", "session": "new boards", "episode": "new episodes"}
+WHAT: dict[Action, str] = {
+    "join": "joins of a study",
+    "session": "new boards",
+    "episode": "new episodes",
+}
 WHERE: dict[By, str] = {"address": "this network", "player": "this browser"}
 
 
@@ -86,11 +90,21 @@ class Rates:
 
     def refusal(self, action: Action, keys: dict[By, str]) -> tuple[str, int] | None:
         """Count an action, and return None, or why it is refused and for how many seconds."""
-        asked = [(by, rate, (action, by, key)) for by, key in keys.items() for rate in self._rates[action, by]]
+        asked = [
+            (by, rate, (action, by, key))
+            for by, key in keys.items()
+            for rate in self._rates[action, by]
+        ]
         for by, rate, key in asked:
             if not self._limiter.test(rate, *key):
-                wait_s = max(1, math.ceil(self._limiter.get_window_stats(rate, *key).reset_time - time.time()))
-                return f"too many {WHAT[action]} from {WHERE[by]} ({rate} at most): try again in {wait_s} s", wait_s
+                wait_s = max(
+                    1,
+                    math.ceil(self._limiter.get_window_stats(rate, *key).reset_time - time.time()),
+                )
+                return (
+                    f"too many {WHAT[action]} from {WHERE[by]} ({rate} at most): try again in {wait_s} s",
+                    wait_s,
+                )
         for _, rate, key in asked:
             self._limiter.hit(rate, *key)
         if len(self) > self._most_names:
@@ -127,7 +141,9 @@ class Admission:
             return
         address = client_address(HTTPConnection(scope))
         asker = f"{address} probes" if scope["path"] in PROBES else address
-        buckets = self._protection.files if scope["path"].startswith(FILES) else self._protection.requests
+        buckets = (
+            self._protection.files if scope["path"].startswith(FILES) else self._protection.requests
+        )
         wait_s = buckets.of(asker).take_within(PATIENCE_S)
         if wait_s is None:
             self._protection.count_refusal("rate_request")
@@ -139,7 +155,10 @@ class Admission:
             await asyncio.sleep(wait_s)
         await self._protection.turns.begin(asker)
         action = _action_of(scope)
-        if action is not None and (refusal := self._rates.refusal(action, _keys_of(scope, address))) is not None:
+        if (
+            action is not None
+            and (refusal := self._rates.refusal(action, _keys_of(scope, address))) is not None
+        ):
             self._protection.count_refusal(f"rate_{action}")
             await self._refuse(scope, receive, send, 429, *refusal)
             return
@@ -160,7 +179,9 @@ class Admission:
         finally:
             sockets.give_back(key)
 
-    async def _refuse(self, scope: Scope, receive: Receive, send: Send, status: int, detail: str, wait_s: int) -> None:
+    async def _refuse(
+        self, scope: Scope, receive: Receive, send: Send, status: int, detail: str, wait_s: int
+    ) -> None:
         async def send_with_wait(message: Message) -> None:
             if message["type"] in ("http.response.start", "websocket.http.response.start"):
                 MutableHeaders(scope=message)["retry-after"] = str(wait_s)
@@ -170,7 +191,11 @@ class Admission:
 
     def _has_token(self, scope: Scope) -> bool:
         given = Headers(scope=scope).get(TOKEN_HEADER)
-        return bool(self._token) and given is not None and hmac.compare_digest(given.encode(), self._token)
+        return (
+            bool(self._token)
+            and given is not None
+            and hmac.compare_digest(given.encode(), self._token)
+        )
 
 
 def _action_of(scope: Scope) -> Action | None:
@@ -179,7 +204,12 @@ def _action_of(scope: Scope) -> Action | None:
         return None
     path = scope["path"].rstrip("/")
     return next(
-        (action for action, ends in _PATHS.items() if (at := path.rfind("/api/")) >= 0 and ends.fullmatch(path, at)), None
+        (
+            action
+            for action, ends in _PATHS.items()
+            if (at := path.rfind("/api/")) >= 0 and ends.fullmatch(path, at)
+        ),
+        None,
     )
 
 
@@ -195,4 +225,6 @@ def _player_of(scope: Scope) -> str | None:
         found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(COOKIE)
     except CookieError:
         return None
-    return hashlib.sha256(found.value.encode()).hexdigest() if found is not None else None  # as short however long it is
+    return (
+        hashlib.sha256(found.value.encode()).hexdigest() if found is not None else None
+    )  # as short however long it is

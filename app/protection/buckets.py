@@ -43,7 +43,10 @@ class TokenBucket:
         Whoever waits that long keeps to the rate.
         """
         now_s = self._clock_s()
-        self._tokens = min(float(self._size.burst), self._tokens + (now_s - self._at_s) * self._size.rate) - 1.0
+        self._tokens = (
+            min(float(self._size.burst), self._tokens + (now_s - self._at_s) * self._size.rate)
+            - 1.0
+        )
         self._at_s = now_s
         return max(0.0, -self._tokens / self._size.rate)
 
@@ -86,6 +89,8 @@ class AddressBuckets:
         bucket = self._buckets.get(address)
         if bucket is None:
             if len(self._buckets) >= MAX_BUCKETS:
-                self._buckets = {each: kept for each, kept in self._buckets.items() if not kept.is_full}
+                self._buckets = {
+                    each: kept for each, kept in self._buckets.items() if not kept.is_full
+                }
             bucket = self._buckets[address] = TokenBucket(self._size)
         return bucket

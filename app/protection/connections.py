@@ -31,7 +31,11 @@ def make_room(connections: int) -> int:
     if soft != resource.RLIM_INFINITY and soft < wanted:
         soft = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    return connections if soft == resource.RLIM_INFINITY else max(1, min(connections, soft - OTHER_FILES))
+    return (
+        connections
+        if soft == resource.RLIM_INFINITY
+        else max(1, min(connections, soft - OTHER_FILES))
+    )
 
 
 class Slots:
@@ -47,7 +51,9 @@ class Slots:
 
     def take(self, address: str | None) -> bool:
         """Count one more from an address (None: counted in total alone) and return True, or return False at a cap."""
-        if self.open >= self._most or (address is not None and self._by_address[address] >= self._most_per_address):
+        if self.open >= self._most or (
+            address is not None and self._by_address[address] >= self._most_per_address
+        ):
             return False
         self.open += 1
         if address is not None:
@@ -72,7 +78,13 @@ class Connections:
     named_proxy  says whether a peer's address is that of a named proxy: it speaks for many, so only the total counts there
     """
 
-    def __init__(self, slots: Slots, opened: BucketSize, served: BucketSize, named_proxy: Callable[[str], bool]) -> None:
+    def __init__(
+        self,
+        slots: Slots,
+        opened: BucketSize,
+        served: BucketSize,
+        named_proxy: Callable[[str], bool],
+    ) -> None:
         self.slots, self._named_proxy = slots, named_proxy
         self.refused = 0
         self._opened, self._served = AddressBuckets(opened), AddressBuckets(served)

@@ -24,7 +24,10 @@ class OwnCookies:
             if given:
                 rest = [each for each in scope["headers"] if each[0] != b"cookie"]
                 own = [each for value in given for each in value.split(b";") if self._is_own(each)]
-                scope = {**scope, "headers": [*rest, *([(b"cookie", b";".join(own))] if own else [])]}
+                scope = {
+                    **scope,
+                    "headers": [*rest, *([(b"cookie", b";".join(own))] if own else [])],
+                }
         await self._app(scope, receive, send)
 
     def _is_own(self, cookie: bytes) -> bool:

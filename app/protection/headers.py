@@ -35,8 +35,18 @@ HSTS_S = 365 * 24 * 3600
 
 def page_policy(framed: str = "'self'") -> str:
     """Return the Content-Security-Policy of a page; `framed` says which pages may show it in a frame."""
-    policy = ContentSecurityPolicy().default_src("'self'").script_src("'self'").style_src("'self'", "'unsafe-inline'")
-    policy = policy.img_src("'self'", "data:", "blob:").connect_src("'self'").frame_src("'self'").frame_ancestors(framed)
+    policy = (
+        ContentSecurityPolicy()
+        .default_src("'self'")
+        .script_src("'self'")
+        .style_src("'self'", "'unsafe-inline'")
+    )
+    policy = (
+        policy.img_src("'self'", "data:", "blob:")
+        .connect_src("'self'")
+        .frame_src("'self'")
+        .frame_ancestors(framed)
+    )
     return policy.base_uri("'none'").form_action("'self'").object_src("'none'").header_value
 
 
@@ -49,7 +59,10 @@ def viewer_policy(script_hashes: tuple[str, ...]) -> str:
     policy = ContentSecurityPolicy().default_src("'none'")
     policy = policy.script_src(*hashes, "'strict-dynamic'", "'wasm-unsafe-eval'", "'unsafe-eval'")
     policy = (
-        policy.worker_src("blob:", "data:").style_src("'unsafe-inline'").img_src("'self'", "data:", "blob:").font_src("data:")
+        policy.worker_src("blob:", "data:")
+        .style_src("'unsafe-inline'")
+        .img_src("'self'", "data:", "blob:")
+        .font_src("data:")
     )
     policy = policy.connect_src("'self'", "blob:", "data:").base_uri("'none'").form_action("'none'")
     return policy.frame_ancestors("'self'").header_value
@@ -65,7 +78,14 @@ HEADERS = _lower(
         xcto=XContentTypeOptions().nosniff(),
         referrer=ReferrerPolicy().same_origin(),
         corp=CrossOriginResourcePolicy().same_origin(),
-        permissions=PermissionsPolicy().camera().microphone().geolocation().payment().usb().midi().display_capture(),
+        permissions=PermissionsPolicy()
+        .camera()
+        .microphone()
+        .geolocation()
+        .payment()
+        .usb()
+        .midi()
+        .display_capture(),
         cache=CacheControl().no_store(),
     )
 )
@@ -91,7 +111,9 @@ class SecurityHeaders:
             if message["type"] == "http.response.start":
                 given = list(message.get("headers", ()))
                 names = {name for name, _ in given}
-                message["headers"] = given + [each for each in Headers(added).raw if each[0] not in names]
+                message["headers"] = given + [
+                    each for each in Headers(added).raw if each[0] not in names
+                ]
             await send(message)
 
         await self._app(scope, receive, send_guarded)

@@ -29,7 +29,9 @@ def own_names(public_url: str | None = None, listening: str = "") -> frozenset[s
     machine = socket.gethostname().lower()
     short = machine.partition(".")[0]
     names = {"localhost", machine, short, f"{short}.local", listening.lower()}
-    if public_url is not None and (public := name_of(public_url.partition("://")[2].partition("/")[0])):
+    if public_url is not None and (
+        public := name_of(public_url.partition("://")[2].partition("/")[0])
+    ):
         names.add(public)
     return frozenset(names - {""})
 
@@ -52,7 +54,11 @@ def is_literal(name: str) -> bool:
 @lru_cache(maxsize=1000)
 def is_loopback(name: str) -> bool:
     """Return whether a name leads to the browser's own machine, whatever a name server says."""
-    return name == "localhost" or name.endswith(".localhost") or (is_literal(name) and ip_address(name).is_loopback)
+    return (
+        name == "localhost"
+        or name.endswith(".localhost")
+        or (is_literal(name) and ip_address(name).is_loopback)
+    )
 
 
 class AllowedHosts:
@@ -66,21 +72,34 @@ class AllowedHosts:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] in ("http", "websocket"):
-            given = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
+            given = [
+                value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")
+            ]
             hosts = b",".join(given).decode("latin-1").split(",", MOST_HOSTS)
             if len(hosts) > MOST_HOSTS:
-                await refuse(scope, receive, send, 400, f"a request must name {MOST_HOSTS} hosts at most", self._answer)
+                await refuse(
+                    scope,
+                    receive,
+                    send,
+                    400,
+                    f"a request must name {MOST_HOSTS} hosts at most",
+                    self._answer,
+                )
                 return
             for host in hosts:
                 if host.strip() and not self.serves(host):
-                    await refuse(scope, receive, send, 400, self._sentence(host.strip()), self._answer)
+                    await refuse(
+                        scope, receive, send, 400, self._sentence(host.strip()), self._answer
+                    )
                     return
         await self._app(scope, receive, send)
 
     def serves(self, host: str) -> bool:
         """Return whether the server answers for a Host header."""
         name = name_of(host)
-        return name is not None and (name in self._names or name.endswith(".localhost") or is_literal(name))
+        return name is not None and (
+            name in self._names or name.endswith(".localhost") or is_literal(name)
+        )
 
     def _sentence(self, host: str) -> str:
         return (

@@ -80,12 +80,12 @@ class OwnPages:
         try:
             own = read_origin(headers, self._public_url)
         except MalformedOriginError as error:
-            detail = (
-                f"an Origin must be null or scheme://host, as browsers send it, got {str(error)[:SHOWN]!r}; a script needs none"
-            )
+            detail = f"an Origin must be null or scheme://host, as browsers send it, got {str(error)[:SHOWN]!r}; a script needs none"
             await refuse(scope, receive, send, 403, detail, self._answer)
             return
-        if self._is_changing(scope) and (own is False or (own is None and is_foreign_fetch(headers))):
+        if self._is_changing(scope) and (
+            own is False or (own is None and is_foreign_fetch(headers))
+        ):
             await refuse(scope, receive, send, 403, _sentence(headers), self._answer)
             return
         await self._app({**scope, "has_own_origin": own}, receive, send)
@@ -100,7 +100,11 @@ def is_foreign_fetch(headers: Headers) -> bool:
 
 
 def _sentence(headers: Headers) -> str:
-    came = f"Origin {headers['origin'][:SHOWN]!r}" if "origin" in headers else "Sec-Fetch-Site of another site"
+    came = (
+        f"Origin {headers['origin'][:SHOWN]!r}"
+        if "origin" in headers
+        else "Sec-Fetch-Site of another site"
+    )
     return (
         f"this call changes something, so it must come from a page of this server or from a script, and it came with {came}; "
         "behind a proxy, serve --public-url URL names the pages' address"

@@ -35,7 +35,11 @@ class LimitedParser(h11.Connection):
         if self.their_state is h11.IDLE:
             if _lines(self.trailing_data[0]) > MOST_LINES:
                 self._refuse(f"the headers of a request must be {MOST_LINES} lines at most")
-        elif self._is_chunked and self.their_state is h11.SEND_BODY and self.trailing_data[0].count(b"\n") > MOST_PIECES:
+        elif (
+            self._is_chunked
+            and self.their_state is h11.SEND_BODY
+            and self.trailing_data[0].count(b"\n") > MOST_PIECES
+        ):
             self._refuse(f"a body must come in {MOST_PIECES} pieces at most")
         try:
             event = super().next_event()
@@ -44,7 +48,10 @@ class LimitedParser(h11.Connection):
                 self.refusal = f"the headers of a request must be {HEAD_BYTES} bytes at most"
             raise
         if isinstance(event, h11.Request):
-            self._pieces, self._is_chunked = 0, any(name == b"transfer-encoding" for name, _ in event.headers)
+            self._pieces, self._is_chunked = (
+                0,
+                any(name == b"transfer-encoding" for name, _ in event.headers),
+            )
         elif isinstance(event, h11.Data):
             self._pieces += 1
             if self._pieces > MOST_PIECES:

@@ -90,7 +90,9 @@ class LimitedHttp(H11Protocol):
         if self._is_refused:
             self._refuse()
         elif turn_s := connections.turn_s(self._key):
-            self.loop.call_soon(transport.pause_reading)  # Python 3.11.2 reads in spite of a pause that is made here
+            self.loop.call_soon(
+                transport.pause_reading
+            )  # Python 3.11.2 reads in spite of a pause that is made here
             self.loop.call_later(turn_s, self._serve)
         else:
             self._watch(is_coming=True)
@@ -125,7 +127,9 @@ class LimitedHttp(H11Protocol):
         if self.conn.refusal is not None:
             self.protection.count_refusal("long_request")
             if may_answer:
-                self.transport.write(_json_answer("431 Request Header Fields Too Large", self.conn.refusal))
+                self.transport.write(
+                    _json_answer("431 Request Header Fields Too Large", self.conn.refusal)
+                )
         if self.conn.our_state is h11.IDLE:
             self.transport.pause_reading()  # closed with something unread, it would be reset before the answer is read
             self.loop.call_later(LINGER_S, self.transport.abort)
@@ -208,7 +212,11 @@ class LimitedHttp(H11Protocol):
             self._deadline.cancel()
         limits = self.protection.limits
         self._awaited = part
-        self._deadline = None if part is None else self.loop.call_later(getattr(limits, f"{part}_s"), self._end_slow, part)
+        self._deadline = (
+            None
+            if part is None
+            else self.loop.call_later(getattr(limits, f"{part}_s"), self._end_slow, part)
+        )
 
     def _release(self) -> None:
         self.protection.slow_readers.remove(self.transport)
@@ -224,7 +232,11 @@ class LimitedHttp(H11Protocol):
         self.protection.count_refusal("no_request" if is_silent else f"slow_{part}")
         if not is_silent and self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
             seconds = getattr(self.protection.limits, f"{part}_s")
-            self.transport.write(_json_answer("408 Request Timeout", f"the {part} of a request must come within {seconds:g} s"))
+            self.transport.write(
+                _json_answer(
+                    "408 Request Timeout", f"the {part} of a request must come within {seconds:g} s"
+                )
+            )
         self.transport.close()
         self.loop.call_later(LINGER_S, self.transport.abort)
 
@@ -243,7 +255,9 @@ class HeadWithBody:
 
     def write(self, data: bytes) -> None:
         """Write, or keep a head until the first bytes of the body come or the turn ends."""
-        if not self._has_head and not data.startswith(b"HTTP/1.1 1"):  # 100 Continue is an answer of its own
+        if not self._has_head and not data.startswith(
+            b"HTTP/1.1 1"
+        ):  # 100 Continue is an answer of its own
             self._has_head, self._head = True, data
             self._loop.call_soon(self._write_head)
         else:
@@ -305,7 +319,11 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
 
     async def send(self, message: ASGISendEvent) -> None:
         await super().send(message)
-        if message["type"] == "websocket.close" and message.get("code") == POLICY_VIOLATION and not self._is_shut:
+        if (
+            message["type"] == "websocket.close"
+            and message.get("code") == POLICY_VIOLATION
+            and not self._is_shut
+        ):
             self._is_shut = True
             self._stop_reading()
 
@@ -321,7 +339,9 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
         """Close the connection once the other side had time to read why; without a timer Uvicorn does with the application."""
         if self.close_timer is not None:
             self.close_timer.cancel()
-        self.close_timer = self.loop.call_later(LINGER_S + random.random(), self.transport.abort)  # not all in one turn
+        self.close_timer = self.loop.call_later(
+            LINGER_S + random.random(), self.transport.abort
+        )  # not all in one turn
 
     def handle_pong(self, event: Frame) -> None:
         if self._pings.take():
@@ -337,7 +357,9 @@ class LimitedWebSocket(WebSocketsSansIOProtocol):
             super().handle_cont(event)
 
     def send_receive_event_to_app(self) -> None:
-        if self._messages.take() or (self.of_address is not None and not self.of_address.take_if_there()):
+        if self._messages.take() or (
+            self.of_address is not None and not self.of_address.take_if_there()
+        ):
             self._shut("messages")
             return
         was_paused, self.read_paused = self.read_paused, True  # so that uvicorn does not pause
@@ -389,13 +411,19 @@ def _read_at_once(transport: asyncio.BaseTransport, size: int) -> None:
 def limited_protocols(protection: Protection) -> tuple[type[LimitedHttp], type[LimitedWebSocket]]:
     """Return the protocol classes of a server with its limits, for uvicorn's `http` and `ws`."""
     members = {"protection": protection}
-    return type("LimitedHttp", (LimitedHttp,), members), type("LimitedWebSocket", (LimitedWebSocket,), members)
+    return type("LimitedHttp", (LimitedHttp,), members), type(
+        "LimitedWebSocket", (LimitedWebSocket,), members
+    )
 
 
 def _full_answer(is_page: bool) -> bytes:
     """Return the whole answer to a refused connection's request: a page where a browser asks for one, else JSON."""
     status, wait = "503 Service Unavailable", f"retry-after: {RETRY_AFTER_S}"
-    return _whole_answer(status, "text/html; charset=utf-8", _FULL_PAGE, wait) if is_page else _json_answer(status, FULL, wait)
+    return (
+        _whole_answer(status, "text/html; charset=utf-8", _FULL_PAGE, wait)
+        if is_page
+        else _json_answer(status, FULL, wait)
+    )
 
 
 def _json_answer(status: str, detail: str, *headers: str) -> bytes:

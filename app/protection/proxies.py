@@ -9,7 +9,13 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-FORWARDED = (b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-port", b"x-forwarded-prefix", b"x-forwarded-proto")
+FORWARDED = (
+    b"x-forwarded-for",
+    b"x-forwarded-host",
+    b"x-forwarded-port",
+    b"x-forwarded-prefix",
+    b"x-forwarded-proto",
+)
 
 
 class ForwardedHeaders:
@@ -40,7 +46,11 @@ class ForwardedHeaders:
 
     async def _hand_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Hand on what a named proxy sent, under the host that the browser asked for."""
-        hosts = [value for name, value in scope["headers"] if name == b"x-forwarded-host" and value.strip()]
+        hosts = [
+            value
+            for name, value in scope["headers"]
+            if name == b"x-forwarded-host" and value.strip()
+        ]
         if hosts:
             kept = [(name, value) for name, value in scope["headers"] if name != b"host"]
             scope = {**scope, "headers": [(b"host", hosts[0].split(b",")[0].strip()), *kept]}
@@ -49,10 +59,16 @@ class ForwardedHeaders:
     def _as_public(self, scope: Scope) -> Scope:
         """Return a scope with the scheme and the prefix of the public address, if that is what was asked for."""
         headers = Headers(scope=scope)
-        if not self._public.netloc or headers.get("host", "").lower() not in (self._public.netloc, self._public.hostname):
+        if not self._public.netloc or headers.get("host", "").lower() not in (
+            self._public.netloc,
+            self._public.hostname,
+        ):
             return scope
         if self._public.scheme == "https":
             scope = {**scope, "scheme": "wss" if scope["type"] == "websocket" else "https"}
         if self._public.path and "x-forwarded-prefix" not in headers:
-            scope = {**scope, "headers": [*scope["headers"], (b"x-forwarded-prefix", self._public.path.encode())]}
+            scope = {
+                **scope,
+                "headers": [*scope["headers"], (b"x-forwarded-prefix", self._public.path.encode())],
+            }
         return scope

@@ -15,8 +15,14 @@ Answer = Callable[[Request, int, str], Response]
 """Makes the answer to a refused request from its status and its sentence; the server's draws pages for browsers."""
 
 
-async def refuse(scope: Scope, receive: Receive, send: Send, status: int, detail: str, answer: Answer) -> None:
+async def refuse(
+    scope: Scope, receive: Receive, send: Send, status: int, detail: str, answer: Answer
+) -> None:
     """Answer a request, or the handshake of a socket, with a status and a sentence, and close the connection."""
-    response = answer(Request(scope), status, detail) if scope["type"] == "http" else JSONResponse({"detail": detail}, status)
+    response = (
+        answer(Request(scope), status, detail)
+        if scope["type"] == "http"
+        else JSONResponse({"detail": detail}, status)
+    )
     response.headers["connection"] = "close"
     await response(scope, receive, send)

@@ -29,7 +29,10 @@ class Protection:
     """
 
     def __init__(
-        self, limits: Limits, trusted_proxies: Sequence[str] = (), count: Callable[[str], None] = lambda reason: None
+        self,
+        limits: Limits,
+        trusted_proxies: Sequence[str] = (),
+        count: Callable[[str], None] = lambda reason: None,
     ) -> None:
         self.limits, self._count = limits, count
         self.refusals: Counter[str] = Counter()
@@ -37,14 +40,17 @@ class Protection:
         named = ProxyHeadersMiddleware(None, list(trusted_proxies)).trusted_hosts  # type: ignore[arg-type]
         room = make_room(limits.connections)
         slots = Slots(room, limits.connections_per_address)
-        self.connections = Connections(slots, self.bucket_sizes["opened"], self.bucket_sizes["served"], named.__contains__)
+        self.connections = Connections(
+            slots, self.bucket_sizes["opened"], self.bucket_sizes["served"], named.__contains__
+        )
         self.messages = AddressBuckets(self.bucket_sizes["messages_per_address"])
         self.requests = AddressBuckets(self.bucket_sizes["requests"])
         self.files = AddressBuckets(self.bucket_sizes["files"])
         self.turns = Turns()
         self.slow_readers = SlowReaders(limits.answer_s, self.count_refusal)
         self._together = {
-            kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets)) for kind, name in KINDS.items()
+            kind: AddressBuckets(self.bucket_sizes[name].times(limits.busy_sockets))
+            for kind, name in KINDS.items()
         }
         sockets = max(1, limits.sockets * room // limits.connections)  # the others load pages
         self.sockets = Slots(sockets, limits.sockets_per_address)
@@ -57,7 +63,11 @@ class Protection:
     def socket_budget(self, address: str | None) -> SocketBudget:
         """Return full buckets for the messages of one play socket, beside those of all sockets of its address (None: alone)."""
         sizes = {kind: self.bucket_sizes[name] for kind, name in KINDS.items()}
-        together = {} if address is None else {kind: buckets.of(address) for kind, buckets in self._together.items()}
+        together = (
+            {}
+            if address is None
+            else {kind: buckets.of(address) for kind, buckets in self._together.items()}
+        )
         return SocketBudget(sizes, together, self.count_refusal)
 
 
@@ -71,5 +81,14 @@ KINDS: dict[Kind, str] = {
 }
 """The setting of each kind of message."""
 
-BUCKETS = ("opened", "served", "requests", "files", "pings", "messages", "messages_per_address", *KINDS.values())
+BUCKETS = (
+    "opened",
+    "served",
+    "requests",
+    "files",
+    "pings",
+    "messages",
+    "messages_per_address",
+    *KINDS.values(),
+)
 """The settings that are sizes of token buckets."""

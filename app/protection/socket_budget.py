@@ -35,7 +35,10 @@ class SocketBudget:
     """
 
     def __init__(
-        self, sizes: dict[Kind, BucketSize], together: dict[Kind, TokenBucket], count_refusal: Callable[[str], None]
+        self,
+        sizes: dict[Kind, BucketSize],
+        together: dict[Kind, TokenBucket],
+        count_refusal: Callable[[str], None],
     ) -> None:
         self._sizes, self._together, self._count_refusal = sizes, together, count_refusal
         self._buckets: dict[Kind, TokenBucket] = {}

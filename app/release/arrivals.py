@@ -17,7 +17,9 @@ from app.study.flow import Arrivals, with_invitations, with_noted
 from app.study.invitations import Invitation
 
 
-def count_arrivals(conn: sqlite3.Connection, study: str, invitations: Mapping[str, Invitation] | None) -> Arrivals:
+def count_arrivals(
+    conn: sqlite3.Connection, study: str, invitations: Mapping[str, Invitation] | None
+) -> Arrivals:
     """Return the arrivals of a study in the database that a release is made from.
 
     invitations  of the study by id, where its folder is at hand
@@ -25,12 +27,20 @@ def count_arrivals(conn: sqlite3.Connection, study: str, invitations: Mapping[st
     undecided = """SELECT coalesce(sum(stage = 'withdrawn'), 0) AS declined, coalesce(sum(stage <> 'withdrawn'), 0) AS undecided
         FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
     (counted,) = rows(conn, undecided, study)
-    (erased,) = rows(conn, "SELECT count(*) AS n FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
+    (erased,) = rows(
+        conn, "SELECT count(*) AS n FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"
+    )
     noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
-    found = with_noted(Arrivals(**counted, erased=erased["n"]), json.loads(noted[0]["value"]) if noted else {})
+    found = with_noted(
+        Arrivals(**counted, erased=erased["n"]), json.loads(noted[0]["value"]) if noted else {}
+    )
     if invitations is None:
         return found
-    opened = rows(conn, "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL", study)
+    opened = rows(
+        conn,
+        "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL",
+        study,
+    )
     return with_invitations(found, invitations, [row["invitation"] for row in opened])
 
 

@@ -104,7 +104,9 @@ class WrittenRelease:
 
 
 def build_release(
-    request: ReleaseRequest, advance: Advance = lambda done, total: None, reporter: Reporter | None = None
+    request: ReleaseRequest,
+    advance: Advance = lambda done, total: None,
+    reporter: Reporter | None = None,
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
@@ -116,41 +118,62 @@ def build_release(
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
-        raise ReleaseError(f"{request.out} is there already: a release is written into a new folder; choose another --out")
-    with reading(request.database) as source:  # it sees one moment, whatever a server writes meanwhile
+        raise ReleaseError(
+            f"{request.out} is there already: a release is written into a new folder; choose another --out"
+        )
+    with reading(
+        request.database
+    ) as source:  # it sees one moment, whatever a server writes meanwhile
         header, closed = _new_header(source, request)
         total = 2 * _count_episodes(source, request.study)
         _verify_study(source, request, advance, total)
         with _whole_folder(request.out) as folder:
             key = secrets.token_bytes(32)
-            left = write_pseudonymized(source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals)
+            left = write_pseudonymized(
+                source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals
+            )
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
             if header.looks:
                 write_looks(folder / LOOKS_FILE, header.looks)
             report = _report(request, header, folder, reporter)
             given = replace(header, left_out=out)
-            written = _write_files(folder, given, report, lambda done: advance(total // 2 + done, total))
+            written = _write_files(
+                folder, given, report, lambda done: advance(total // 2 + done, total)
+            )
             signing_key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, signing_key)
     if not header.interim:
         _note_published(request, written[0], manifest_hash)
-    return WrittenRelease(written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key)))
+    return WrittenRelease(
+        written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key))
+    )
 
 
-def _report(request: ReleaseRequest, header: ReleaseHeader, folder: Path, reporter: Reporter | None) -> ReleasedReport:
+def _report(
+    request: ReleaseRequest, header: ReleaseHeader, folder: Path, reporter: Reporter | None
+) -> ReleasedReport:
     """Return the report with what it is made from, the files of the policies put into the release; an interim one has none."""
     if reporter is None or header.interim:
         return ReleasedReport({})
     compared = {*compared_policies(header.protocol), POLICY} - {*request.without_policies}
-    PolicyFiles.of(header.protocol, request.policy_folder).copy_to(folder / FOLDER, sorted(compared))
+    PolicyFiles.of(header.protocol, request.policy_folder).copy_to(
+        folder / FOLDER, sorted(compared)
+    )
     return reporter(folder / BUNDLE_DATABASE)
 
 
-def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
+def _new_header(
+    conn: sqlite3.Connection, request: ReleaseRequest
+) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
     found = rows(conn, "SELECT * FROM studies WHERE name = ?", request.study)
     if not found:
-        known = ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name")) or "none"
-        raise ReleaseError(f"nobody has joined a study {request.study!r} in {request.database}; studies in it: {known}")
+        known = (
+            ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name"))
+            or "none"
+        )
+        raise ReleaseError(
+            f"nobody has joined a study {request.study!r} in {request.database}; studies in it: {known}"
+        )
     row = found[0]
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:
@@ -179,7 +202,9 @@ def _new_header(conn: sqlite3.Connection, request: ReleaseRequest) -> tuple[Rele
         chain_head=state.head if state else None,
         chain_entries=state.entries if state else 0,
         without_policies=request.without_policies,
-        looks=joined_looks(request.looks, [LookTaken(**each) for each in noted_looks(conn, request.study)]),
+        looks=joined_looks(
+            request.looks, [LookTaken(**each) for each in noted_looks(conn, request.study)]
+        ),
         arrivals=count_arrivals(conn, request.study, request.invitations),
     ), closed
 
@@ -188,7 +213,9 @@ def _protocol(row: dict[str, Any]) -> Protocol:
     try:
         return parse_protocol(json.loads(row["protocol"]))
     except (ValueError, StudyError) as error:
-        raise ReleaseError(f"no release: the protocol of the study {row['name']!r} cannot be read: {error}") from error
+        raise ReleaseError(
+            f"no release: the protocol of the study {row['name']!r} cannot be read: {error}"
+        ) from error
 
 
 def _superseded(last: dict[str, Any]) -> dict[str, Any]:
@@ -202,9 +229,13 @@ def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
     return int(conn.execute(sql, [study]).fetchone()[0])
 
 
-def _verify_study(source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int) -> None:
+def _verify_study(
+    source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int
+) -> None:
     known = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
-    result = verify_moment(source, request.database, lambda done, _: advance(done, total), known, request.study)
+    result = verify_moment(
+        source, request.database, lambda done, _: advance(done, total), known, request.study
+    )
     if result.findings:
         more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
         raise ReleaseError(
@@ -220,10 +251,18 @@ def _write_files(
         (folder / name).write_bytes(content)
     header = replace(header, regret_policy_hash=report.regret_policy_hash)
     data = load(folder / BUNDLE_DATABASE, header.study)
-    write_derived(folder / BUNDLE_DATABASE, data, report.policy_episodes, report.move_regrets, report.move_agreements)
+    write_derived(
+        folder / BUNDLE_DATABASE,
+        data,
+        report.policy_episodes,
+        report.move_regrets,
+        report.move_agreements,
+    )
     (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
-    minari = MinariWriter(folder / "minari", header.study, header.version, header.title, header.protocol.data_licence)
+    minari = MinariWriter(
+        folder / "minari", header.study, header.version, header.title, header.protocol.data_licence
+    )
     outcomes: dict[str, int] = {}
     with reading(folder / BUNDLE_DATABASE) as conn:
         with JsonLines(folder / "episodes.jsonl") as lines:
@@ -233,16 +272,24 @@ def _write_files(
                 outcome = each.header["outcome"]
                 outcomes[outcome] = outcomes.get(outcome, 0) + 1
                 advance(done)
-        counts = {table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in COUNTED_TABLES}
+        counts = {
+            table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
+            for table in COUNTED_TABLES
+        }
         written = {**write_tables(folder, header.study, conn), "episodes.jsonl": counts["episodes"]}
         people = _counted_people(conn)
     minari.close()
     header = replace(header, rows=counts, outcomes=outcomes, **people)
-    named = {dataset_id(header.study, driver, header.version): count for driver, count in minari.episodes.items()}
+    named = {
+        dataset_id(header.study, driver, header.version): count
+        for driver, count in minari.episodes.items()
+    }
     write_documents(folder, header, named, minari.without_moves)
     licence = header.protocol.data_licence
     write_croissant(folder, header, citation(header), licence_url(licence))
-    write_descriptions(folder, header, citation(header), (licence_title(licence), licence_url(licence)))
+    write_descriptions(
+        folder, header, citation(header), (licence_title(licence), licence_url(licence))
+    )
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
 
@@ -252,8 +299,13 @@ def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
     levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
         JOIN study_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
         WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
-    (times,) = rows(conn, "SELECT (SELECT frozen_ms FROM studies) AS frozen, (SELECT min(joined_ms) FROM participants) AS came")
-    (left,) = rows(conn, "SELECT count(*) AS n FROM participants WHERE kind = 'human' AND stage = 'withdrawn'")
+    (times,) = rows(
+        conn,
+        "SELECT (SELECT frozen_ms FROM studies) AS frozen, (SELECT min(joined_ms) FROM participants) AS came",
+    )
+    (left,) = rows(
+        conn, "SELECT count(*) AS n FROM participants WHERE kind = 'human' AND stage = 'withdrawn'"
+    )
     return {
         "attestation": {row["level"]: row["n"] for row in rows(conn, levels)},
         "withdrawn": left["n"],
@@ -274,7 +326,9 @@ def _whole_folder(out: Path) -> Iterator[Path]:
             unfinished.mkdir(parents=True)
             yield unfinished
     except OSError as error:
-        raise ReleaseError(f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out") from error
+        raise ReleaseError(
+            f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out"
+        ) from error
     except sqlite3.Error as error:
         raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
 

@@ -34,7 +34,9 @@ class VerifiedBundle:
     verified: Verification
 
 
-def verify_bundle(folder: Path, advance: Advance = lambda done, total: None, signer: str | None = None) -> VerifiedBundle:
+def verify_bundle(
+    folder: Path, advance: Advance = lambda done, total: None, signer: str | None = None
+) -> VerifiedBundle:
     """Verify a released folder; ReleaseError when it is not one.
 
     advance  called with (episodes simulated, of how many)
@@ -47,11 +49,16 @@ def verify_bundle(folder: Path, advance: Advance = lambda done, total: None, sig
     except StoreError as error:
         findings.append(Finding(f"file {BUNDLE_DATABASE}", "it", "unreadable", str(error)))
         verified = Verification(0, 0, 0, (), 0.0)
-    return VerifiedBundle(manifest, manifest_hash, replace(verified, findings=(*findings, *verified.findings)))
+    return VerifiedBundle(
+        manifest, manifest_hash, replace(verified, findings=(*findings, *verified.findings))
+    )
 
 
 def import_release(
-    folder: Path, database: Path, advance: Advance = lambda done, total: None, signer: str | None = None
+    folder: Path,
+    database: Path,
+    advance: Advance = lambda done, total: None,
+    signer: str | None = None,
 ) -> MergeCounts:
     """Import a release into a database, which is made when absent, and return what was added.
 
@@ -72,12 +79,20 @@ def import_release(
     released_ms = int(datetime.fromisoformat(manifest["released"]).timestamp() * 1000)
     lock = take_lock(database)
     try:
-        with kept_or_new_database(database) as conn, reading(folder / BUNDLE_DATABASE) as source, transaction(conn):
+        with (
+            kept_or_new_database(database) as conn,
+            reading(folder / BUNDLE_DATABASE) as source,
+            transaction(conn),
+        ):
             counts = merge_rows(conn, source, str(folder))
             learn_counts(conn, source)
-            note_looks(conn, manifest["study"], [asdict(look) for look in read_looks(folder / LOOKS_FILE)])
+            note_looks(
+                conn, manifest["study"], [asdict(look) for look in read_looks(folder / LOOKS_FILE)]
+            )
             if not manifest["interim"]:
-                release = ReleaseRow(manifest["study"], manifest["version"], checked.manifest_hash, released_ms)
+                release = ReleaseRow(
+                    manifest["study"], manifest["version"], checked.manifest_hash, released_ms
+                )
                 note_imported_release(conn, release)
         return counts
     finally:

@@ -177,8 +177,28 @@ SCORE_TABLE = tuple(
     for column in EPISODE_TABLE
     if column.name
     in {
-        *("participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "attestation", "seed", "started_ms"),
-        *("ended_ms", "outcome", "steps", "discovered", "coverage", "return", "score", "steps_to_99"),
+        *(
+            "participant",
+            "kind",
+            "phase",
+            "trial",
+            "terrain_index",
+            "episode",
+            "driver",
+            "attestation",
+            "seed",
+            "started_ms",
+        ),
+        *(
+            "ended_ms",
+            "outcome",
+            "steps",
+            "discovered",
+            "coverage",
+            "return",
+            "score",
+            "steps_to_99",
+        ),
     }
 )
 
@@ -234,7 +254,12 @@ def dictionary() -> dict[str, Any]:
         table: {
             "summary": SUMMARIES[table],
             "columns": [
-                {"name": column.name, "type": column.type, "meaning": column.meaning, "optional": column.optional}
+                {
+                    "name": column.name,
+                    "type": column.type,
+                    "meaning": column.meaning,
+                    "optional": column.optional,
+                }
                 for column in columns
             ],
         }
@@ -246,9 +271,15 @@ def json_schema() -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
     properties: dict[str, Any] = {}
     for column in EPISODE_TABLE:
-        types: Any = [JSON_TYPES[column.type], "null"] if column.optional else JSON_TYPES[column.type]
+        types: Any = (
+            [JSON_TYPES[column.type], "null"] if column.optional else JSON_TYPES[column.type]
+        )
         properties[column.name] = {"type": types, "description": column.meaning}
-    actions = {"type": "array", "items": {"enum": ["north", "east", "south", "west"]}, "description": "the moves, in order"}
+    actions = {
+        "type": "array",
+        "items": {"enum": ["north", "east", "south", "west"]},
+        "description": "the moves, in order",
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "One episode of a MarsExplorer study",

@@ -38,7 +38,9 @@ TERMS_OF_1_1 = {
 """What the context of Croissant 1.1 has beyond that of 1.0, which mlcroissant writes by default."""
 
 
-def croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> dict[str, Any]:
+def croissant(
+    folder: Path, header: ReleaseHeader, citation: str, licence_url: str
+) -> dict[str, Any]:
     """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant finds them not valid."""
     with _mlcroissant() as mlc:
         build = _Builder(mlc, folder)
@@ -51,9 +53,13 @@ def croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: s
             url=header.url,
             version=f"{header.version}.0.0",
             date_published=header.released,
-            creators=[mlc.Organization(ctx=build.context, name=author) for author in header.authors],
+            creators=[
+                mlc.Organization(ctx=build.context, name=author) for author in header.authors
+            ],
             keywords=list(KEYWORDS),
-            distribution=[build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()],
+            distribution=[
+                build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()
+            ],
             record_sets=[
                 *(build.record_set(name, f"parquet/{name}.parquet") for name in PARQUET),
                 build.record_set("scores", "scores.csv"),
@@ -61,13 +67,20 @@ def croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: s
         )
         found: dict[str, Any] = metadata.to_json()
     creators = found["creator"]
-    return {**found, "creator": creators if isinstance(creators, list) else [creators], "isLiveDataset": False}
+    return {
+        **found,
+        "creator": creators if isinstance(creators, list) else [creators],
+        "isLiveDataset": False,
+    }
 
 
 def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> None:
     """Write croissant.json and read it again with mlcroissant; ReleaseError when it is not valid."""
     path = folder / "croissant.json"
-    path.write_text(json.dumps(croissant(folder, header, citation, licence_url), indent=2, ensure_ascii=False) + "\n")
+    path.write_text(
+        json.dumps(croissant(folder, header, citation, licence_url), indent=2, ensure_ascii=False)
+        + "\n"
+    )
     with _mlcroissant() as mlc:
         mlc.Dataset(path)
 
@@ -78,7 +91,9 @@ def _mlcroissant() -> Iterator[Any]:
     mlc = library("mlcroissant")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # rdflib's, about how mlcroissant calls it
+            warnings.simplefilter(
+                "ignore", DeprecationWarning
+            )  # rdflib's, about how mlcroissant calls it
             yield mlc
     except mlc.ValidationError as error:
         raise ReleaseError(f"the Croissant metadata is not valid: {error}") from error
@@ -92,7 +107,12 @@ class _Builder:
         rdf = mlc.Rdf(context={**mlc.Rdf().context, **TERMS_OF_1_1})
         self.context = mlc.Context(conforms_to="http://mlcommons.org/croissant/1.1", rdf=rdf)
         types = mlc.DataType
-        self._types = {"text": types.TEXT, "integer": types.INTEGER, "real": types.FLOAT, "boolean": types.BOOL}
+        self._types = {
+            "text": types.TEXT,
+            "integer": types.INTEGER,
+            "real": types.FLOAT,
+            "boolean": types.BOOL,
+        }
 
     def file(self, name: str, encoding: str) -> Any:
         """Return the FileObject of a file, by its size and SHA-256."""
@@ -111,7 +131,14 @@ class _Builder:
         """Return the RecordSet of a table that is read from a file."""
         fields = [self._field(table, file, column) for column in BUNDLE_COLUMNS[table]]
         key = [f"{table}/{name}" for name in PRIMARY_KEYS[table]]
-        return self._mlc.RecordSet(ctx=self.context, id=table, name=table, description=SUMMARIES[table], fields=fields, key=key)
+        return self._mlc.RecordSet(
+            ctx=self.context,
+            id=table,
+            name=table,
+            description=SUMMARIES[table],
+            fields=fields,
+            key=key,
+        )
 
     def _field(self, table: str, file: str, column: Column) -> Any:
         mlc = self._mlc
@@ -129,4 +156,8 @@ class _Builder:
     def _references(self, table: str, column: str) -> dict[str, Any]:
         """Return, as an argument, the field of another table that a column's values are found in; nothing without one."""
         other = FOREIGN_KEYS.get(table, {}).get(column)
-        return {"references": self._mlc.Source(ctx=self.context, field=f"{other}/{column}")} if other else {}
+        return (
+            {"references": self._mlc.Source(ctx=self.context, field=f"{other}/{column}")}
+            if other
+            else {}
+        )

@@ -71,7 +71,9 @@ def write_derived(
     episodes    of the policies, on its ranked terrains
     regrets, agreements  of the moves of ranked episodes
     """
-    places = {name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))}
+    places = {
+        name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))
+    }
     found = [(places[each.policy], *_row(each, data.protocol.env_config)) for each in episodes]
     conn = sqlite3.connect(database, isolation_level=None)
     try:
@@ -85,8 +87,13 @@ def write_derived(
             ]
             conn.executemany("INSERT INTO input_summaries VALUES (?, ?, ?)", summaries)
             conn.executemany(f"INSERT INTO policy_episodes VALUES ({', '.join('?' * 11)})", found)
-            conn.executemany("INSERT INTO move_regrets VALUES (?, ?, ?, ?, ?, ?)", map(astuple, regrets))
-            agreed = [(episode, policy, each.moves, each.agreed) for (episode, policy), each in agreements.items()]
+            conn.executemany(
+                "INSERT INTO move_regrets VALUES (?, ?, ?, ?, ?, ?)", map(astuple, regrets)
+            )
+            agreed = [
+                (episode, policy, each.moves, each.agreed)
+                for (episode, policy), each in agreements.items()
+            ]
             conn.executemany("INSERT INTO move_agreements VALUES (?, ?, ?, ?)", agreed)
     finally:
         conn.close()
@@ -114,7 +121,9 @@ def read_agreements(conn: sqlite3.Connection) -> dict[tuple[str, str], Agreement
     if not rows(conn, "SELECT 1 FROM sqlite_master WHERE name = 'move_agreements'"):
         return {}
     found = rows(conn, "SELECT * FROM move_agreements")
-    return {(row["episode_id"], row["policy"]): Agreement(row["moves"], row["agreed"]) for row in found}
+    return {
+        (row["episode_id"], row["policy"]): Agreement(row["moves"], row["agreed"]) for row in found
+    }
 
 
 def read_regrets(conn: sqlite3.Connection) -> tuple[RegretRow, ...]:

@@ -19,7 +19,9 @@ from app.release.tables import PARQUET, data_file
 KEYWORDS = ("reinforcement learning", "human baseline", "exploration", "MarsExplorer")
 
 
-def write_descriptions(folder: Path, header: ReleaseHeader, citation: str, licence: tuple[str, str]) -> None:
+def write_descriptions(
+    folder: Path, header: ReleaseHeader, citation: str, licence: tuple[str, str]
+) -> None:
     """Write datapackage.json and dataset_description.json into a release whose tables lie in `folder`.
 
     licence  its title, and where it can be read
@@ -29,7 +31,9 @@ def write_descriptions(folder: Path, header: ReleaseHeader, citation: str, licen
         "dataset_description.json": psych_ds(header, citation, licence[1]),
     }
     for name, content in made.items():
-        (folder / name).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        (folder / name).write_text(
+            json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
+        )
 
 
 def data_package(folder: Path, header: ReleaseHeader, licence: tuple[str, str]) -> dict[str, Any]:
@@ -44,7 +48,9 @@ def data_package(folder: Path, header: ReleaseHeader, licence: tuple[str, str]) 
         "created": header.released,
         "keywords": list(KEYWORDS),
         "contributors": [{"title": author, "roles": ["author"]} for author in header.authors],
-        "licenses": [{"name": header.protocol.data_licence, "title": licence[0], "path": licence[1]}],
+        "licenses": [
+            {"name": header.protocol.data_licence, "title": licence[0], "path": licence[1]}
+        ],
         **({"homepage": header.url} if header.url else {}),
         "resources": [_resource(folder, table, path) for table, path in files.items()],
     }
@@ -75,7 +81,10 @@ def _resource(folder: Path, table: str, path: str) -> dict[str, Any]:
             "missingValues": [""],
             "primaryKey": list(PRIMARY_KEYS[table]),
             "foreignKeys": [
-                {"fields": [column], "reference": {"resource": other.replace("_", "-"), "fields": [column]}}
+                {
+                    "fields": [column],
+                    "reference": {"resource": other.replace("_", "-"), "fields": [column]},
+                }
                 for column, other in FOREIGN_KEYS.get(table, {}).items()
             ],
         },
@@ -97,7 +106,8 @@ def psych_ds(header: ReleaseHeader, citation: str, licence_url: str) -> dict[str
         "author": [{"@type": "Organization", "name": author} for author in header.authors],
         **({"url": header.url} if header.url else {}),
         "variableMeasured": [
-            {"@type": "PropertyValue", "name": name, "description": meaning} for name, meaning in _variables().items()
+            {"@type": "PropertyValue", "name": name, "description": meaning}
+            for name, meaning in _variables().items()
         ],
     }
 

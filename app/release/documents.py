@@ -19,7 +19,10 @@ from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.study.protocol import canonical
 
 LICENCES = {
-    "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
+    "CC-BY-4.0": (
+        "Creative Commons Attribution 4.0 International",
+        "https://creativecommons.org/licenses/by/4.0/",
+    ),
     "CC-BY-SA-4.0": (
         "Creative Commons Attribution-ShareAlike 4.0 International",
         "https://creativecommons.org/licenses/by-sa/4.0/",
@@ -28,7 +31,10 @@ LICENCES = {
         "Creative Commons Attribution-NonCommercial 4.0 International",
         "https://creativecommons.org/licenses/by-nc/4.0/",
     ),
-    "CC0-1.0": ("Creative Commons Zero 1.0 Universal", "https://creativecommons.org/publicdomain/zero/1.0/"),
+    "CC0-1.0": (
+        "Creative Commons Zero 1.0 Universal",
+        "https://creativecommons.org/publicdomain/zero/1.0/",
+    ),
     "ODbL-1.0": ("Open Database License 1.0", "https://opendatacommons.org/licenses/odbl/1-0/"),
 }
 """SPDX identifier -> the licence's title, and where it can be read."""
@@ -36,7 +42,9 @@ LICENCES = {
 
 def licence_url(licence: str) -> str:
     """Return where a licence can be read; its SPDX page for one that is not in the list."""
-    return LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
+    return (
+        LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
+    )
 
 
 def licence_title(licence: str) -> str:
@@ -51,7 +59,9 @@ def citation(header: ReleaseHeader) -> str:
     return f"{'; '.join(header.authors)} ({year}). {header.title}. Version {header.version}.{where}"
 
 
-def write_documents(folder: Path, header: ReleaseHeader, minari: Mapping[str, int], without_moves: int) -> None:
+def write_documents(
+    folder: Path, header: ReleaseHeader, minari: Mapping[str, int], without_moves: int
+) -> None:
     """Write every document into the release.
 
     minari         episodes by Minari dataset id
@@ -61,11 +71,15 @@ def write_documents(folder: Path, header: ReleaseHeader, minari: Mapping[str, in
     _write_json(folder / "schema/columns.json", dictionary())
     _write_json(folder / "schema/episode.schema.json", json_schema())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
-    for name, text in documents(header, minari, without_moves, (folder / "report.json").exists()).items():
+    for name, text in documents(
+        header, minari, without_moves, (folder / "report.json").exists()
+    ).items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
-def documents(header: ReleaseHeader, minari: Mapping[str, int], without_moves: int, has_report: bool = False) -> dict[str, str]:
+def documents(
+    header: ReleaseHeader, minari: Mapping[str, int], without_moves: int, has_report: bool = False
+) -> dict[str, str]:
     """Return file name -> text of the documents that come from templates; the arguments are those of `write_documents`."""
     licence = header.protocol.data_licence
     given = {

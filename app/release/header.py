@@ -71,7 +71,9 @@ class ReleaseHeader:
     def summary(self) -> str:
         """Return what the dataset is, in a few sentences."""
         config = self.protocol.env_config
-        counted = ", ".join(f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED_IN_SUMMARY)
+        counted = ", ".join(
+            f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED_IN_SUMMARY
+        )
         where = f"level {config.level} at {config.rows}x{config.cols}"
         return (
             f"Recordings of the MarsExplorer study {self.study}: {counted}, on {where}. Every participant met the same "

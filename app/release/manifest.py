@@ -24,11 +24,19 @@ def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int],
     """
     (folder / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     files = {
-        name: {"sha256": sha256(folder / name), "bytes": (folder / name).stat().st_size, "rows": rows.get(name)}
+        name: {
+            "sha256": sha256(folder / name),
+            "bytes": (folder / name).stat().st_size,
+            "rows": rows.get(name),
+        }
         for name in listing(folder)
         if name not in UNLISTED
     }
-    content = {**header.to_dict(), "signer": signing.fingerprint((folder / PUBLIC_KEY).read_bytes()), "files": files}
+    content = {
+        **header.to_dict(),
+        "signer": signing.fingerprint((folder / PUBLIC_KEY).read_bytes()),
+        "files": files,
+    }
     data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
     (folder / MANIFEST).write_bytes(data)
     (folder / SIGNATURE).write_bytes(key.sign(data))
@@ -41,9 +49,13 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
         data = (folder / MANIFEST).read_bytes()
         manifest = json.loads(data)
     except OSError as error:
-        raise ReleaseError(f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote") from error
+        raise ReleaseError(
+            f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote"
+        ) from error
     except ValueError as error:
-        raise ReleaseError(f"{folder / MANIFEST} is damaged: {error}; get the release again") from error
+        raise ReleaseError(
+            f"{folder / MANIFEST} is damaged: {error}; get the release again"
+        ) from error
     if (
         not isinstance(manifest, dict)
         or manifest.get("format") != RELEASE_FORMAT
@@ -56,7 +68,9 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     return manifest, hashlib.sha256(data).hexdigest()
 
 
-def check_files(folder: Path, manifest: dict[str, Any], signer: str | None = None) -> Iterator[Finding]:
+def check_files(
+    folder: Path, manifest: dict[str, Any], signer: str | None = None
+) -> Iterator[Finding]:
     """Yield what differs between a release's files, manifest and signature.
 
     signer  fingerprint that the signing key must have; None takes the one in the release
@@ -65,11 +79,15 @@ def check_files(folder: Path, manifest: dict[str, Any], signer: str | None = Non
         pem = (folder / PUBLIC_KEY).read_bytes()
         signature = (folder / SIGNATURE).read_bytes()
     except OSError as error:
-        yield Finding(f"file {Path(str(error.filename)).name}", "it", "missing", "a file of every release")
+        yield Finding(
+            f"file {Path(str(error.filename)).name}", "it", "missing", "a file of every release"
+        )
         return
     found = signing.fingerprint(pem)
     if not signing.is_signed(pem, signature, (folder / MANIFEST).read_bytes()):
-        yield Finding(f"file {MANIFEST}", "its signature", "invalid", f"a signature of the key {found}")
+        yield Finding(
+            f"file {MANIFEST}", "its signature", "invalid", f"a signature of the key {found}"
+        )
     for expected in (manifest.get("signer"), signer):
         if expected is not None and expected != found:
             yield Finding(f"file {PUBLIC_KEY}", "the signing key", found, expected)
@@ -85,7 +103,9 @@ def check_files(folder: Path, manifest: dict[str, Any], signer: str | None = Non
 
 def listing(folder: Path) -> list[str]:
     """Return the files below a folder by their path in it, in order."""
-    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    return sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    )
 
 
 def sha256(path: Path) -> str:

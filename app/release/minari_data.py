@@ -106,13 +106,24 @@ class MinariWriter:
 
 def environment(config: EnvConfig) -> dict[str, Any]:
     """Return what `gymnasium.make` takes to give the episodes' environment."""
-    rest = {"sensor_radius": config.sensor_radius, "beta": config.beta, "max_steps": config.max_steps}
-    return {"level": config.level, "size": (config.rows, config.cols), **rest, "observation": "uint8"}
+    rest = {
+        "sensor_radius": config.sensor_radius,
+        "beta": config.beta,
+        "max_steps": config.max_steps,
+    }
+    return {
+        "level": config.level,
+        "size": (config.rows, config.cols),
+        **rest,
+        "observation": "uint8",
+    }
 
 
 def observations(each: ReleasedEpisode) -> list[np.ndarray]:
     """Return what was seen before each move and after the last: uint8[rows, cols]."""
-    episode = Episode.begin(each.episode.config, terrain=each.episode.terrain, start=each.episode.start)
+    episode = Episode.begin(
+        each.episode.config, terrain=each.episode.terrain, start=each.episode.start
+    )
     found = [episode.codes.copy()]
     for action in each.episode.actions:
         episode.step(action)
@@ -136,7 +147,11 @@ def _buffer(minari: Any, each: ReleasedEpisode) -> Any:
 
 
 def _metadata(each: ReleasedEpisode) -> dict[str, Any]:
-    return {name: each.header[name] for name in (*_CAUSE_METADATA, *_RESULT_METADATA) if each.header[name] is not None}
+    return {
+        name: each.header[name]
+        for name in (*_CAUSE_METADATA, *_RESULT_METADATA)
+        if each.header[name] is not None
+    }
 
 
 @contextmanager

@@ -25,15 +25,19 @@ from app.study.flow import Arrivals
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
-FREE_TEXT = {"stage_events": ("detail",), "participants": ("settings", "script"), "input_events": ("code",)}
+FREE_TEXT = {
+    "stage_events": ("detail",),
+    "participants": ("settings", "script"),
+    "input_events": ("code",),
+}
 """Columns whose text a browser had a hand in: looked through for identities before anything leaves."""
 
 _REFERENCES = {"participant_id": "participants", "session_id": "sessions", "player_id": "players"}
-_PEOPLE = "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
-_OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
-_EPISODE_IDS = (
-    f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+_PEOPLE = (
+    "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
 )
+_OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
+_EPISODE_IDS = f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
 _SELECTS = {
     "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
     "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",
@@ -71,7 +75,12 @@ class Pseudonyms:
         """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
         if ident is None:
             return None
-        return prefix + hmac.new(self._key, f"{table or prefix}|{ident}".encode(), hashlib.sha256).hexdigest()[:12]
+        return (
+            prefix
+            + hmac.new(
+                self._key, f"{table or prefix}|{ident}".encode(), hashlib.sha256
+            ).hexdigest()[:12]
+        )
 
 
 def write_pseudonymized(
@@ -97,7 +106,10 @@ def write_pseudonymized(
             conn.execute("INSERT INTO meta VALUES (:name, :value)", arrivals_row(study, arrivals))
             for table, found in _rows(source, study, pseudonyms, closed):
                 marks = ",".join("?" * len(found))
-                conn.execute(f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})", list(found.values()))
+                conn.execute(
+                    f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})",
+                    list(found.values()),
+                )
             chain.append_all(conn, chain.things(conn))
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
@@ -107,9 +119,15 @@ def write_pseudonymized(
 
 
 def _rows(
-    source: sqlite3.Connection, study: str, pseudonyms: Pseudonyms, closed: tuple[int | None, str | None]
+    source: sqlite3.Connection,
+    study: str,
+    pseudonyms: Pseudonyms,
+    closed: tuple[int | None, str | None],
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    yield from (("meta", row) for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"))
+    yield from (
+        ("meta", row)
+        for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
+    )
     row = rows(source, "SELECT * FROM studies WHERE name = ?", study)[0]
     yield "studies", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = rows(source, _PEOPLE, study)
@@ -119,7 +137,12 @@ def _rows(
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
         invitation = pseudonyms.once("I", person["invitation"])
-        yield "participants", pseudonymizer.row("participants", {**_without_traces(person), "invitation": invitation})
+        yield (
+            "participants",
+            pseudonymizer.row(
+                "participants", {**_without_traces(person), "invitation": invitation}
+            ),
+        )
     for table, sql in _SELECTS.items():
         for row in stream(source, sql, study):
             yield table, pseudonymizer.row(table, row)
@@ -139,14 +162,23 @@ def _players_and_sessions(
     played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODE_IDS})"
     used = {row["session_id"] for row in rows(source, played_on, study)}
     used |= {person["session_id"] for person in people if person["session_id"]}
-    sessions = [row for ident in sorted(used) for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)]
-    players = {person["player_id"] for person in people} | {row[name] for row in sessions for name in ("player_id", "owner_id")}
+    sessions = [
+        row
+        for ident in sorted(used)
+        for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)
+    ]
+    players = {person["player_id"] for person in people} | {
+        row[name] for row in sessions for name in ("player_id", "owner_id")
+    }
     for ident in sorted(players - {None}):
         for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
             yield "players", {**row, "id": pseudonyms.of("players", ident)}
     for row in sorted(sessions, key=lambda row: row["created_ms"]):
         owners = {name: pseudonyms.of("players", row[name]) for name in ("player_id", "owner_id")}
-        yield "sessions", {**row, **owners, "id": pseudonyms.of("sessions", row["id"]), "rival_of": None}
+        yield (
+            "sessions",
+            {**row, **owners, "id": pseudonyms.of("sessions", row["id"]), "rival_of": None},
+        )
 
 
 class RowPseudonymizer:
@@ -173,7 +205,9 @@ class RowPseudonymizer:
         if text not in self._texts:
             for value, what in self._identities.items():
                 if value in text:
-                    raise ReleaseError(f"{place} holds somebody's {what}: nothing was written; correct that row and try again")
+                    raise ReleaseError(
+                        f"{place} holds somebody's {what}: nothing was written; correct that row and try again"
+                    )
             made = text
             for ident, pseudonym in self._pseudonyms.known.items():
                 made = made.replace(ident, pseudonym)

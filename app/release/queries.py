@@ -19,7 +19,10 @@ QUERIES = Path(__file__).with_name("queries.sql")
 def queries() -> dict[str, str]:
     """Return table -> its SELECT."""
     parts = re.split(r"^-- table: (\w+)$", QUERIES.read_text(encoding="utf-8"), flags=re.M)
-    return {name: text.strip().removesuffix(";") for name, text in zip(parts[1::2], parts[2::2], strict=True)}
+    return {
+        name: text.strip().removesuffix(";")
+        for name, text in zip(parts[1::2], parts[2::2], strict=True)
+    }
 
 
 def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:

@@ -40,7 +40,11 @@ class SignerCheck:
             return f"signer checked: {self.fingerprint} is the key that was given"
         if self.known_by == "pin":
             return f"signer checked: {self.fingerprint} is a pinned key"
-        changed = f", and it is not {self.other}, the key that is pinned for this study" if self.other else ""
+        changed = (
+            f", and it is not {self.other}, the key that is pinned for this study"
+            if self.other
+            else ""
+        )
         return (
             f"signer not checked: nothing here says whose key {self.fingerprint} is{changed}; "
             "give the fingerprint that its owners published with --key"
@@ -54,7 +58,9 @@ def fingerprint_of(given: str) -> str:
         return signing.fingerprint(path.read_bytes())
     if re.fullmatch(r"[0-9a-fA-F]+", given):
         return given.lower()
-    raise ReleaseError(f"--key takes a fingerprint (64 hexadecimal digits) or the file of a public key, got {given!r}")
+    raise ReleaseError(
+        f"--key takes a fingerprint (64 hexadecimal digits) or the file of a public key, got {given!r}"
+    )
 
 
 def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> SignerCheck:
@@ -65,7 +71,11 @@ def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> Si
     """
     found = str(manifest.get("signer"))
     pinned = read_pins(pins)
-    others = [name for name, about in pinned.items() if about.get("protocol_hash") == manifest.get("protocol_hash")]
+    others = [
+        name
+        for name, about in pinned.items()
+        if about.get("protocol_hash") == manifest.get("protocol_hash")
+    ]
     other = next((name for name in others if name != found), None)
     if key is not None:
         return SignerCheck(found, "key" if key == found else None, other)
@@ -79,7 +89,12 @@ def pin(pins: Path, manifest: Mapping[str, Any]) -> None:
     signers = {**read_pins(pins), str(manifest["signer"]): about}
     pins.parent.mkdir(parents=True, exist_ok=True)
     with write_whole(pins) as file:
-        file.write(json.dumps({"format": SIGNERS_FORMAT, "signers": signers}, indent=2, ensure_ascii=False).encode() + b"\n")
+        file.write(
+            json.dumps(
+                {"format": SIGNERS_FORMAT, "signers": signers}, indent=2, ensure_ascii=False
+            ).encode()
+            + b"\n"
+        )
 
 
 def read_pins(pins: Path) -> dict[str, dict[str, Any]]:
@@ -92,4 +107,6 @@ def read_pins(pins: Path) -> dict[str, dict[str, Any]]:
             raise ValueError(f"format {content['format']!r}")
         return dict(content["signers"])
     except (ValueError, KeyError, TypeError) as error:
-        raise ReleaseError(f"{pins} is no file of pinned keys ({error}): correct it, or move it away") from error
+        raise ReleaseError(
+            f"{pins} is no file of pinned keys ({error}): correct it, or move it away"
+        ) from error

@@ -25,15 +25,21 @@ def signing_key(database: Path) -> Any:
     path = key_path(database)
     if not path.exists():
         drawn = ed25519.Ed25519PrivateKey.generate().private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
         )
         try:
-            with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            with os.fdopen(
+                os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb"
+            ) as file:
                 file.write(drawn)
         except FileExistsError:
             pass  # another release drew it a moment ago
         except OSError as error:
-            raise ReleaseError(f"cannot write the signing key {path}: {(error.strerror or str(error)).lower()}") from error
+            raise ReleaseError(
+                f"cannot write the signing key {path}: {(error.strerror or str(error)).lower()}"
+            ) from error
     try:
         return serialization.load_pem_private_key(path.read_bytes(), None)
     except (OSError, ValueError, TypeError) as error:
@@ -45,7 +51,9 @@ def signing_key(database: Path) -> Any:
 def public_pem(key: Any) -> bytes:
     """Return the public half as PEM, for the release."""
     serialization, _ = _libraries()
-    pem: bytes = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    pem: bytes = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
     return pem
 
 

@@ -25,7 +25,15 @@ TableRow = dict[str, Any]
 ROWS_PER_GROUP = 20_000
 """The rows of one group in a Parquet file."""
 
-PARQUET = ("participants", "episodes", "steps", "input_events", "policy_episodes", "move_regrets", "move_agreements")
+PARQUET = (
+    "participants",
+    "episodes",
+    "steps",
+    "input_events",
+    "policy_episodes",
+    "move_regrets",
+    "move_agreements",
+)
 """The tables that are Parquet files, and CSV files below `data`."""
 
 
@@ -51,7 +59,9 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
     """Return every episode of a release's database, oldest first."""
     for header in select(conn, "episodes"):
         (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
-        steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", header["episode"])
+        steps = rows(
+            conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", header["episode"]
+        )
         yield ReleasedEpisode(header, replay(record_of(row, steps)))
 
 
@@ -62,10 +72,16 @@ def write_tables(folder: Path, study: str, conn: sqlite3.Connection) -> dict[str
     names = {table: (f"parquet/{table}.parquet", data_file(study, table)) for table in PARQUET}
     files = {**names, "scores": ("scores.csv",)}
     files["participants"] += ("participants.csv", "participants.jsonl")
-    return {name: count for table, names in files.items() for name, count in _write_table(folder, conn, table, names).items()}
+    return {
+        name: count
+        for table, names in files.items()
+        for name, count in _write_table(folder, conn, table, names).items()
+    }
 
 
-def _write_table(folder: Path, conn: sqlite3.Connection, table: str, names: Iterable[str]) -> dict[str, int]:
+def _write_table(
+    folder: Path, conn: sqlite3.Connection, table: str, names: Iterable[str]
+) -> dict[str, int]:
     kinds: dict[str, Callable[[Path, tuple[Column, ...]], TableFile]]
     kinds = {".parquet": ParquetTable, ".csv": CsvTable, ".jsonl": JsonLines}
     count = 0
@@ -102,7 +118,9 @@ class CsvTable(TableFile):
 
     def __init__(self, path: Path, columns: tuple[Column, ...]) -> None:
         self._file = path.open("w", encoding="utf-8", newline="")
-        self._table = csv.DictWriter(self._file, [column.name for column in columns], lineterminator="\n")
+        self._table = csv.DictWriter(
+            self._file, [column.name for column in columns], lineterminator="\n"
+        )
         self._table.writeheader()
 
     def close(self) -> None:
@@ -112,7 +130,10 @@ class CsvTable(TableFile):
     def add(self, row: TableRow) -> None:
         """Write a row."""
         self._table.writerow(
-            {name: str(value).lower() if isinstance(value, bool) else to_cell(value) for name, value in row.items()}
+            {
+                name: str(value).lower() if isinstance(value, bool) else to_cell(value)
+                for name, value in row.items()
+            }
         )
 
 
@@ -137,9 +158,17 @@ class ParquetTable(TableFile):
 
     def __init__(self, path: Path, columns: tuple[Column, ...]) -> None:
         pa, pq = library("pyarrow"), library("pyarrow.parquet")
-        kinds = {"text": pa.string(), "integer": pa.int64(), "real": pa.float64(), "boolean": pa.bool_()}
+        kinds = {
+            "text": pa.string(),
+            "integer": pa.int64(),
+            "real": pa.float64(),
+            "boolean": pa.bool_(),
+        }
         fields = [
-            pa.field(column.name, kinds[column.type], column.optional, {"description": column.meaning}) for column in columns
+            pa.field(
+                column.name, kinds[column.type], column.optional, {"description": column.meaning}
+            )
+            for column in columns
         ]
         self._make = pa.Table.from_pylist
         self._schema = pa.schema(fields)

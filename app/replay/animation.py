@@ -50,7 +50,9 @@ class Timing:
     rate: Fraction
 
     @classmethod
-    def of(cls, courses: Sequence[Course], speed: float | None = None, most: int = MOST_PICTURES) -> Timing:
+    def of(
+        cls, courses: Sequence[Course], speed: float | None = None, most: int = MOST_PICTURES
+    ) -> Timing:
         """Return the timing of courses at some moves per second; None shows all of it within LONGEST_S.
 
         most  pictures of moves, the last one besides
@@ -77,7 +79,10 @@ def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
     drawn = AnimationPicture(courses, GIF)
     last = timing.steps[-1]
     palette = _palette([drawn.at(step, step) for step in (0, last // 2, last)])
-    pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in _pictures(drawn, timing, progress)]
+    pictures = [
+        picture.quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in _pictures(drawn, timing, progress)
+    ]
     each_ms = round(100 / timing.rate) * 10
     buffer = io.BytesIO()
     pictures[0].save(
@@ -97,29 +102,46 @@ def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
     try:
         import av
     except ModuleNotFoundError as error:
-        raise VideoMissingError("an MP4 needs the extra [video]: pip install 'marsexplorer-playground[video]'") from error
+        raise VideoMissingError(
+            "an MP4 needs the extra [video]: pip install 'marsexplorer-playground[video]'"
+        ) from error
     drawn = AnimationPicture(courses, MP4)
-    with TemporaryDirectory() as folder:  # an index at the front is written by opening the file once more
+    with (
+        TemporaryDirectory() as folder
+    ):  # an index at the front is written by opening the file once more
         path = Path(folder) / "replay.mp4"
-        _encode(av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}), drawn, timing, progress)
+        _encode(
+            av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}),
+            drawn,
+            timing,
+            progress,
+        )
         return path.read_bytes()
 
 
-def _encode(opened: OutputContainer, drawn: AnimationPicture, timing: Timing, progress: Progress | None) -> None:
+def _encode(
+    opened: OutputContainer, drawn: AnimationPicture, timing: Timing, progress: Progress | None
+) -> None:
     """Write every picture into a video, and close it."""
     from av import VideoFrame
 
     with opened as container:
-        stream = container.add_stream("libx264", rate=timing.rate, options={"crf": "20", "preset": "veryfast", "threads": "1"})
+        stream = container.add_stream(
+            "libx264", rate=timing.rate, options={"crf": "20", "preset": "veryfast", "threads": "1"}
+        )
         stream.width, stream.height = drawn.size
         stream.pix_fmt = "yuv420p"
         pictures = _pictures(drawn, timing, progress)
         for picture in _with_end_held(pictures, timing.held):
-            container.mux(stream.encode(VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")))
+            container.mux(
+                stream.encode(VideoFrame.from_ndarray(np.asarray(picture), format="rgb24"))
+            )
         container.mux(stream.encode())
 
 
-def _pictures(drawn: AnimationPicture, timing: Timing, progress: Progress | None) -> Iterator[Image.Image]:
+def _pictures(
+    drawn: AnimationPicture, timing: Timing, progress: Progress | None
+) -> Iterator[Image.Image]:
     """Yield the picture of each move that is drawn."""
     for number, (before, step) in enumerate(itertools.pairwise((0, *timing.steps)), 1):
         yield drawn.at(step, before)

@@ -37,7 +37,12 @@ def pixels_a_cell(course: Course, pixels: int) -> int:
 
 
 def board_picture(
-    course: Course, step: int, cell: int, colour: Colour, other: tuple[Course, Colour] | None = None, before: int | None = None
+    course: Course,
+    step: int,
+    cell: int,
+    colour: Colour,
+    other: tuple[Course, Colour] | None = None,
+    before: int | None = None,
 ) -> Image.Image:
     """Return a board as it stood after some moves; `cell` is the side of a cell in pixels.
 
@@ -67,7 +72,11 @@ def _ground(course: Course, step: int, cell: int, before: int) -> Image.Image:
     cells = np.empty((*course.codes.shape, 3), np.uint8)
     cells[:] = NIGHT
     is_rock = course.codes == OBSTACLE
-    for mask, colour in ((known & ~is_rock, SOIL), (fresh & ~is_rock, SHOWN_NOW), (known & is_rock, ROCK)):
+    for mask, colour in (
+        (known & ~is_rock, SOIL),
+        (fresh & ~is_rock, SHOWN_NOW),
+        (known & is_rock, ROCK),
+    ):
         cells[mask] = colour
     pixels: NDArray[np.uint8] = np.repeat(np.repeat(cells, cell, 0), cell, 1)
     if cell >= 7:
@@ -80,11 +89,19 @@ def _ground(course: Course, step: int, cell: int, before: int) -> Image.Image:
 
 
 def _draw_path(
-    draw: ImageDraw.ImageDraw, course: Course, step: int, cell: int, colour: Colour, is_dashed: bool = False
+    draw: ImageDraw.ImageDraw,
+    course: Course,
+    step: int,
+    cell: int,
+    colour: Colour,
+    is_dashed: bool = False,
 ) -> None:
     """Draw the way of a rover from its start, cell by cell."""
     width = max(1, round(cell * 0.16))
-    points = [((col + 0.5) * cell, (row + 0.5) * cell) for row, col in course.path[: min(step, course.moves) + 1]]
+    points = [
+        ((col + 0.5) * cell, (row + 0.5) * cell)
+        for row, col in course.path[: min(step, course.moves) + 1]
+    ]
     for (x0, y0), (x1, y1) in itertools.pairwise(points):
         if (x0, y0) == (x1, y1):
             continue
@@ -93,7 +110,9 @@ def _draw_path(
         grow = width / 2 if not is_dashed else 0
         left, right, top, bottom = min(x0, x1), max(x0, x1), min(y0, y1), max(y0, y1)
         half_x, half_y = (grow, width / 2) if y0 == y1 else (width / 2, grow)
-        draw.rectangle((left - half_x, top - half_y, right + half_x - 1, bottom + half_y - 1), fill=colour)
+        draw.rectangle(
+            (left - half_x, top - half_y, right + half_x - 1, bottom + half_y - 1), fill=colour
+        )
 
 
 @lru_cache(maxsize=64)
@@ -104,7 +123,11 @@ def _rover(side: int, colour: Colour, heading: str) -> Image.Image:
     if side >= 7:
         middle = fine / 2
         tip, back, wing = fine * 0.32, fine * 0.22, fine * 0.26
-        arrow = [(middle + tip, middle), (middle - back, middle - wing), (middle - back, middle + wing)]
+        arrow = [
+            (middle + tip, middle),
+            (middle - back, middle - wing),
+            (middle - back, middle + wing),
+        ]
         ImageDraw.Draw(picture).polygon(arrow, fill=NIGHT)
         picture = picture.rotate(_HEADINGS[heading])
     return picture.resize((side, side), Image.Resampling.LANCZOS)
@@ -125,4 +148,6 @@ def _mark_crash(picture: Image.Image, course: Course, cell: int) -> None:
     draw.line((inset, inset, fine - inset, fine - inset), fill=255, width=width)
     draw.line((inset, fine - inset, fine - inset, inset), fill=255, width=width)
     mask = cross.resize((side, side), Image.Resampling.LANCZOS)
-    picture.paste(Image.new("RGB", (side, side), ALARM), (round(x - side / 2), round(y - side / 2)), mask)
+    picture.paste(
+        Image.new("RGB", (side, side), ALARM), (round(x - side / 2), round(y - side / 2)), mask
+    )

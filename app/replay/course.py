@@ -93,7 +93,12 @@ def course_of_policy(name: str, record: Record, act: Callable[[NDArray[np.uint8]
     return _course(name, episode, lambda codes: None if episode.ended else act(codes), episode)
 
 
-def _course(name: str, episode: Episode, next_action: Callable[[NDArray[np.uint8]], int | None], ended: Episode) -> Course:
+def _course(
+    name: str,
+    episode: Episode,
+    next_action: Callable[[NDArray[np.uint8]], int | None],
+    ended: Episode,
+) -> Course:
     """Return the course of an episode from its start on, made move by move until `next_action` returns None."""
     known_since = np.where(episode.codes != UNKNOWN, 0, NEVER).astype(np.int32)
     while (action := next_action(episode.codes)) is not None:

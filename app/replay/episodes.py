@@ -54,10 +54,17 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
     Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and
     another player's of a daily terrain before its day is over.
     """
-    with closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader, reader.snapshot():
+    with (
+        closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader,
+        reader.snapshot(),
+    ):
         if reader.episode(episode_id, asker.player_id) is None:
-            raise UnknownReplayError(f"no finished episode {episode_id!r} that can be replayed: check the link")
-        name, own_name = (_name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id))
+            raise UnknownReplayError(
+                f"no finished episode {episode_id!r} that can be replayed: check the link"
+            )
+        name, own_name = (
+            _name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id)
+        )
         return ShownEpisode(episode_id, reader.load_record(episode_id), name, own_name)
 
 
@@ -76,5 +83,7 @@ def find_episode(database: Path, prefix: str) -> ShownEpisode:
         )
     if len(found) > 1 and prefix not in found:
         named = ", ".join(found[:MAX_NAMED]) + (", ..." if len(found) > MAX_NAMED else "")
-        raise UnknownReplayError(f"several episodes begin with {prefix!r}: {named}; give more of the id")
+        raise UnknownReplayError(
+            f"several episodes begin with {prefix!r}: {named}; give more of the id"
+        )
     return shown_episode(database, prefix if prefix in found else found[0])

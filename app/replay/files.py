@@ -27,7 +27,11 @@ def offered() -> list[Format]:
 
 
 def file_of(
-    form: Format, episode_id: str, courses: Sequence[Course], speed: float | None = None, progress: Progress | None = None
+    form: Format,
+    episode_id: str,
+    courses: Sequence[Course],
+    speed: float | None = None,
+    progress: Progress | None = None,
 ) -> bytes:
     """Return a replay as a file; VideoMissingError where the format is not `offered`.
 
@@ -41,5 +45,7 @@ def file_of(
     if form == "png":
         return preview(own)
     if form == "gif":
-        return animation.gif(courses, Timing.of(courses, speed, animation.most_gif_pictures(courses)), progress)
+        return animation.gif(
+            courses, Timing.of(courses, speed, animation.most_gif_pictures(courses)), progress
+        )
     return animation.mp4(courses, Timing.of(courses, speed), progress)

@@ -47,13 +47,17 @@ def play_ghost(source: str, record: Record, longest_s: float = LONGEST_S) -> Cou
     except (LookupError, ValueError, OSError) as error:
         raise GhostError(f"the policy cannot be loaded: {error}") from error
     if getattr(policy, "size", None) not in (None, (config.rows, config.cols)):
-        raise GhostError(f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy")
+        raise GhostError(
+            f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
+        )
     policy.reset(0)
     deadline_s = time.monotonic() + longest_s
 
     def act(codes: NDArray[np.uint8]) -> int:
         if time.monotonic() > deadline_s:
-            raise GhostError(f"{policy.name} takes more than {longest_s:.0f} s on this terrain; choose a faster policy")
+            raise GhostError(
+                f"{policy.name} takes more than {longest_s:.0f} s on this terrain; choose a faster policy"
+            )
         return policy.act(codes.copy())
 
     return course_of_policy(policy.name, record, act)

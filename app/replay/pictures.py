@@ -50,28 +50,44 @@ class AnimationPicture:
         """Return the picture after some moves; ground shown after `before` moves is lighter."""
         picture = Image.new("RGB", self.size, NIGHT)
         for number, (course, colour) in enumerate(zip(self._courses, ROVERS, strict=False)):
-            others = [(each, ROVERS[k]) for k, each in enumerate(self._courses) if each is not course]
+            others = [
+                (each, ROVERS[k]) for k, each in enumerate(self._courses) if each is not course
+            ]
             left = self._look.margin + number * (self._column + self._look.margin)
-            board = board_picture(course, step, self._cell, colour, others[0] if others else None, before)
+            board = board_picture(
+                course, step, self._cell, colour, others[0] if others else None, before
+            )
             top = self._look.margin + round(2.2 * self._look.text)
             picture.paste(board, (left + (self._column - self._width) // 2, top))
             self._write(ImageDraw.Draw(picture), course, step, colour, left)
         return picture
 
-    def _write(self, draw: ImageDraw.ImageDraw, course: Course, step: int, colour: Colour, left: int) -> None:
+    def _write(
+        self, draw: ImageDraw.ImageDraw, course: Course, step: int, colour: Colour, left: int
+    ) -> None:
         """Write name and moves above the board, coverage as a bar and what it came to below."""
         look, right = self._look, left + self._column
         base = look.margin + round(1.4 * look.text)
         draw.text((left, base), course.name, TEXT, font(look.text), anchor="ls")
         moves = f"{min(step, course.moves)}"
         draw.text((right, base), "moves", MUTED, font(look.text), anchor="rs")
-        draw.text((right - round(3.3 * look.text), base), moves, colour, font(round(1.6 * look.text)), anchor="rs")
+        draw.text(
+            (right - round(3.3 * look.text), base),
+            moves,
+            colour,
+            font(round(1.6 * look.text)),
+            anchor="rs",
+        )
         top = look.margin + round(2.2 * look.text) + self._height + round(0.7 * look.text)
         share = course.coverage(step)
         _bar(draw, (left, top, right, top + round(0.5 * look.text)), share, colour)
         words = sentence(course) if step >= course.moves else f"{percent(share)} % mapped"
         draw.text(
-            (left, top + round(1.9 * look.text)), words, TEXT if step >= course.moves else MUTED, font(look.text), anchor="ls"
+            (left, top + round(1.9 * look.text)),
+            words,
+            TEXT if step >= course.moves else MUTED,
+            font(look.text),
+            anchor="ls",
         )
 
 
@@ -112,14 +128,18 @@ def font(height: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(height)
 
 
-def _bar(draw: ImageDraw.ImageDraw, box: tuple[int, int, int, int], share: float, colour: Colour) -> None:
+def _bar(
+    draw: ImageDraw.ImageDraw, box: tuple[int, int, int, int], share: float, colour: Colour
+) -> None:
     """Draw a bar that is full at 100 %, with a mark at 99 %."""
     left, top, right, bottom = box
     radius = (bottom - top) // 2
     draw.rounded_rectangle(box, radius, fill=LINE)
     if share > 0:
         draw.rounded_rectangle(
-            (left, top, max(left + 2 * radius, left + round(share * (right - left))), bottom), radius, fill=colour
+            (left, top, max(left + 2 * radius, left + round(share * (right - left))), bottom),
+            radius,
+            fill=colour,
         )
     goal = left + round(GOAL * (right - left))
     draw.line((goal, top - radius, goal, bottom + radius), fill=TEXT, width=max(1, radius // 3))

@@ -86,18 +86,25 @@ class Replays:
 
     async def ghost(self, episode_id: str, name: str, asker: Asker) -> Course:
         """Return the course of a policy on the terrain of an episode; GhostError as well, see `replay`."""
-        return await self._work(lambda: self._ghost(shown_episode(self._database, episode_id, asker).record, name))
+        return await self._work(
+            lambda: self._ghost(shown_episode(self._database, episode_id, asker).record, name)
+        )
 
     async def file(self, episode_id: str, form: Format, ghost: str | None, asker: Asker) -> bytes:
         """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
         replay = await self.replay(episode_id, asker)
-        record, course = replay.episode.record, replace(replay.course, name=replay.episode.name)  # a file is for everybody
+        record, course = (
+            replay.episode.record,
+            replace(replay.course, name=replay.episode.name),
+        )  # a file is for everybody
 
         def write() -> bytes:
             courses = [course, *([] if ghost is None else [self._ghost(record, ghost)])]
             return file_of(form, episode_id, courses)
 
-        return await self._work(lambda: self._files.get((episode_id, record.trajectory_hash, form, ghost), write))
+        return await self._work(
+            lambda: self._files.get((episode_id, record.trajectory_hash, form, ghost), write)
+        )
 
     def close(self) -> None:
         """Drop what waits; what is being worked out ends by itself."""

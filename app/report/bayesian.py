@@ -6,7 +6,13 @@ from dataclasses import replace
 
 from app.report.model import GroupReport, Report
 from app.report.page_table import PageTable
-from app.statistics.bayesian_model import BayesianModel, Posterior, Sampling, episodes_of, fit_bayesian_model
+from app.statistics.bayesian_model import (
+    BayesianModel,
+    Posterior,
+    Sampling,
+    episodes_of,
+    fit_bayesian_model,
+)
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.formatting import interval, number
 from app.study.data import StudyData
@@ -14,14 +20,24 @@ from app.study.data import StudyData
 HEADS = ("quantity", "posterior mean", "95 % interval")
 
 
-def with_bayesian_models(report: Report, data: StudyData, sampling: Sampling | None = None) -> Report:
+def with_bayesian_models(
+    report: Report, data: StudyData, sampling: Sampling | None = None
+) -> Report:
     """Return the report with the Bayesian model of each group; data: what the report was made from."""
-    cohorts = {cohort.name: cohort for cohort in (scripts_of(data) if report.synthetic else [people_of(data)])}
-    groups = (replace(group, bayesian=_fitted(data, cohorts[group.name], group.primary, sampling)) for group in report.groups)
+    cohorts = {
+        cohort.name: cohort
+        for cohort in (scripts_of(data) if report.synthetic else [people_of(data)])
+    }
+    groups = (
+        replace(group, bayesian=_fitted(data, cohorts[group.name], group.primary, sampling))
+        for group in report.groups
+    )
     return replace(report, groups=tuple(groups))
 
 
-def _fitted(data: StudyData, cohort: Cohort, primary: str, sampling: Sampling | None) -> BayesianModel:
+def _fitted(
+    data: StudyData, cohort: Cohort, primary: str, sampling: Sampling | None
+) -> BayesianModel:
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
     return fit_bayesian_model(episodes_of(cohort, ids, data.protocol.env_config.limit), sampling)
 
@@ -36,7 +52,9 @@ def bayesian_rows(model: BayesianModel) -> list[tuple[str, str, str]]:
         ("SD of log steps between terrains", model.terrain_sd, 3),
         ("SD of log steps of the rest", model.rest_sd, 3),
     )
-    return [(name, *_cells(found, digits)) for name, found, digits in quantities if found is not None]
+    return [
+        (name, *_cells(found, digits)) for name, found, digits in quantities if found is not None
+    ]
 
 
 def bayesian_tables(group: GroupReport) -> tuple[PageTable, ...]:
@@ -46,8 +64,14 @@ def bayesian_tables(group: GroupReport) -> tuple[PageTable, ...]:
         return ()
     factors = [(str(each.terrain), *_cells(each.factor, 3)) for each in model.terrains]
     return (
-        PageTable("Bayesian mixed model of the steps to 99 %, unfinished episodes censored", HEADS, rows),
-        PageTable("By how much each ranked terrain multiplies everybody's steps", ("terrain", *HEADS[1:]), factors),
+        PageTable(
+            "Bayesian mixed model of the steps to 99 %, unfinished episodes censored", HEADS, rows
+        ),
+        PageTable(
+            "By how much each ranked terrain multiplies everybody's steps",
+            ("terrain", *HEADS[1:]),
+            factors,
+        ),
     )
 
 

@@ -20,13 +20,31 @@ from app.report.looks import look_section
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.attestation_summary import attestation_summary
-from app.statistics.comparisons import PolicyComparison, compare_policy, holm, new_terrains_interval, player_means
-from app.statistics.exclusion_sets import METRICS, Cohort, MetricName, members, people_of, scripts_of
+from app.statistics.comparisons import (
+    PolicyComparison,
+    compare_policy,
+    holm,
+    new_terrains_interval,
+    player_means,
+)
+from app.statistics.exclusion_sets import (
+    METRICS,
+    Cohort,
+    MetricName,
+    members,
+    people_of,
+    scripts_of,
+)
 from app.statistics.headline import RULES
 from app.statistics.learning import assess_learning, trial_means
 from app.statistics.mixed_model import fit_mixed_model
 from app.statistics.spread import iqm, iqm_interval, variance_components
-from app.statistics.study_figures import NO_HUMAN_FIGURE, figure_sentence, primary_set, study_figures
+from app.statistics.study_figures import (
+    NO_HUMAN_FIGURE,
+    figure_sentence,
+    primary_set,
+    study_figures,
+)
 from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
 from app.study.flow import participant_flow
@@ -57,7 +75,12 @@ def build(
     data = present(data)
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = tuple(
-        _with_moves(data, cohort, _group(data, cohort, runs, (pictures or {}).get(cohort.name, {})), moves or {})
+        _with_moves(
+            data,
+            cohort,
+            _group(data, cohort, runs, (pictures or {}).get(cohort.name, {})),
+            moves or {},
+        )
         for cohort in cohorts
     )
     return Report(
@@ -89,10 +112,18 @@ def build(
 
 def _script_counts(data: StudyData) -> dict[str, int]:
     """Return how many scripted participants there are of each kind."""
-    return dict(sorted(Counter(person.script or "script" for person in data.people if person.kind == "script").items()))
+    return dict(
+        sorted(
+            Counter(
+                person.script or "script" for person in data.people if person.kind == "script"
+            ).items()
+        )
+    )
 
 
-def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]) -> GroupReport:
+def _group(
+    data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]
+) -> GroupReport:
     """Return everything about one group: its people or one kind of script."""
     primary = primary_set(data)
     everybody = members(cohort, {})
@@ -102,7 +133,10 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         name=cohort.name,
         kind=cohort.kind,
         joined=len(cohort.people),
-        started=len({trial.participant for trial in data.trials if trial.phase == "ranked"} & set(cohort.ranked)),
+        started=len(
+            {trial.participant for trial in data.trials if trial.phase == "ranked"}
+            & set(cohort.ranked)
+        ),
         finished=sum(person.completed_ms is not None for person in cohort.people),
         left=_left(data, cohort),
         stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
@@ -111,7 +145,10 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
         primary=primary,
         figures=study_figures(data, cohort),
         metrics=tuple(_metric(data, cohort, ids, metric) for metric in METRICS) if ids else (),
-        players=tuple(_player_row(cohort, person, number, person in ids) for number, person in enumerate(everybody, 1)),
+        players=tuple(
+            _player_row(cohort, person, number, person in ids)
+            for number, person in enumerate(everybody, 1)
+        ),
         comparisons=_comparisons(cohort, ids, runs),
         deviations=deviations(data, cohort),
         cautions=(),
@@ -124,7 +161,9 @@ def _group(data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures:
     )
 
 
-def _with_moves(data: StudyData, cohort: Cohort, group: GroupReport, moves: Mapping[str, MoveAnalysis]) -> GroupReport:
+def _with_moves(
+    data: StudyData, cohort: Cohort, group: GroupReport, moves: Mapping[str, MoveAnalysis]
+) -> GroupReport:
     """Return a group's report with what its moves say, under the report's names, and with its cautions."""
     names = {person: f"P{number:02d}" for number, person in enumerate(members(cohort, {}), 1)}
     named = replace(group, moves=moves.get(cohort.name, MoveAnalysis()).renamed(names))
@@ -134,14 +173,23 @@ def _with_moves(data: StudyData, cohort: Cohort, group: GroupReport, moves: Mapp
 def _left(data: StudyData, cohort: Cohort) -> int:
     """Return how many have withdrawn, or had not finished when the study was closed."""
     is_closed = data.closed_ms is not None
-    return sum(person.stage == "withdrawn" or (is_closed and person.completed_ms is None) for person in cohort.people)
+    return sum(
+        person.stage == "withdrawn" or (is_closed and person.completed_ms is None)
+        for person in cohort.people
+    )
 
 
 def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
     """Return those who ended all ranked episodes and are not among `ids`, by reason."""
-    ranked = [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == cohort.kind]
+    ranked = [
+        trial for trial in data.trials if trial.phase == "ranked" and trial.kind == cohort.kind
+    ]
     scripted = {trial.participant for trial in ranked if trial.driver != cohort.kind}
-    out = [person.id for person in cohort.people if person.completed_ms is not None and person.id not in ids]
+    out = [
+        person.id
+        for person in cohort.people
+        if person.completed_ms is not None and person.id not in ids
+    ]
     reasons = Counter(
         "a move was a script's"
         if person in scripted
@@ -167,7 +215,9 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         variance=variance_components(table),
         learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
-        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)) if has_model else None,
+        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids))
+        if has_model
+        else None,
     )
 
 
@@ -186,14 +236,22 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
     )
 
 
-def _comparisons(cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]) -> tuple[PolicyComparison, ...]:
+def _comparisons(
+    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]
+) -> tuple[PolicyComparison, ...]:
     """Return every policy's comparison in each metric; none without players or policies."""
     if not ids or not runs:
         return ()
-    return tuple(row for metric in METRICS for row in _comparisons_in(metric, cohort.table(ids, metric), runs))
+    return tuple(
+        row
+        for metric in METRICS
+        for row in _comparisons_in(metric, cohort.table(ids, metric), runs)
+    )
 
 
-def _comparisons_in(metric: MetricName, table: Floats, runs: Sequence[PolicyRun]) -> list[PolicyComparison]:
+def _comparisons_in(
+    metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
+) -> list[PolicyComparison]:
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
     shared = _shared_terrains(table, runs, metric)
     values = {run.name: run.values(metric)[shared] for run in runs}
@@ -201,12 +259,22 @@ def _comparisons_in(metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    rows = [compare_policy(run.name, metric, values[run.name], players, random, metric == "score", len(runs)) for run in runs]
+    rows = [
+        compare_policy(
+            run.name, metric, values[run.name], players, random, metric == "score", len(runs)
+        )
+        for run in runs
+    ]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
-    return [replace(row, p_adjusted=p if row.p_value is not None else None) for row, p in zip(rows, adjusted, strict=True)]
+    return [
+        replace(row, p_adjusted=p if row.p_value is not None else None)
+        for row, p in zip(rows, adjusted, strict=True)
+    ]
 
 
-def _shared_terrains(table: Floats, runs: Sequence[PolicyRun], metric: MetricName) -> NDArray[np.intp]:
+def _shared_terrains(
+    table: Floats, runs: Sequence[PolicyRun], metric: MetricName
+) -> NDArray[np.intp]:
     """Return the indices of the terrains that at least one player and every policy played."""
     known = ~np.isnan(table).all(axis=0)
     for run in runs:
@@ -244,7 +312,11 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
 def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> Facts:
     """Return what the checklist's answers are made from."""
     ids = {person.id for person in data.people if person.kind == "human"}
-    ranked = [each for each in data.trials if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None]
+    ranked = [
+        each
+        for each in data.trials
+        if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None
+    ]
     return Facts(
         protocol=data.protocol,
         frozen_at=_iso(data.frozen_ms),
@@ -261,7 +333,11 @@ def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> F
         leak=people.leak.sentence if people.leak else "",
         started=people.started,
         excluded=people.started - people.figure.players,
-        sets="; ".join(f"{figure.name}: {figure_sentence(figure)}" for figure in people.figures if figure.players),
+        sets="; ".join(
+            f"{figure.name}: {figure_sentence(figure)}"
+            for figure in people.figures
+            if figure.players
+        ),
     )
 
 

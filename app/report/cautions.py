@@ -28,7 +28,9 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         return ()
     found = []
     if figure.players < data.protocol.players:
-        found.append(f"{figure.players} of the {data.protocol.players} players planned are in the primary figure.")
+        found.append(
+            f"{figure.players} of the {data.protocol.players} players planned are in the primary figure."
+        )
     if figure.players < LEAST_PLAYERS:
         few = "1 player is" if figure.players == 1 else f"{figure.players} players are"
         found.append(f"{few} few: their spread, and with it every interval, is poorly known.")
@@ -39,7 +41,11 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             "with it every comparison with policies, rests on how many of these players the sample happens to hold."
         )
     found.append(_about_failures(group))
-    variances = [metric.variance for metric in group.metrics if metric.variance and metric.variance.design_effect > 1.5]
+    variances = [
+        metric.variance
+        for metric in group.metrics
+        if metric.variance and metric.variance.design_effect > 1.5
+    ]
     if variances:
         effect = max(variance.design_effect for variance in variances)
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
@@ -62,7 +68,11 @@ def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:
     for name, estimate in (("score", score), ("steps to 99 %", steps)):
         if estimate.players > 1 and estimate.sd == 0:
             yield f"All players have the same mean {name}: the sample has no spread, so its interval says nothing."
-        elif estimate.skewness is not None and abs(estimate.skewness) > STRONG_SKEW and estimate.widened:
+        elif (
+            estimate.skewness is not None
+            and abs(estimate.skewness) > STRONG_SKEW
+            and estimate.widened
+        ):
             side = f"the {estimate.widened} end, which the t interval alone would put too near, was moved out"
             yield f"The players' means of {name} are skewed ({estimate.skewness:+.1f}): {side}."
 
@@ -86,7 +96,9 @@ def _about_failures(group: GroupReport) -> str:
 
 
 def _described(cell: coverage_table.Cell) -> str:
-    rate = {population.name: population.collisions for population in coverage_table.SCORE_POPULATIONS}[cell.population]
+    rate = {
+        population.name: population.collisions for population in coverage_table.SCORE_POPULATIONS
+    }[cell.population]
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 
 
@@ -94,7 +106,9 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     """Return how a cohort's episodes deviated from the protocol."""
     ids = {person.id for person in cohort.people}
     ranked = [
-        trial for trial in data.trials if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
+        trial
+        for trial in data.trials
+        if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
     ]
     found = []
 
@@ -106,9 +120,18 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
 
     config, version = data.protocol.env_config.hash, data.protocol.core_version
     if cohort.kind == "human":
-        note([trial for trial in ranked if trial.driver != "human"], "had a move made by a script; they enter no figure")
-    note([trial for trial in ranked if trial.config_hash != config], "ran on another configuration than the protocol's")
-    note([trial for trial in ranked if trial.core_version != version], f"ran on another core version than {version}")
+        note(
+            [trial for trial in ranked if trial.driver != "human"],
+            "had a move made by a script; they enter no figure",
+        )
+    note(
+        [trial for trial in ranked if trial.config_hash != config],
+        "ran on another configuration than the protocol's",
+    )
+    note(
+        [trial for trial in ranked if trial.core_version != version],
+        f"ran on another core version than {version}",
+    )
     note(
         [trial for trial in ranked if trial.outcome == "abandoned"],
         "were given up; each counts with its penalty and as max_steps",
@@ -116,11 +139,24 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     note([trial for trial in ranked if trial.labels], "carry a label of implausible input")
     if data.secret:
         secret = bytes.fromhex(data.secret)
-        wrong = [trial for trial in ranked if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain)]
+        wrong = [
+            trial
+            for trial in ranked
+            if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain)
+        ]
         note(wrong, "were not on the terrain that the secret gives")
-    events = [event for person in cohort.people for event in person.events if event[1] == "deviation"]
+    events = [
+        event for person in cohort.people for event in person.events if event[1] == "deviation"
+    ]
     for _, _, detail in events:
-        found.append(str(detail.get("sentence") or detail.get("reason") or detail or "A deviation was recorded without words."))
+        found.append(
+            str(
+                detail.get("sentence")
+                or detail.get("reason")
+                or detail
+                or "A deviation was recorded without words."
+            )
+        )
     return tuple(found)
 
 
@@ -146,9 +182,17 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
     if early:
         found.append(f"{len(early)} participants joined before the protocol was frozen.")
     found += [_taken(look) for look in data.looks if look.kind == "emergency"]
-    if data.closed_ms is None and data.view is not None and data.view.kind in ("whole", "emergency"):
-        found.append("The study is still open: these figures are preliminary, and looking at them is no reason to stop.")
-    finished = sum(person.kind == "human" and person.completed_ms is not None for person in data.people)
+    if (
+        data.closed_ms is None
+        and data.view is not None
+        and data.view.kind in ("whole", "emergency")
+    ):
+        found.append(
+            "The study is still open: these figures are preliminary, and looking at them is no reason to stop."
+        )
+    finished = sum(
+        person.kind == "human" and person.completed_ms is not None for person in data.people
+    )
     if data.closed_ms is not None and finished != data.protocol.players:
         found.append(f"{finished} people finished, {data.protocol.players} were planned.")
     return tuple(found)

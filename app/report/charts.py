@@ -47,15 +47,29 @@ WIDTH = 5.6
 """Inches: a phone's width still shows the letters."""
 
 
-def draw_svg(name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str) -> str:
+def draw_svg(
+    name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str
+) -> str:
     """Return a chart as an SVG element with its description; its ids begin with `name`, so that no two charts share one."""
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
         draw(canvas)
         if is_synthetic:
-            canvas.text(0.5, 0.5, "SYNTHETIC", fontsize=46, color="#b00020", alpha=0.16, rotation=24, ha="center", va="center")
+            canvas.text(
+                0.5,
+                0.5,
+                "SYNTHETIC",
+                fontsize=46,
+                color="#b00020",
+                alpha=0.16,
+                rotation=24,
+                ha="center",
+                va="center",
+            )
         written = io.StringIO()
-        canvas.savefig(written, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+        canvas.savefig(
+            written, format="svg", transparent=True, metadata={"Date": None, "Creator": None}
+        )
     svg = written.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
@@ -71,35 +85,71 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     found: dict[str, str] = {}
 
     def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
-        found[name] = draw_svg(f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt)
+        found[name] = draw_svg(
+            f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
+        )
 
     if group.flow is not None and group.joined:
-        steps = flow_steps(group.flow, group.figure.players, group.figure.episodes, list(group.excluded.items()))
+        steps = flow_steps(
+            group.flow, group.figure.players, group.figure.episodes, list(group.excluded.items())
+        )
         alt = "; ".join(
-            " ".join((f"{step.label}: {step.count}", *(f"({why}: {count})" for why, count in step.lost))) for step in steps
+            " ".join(
+                (f"{step.label}: {step.count}", *(f"({why}: {count})" for why, count in step.lost))
+            )
+            for step in steps
         )
         add("flow", 0.56 * flow_height(steps), lambda canvas: draw_flow(canvas, steps), alt)
     if group.metrics:
-        add("players", 3.4, lambda canvas: _players(canvas, group), "Each player's mean score and mean steps, with intervals")
-        add("learning", 3.6, lambda canvas: _learning(canvas, group), "Mean score and steps by ranked trial, with intervals")
+        add(
+            "players",
+            3.4,
+            lambda canvas: _players(canvas, group),
+            "Each player's mean score and mean steps, with intervals",
+        )
+        add(
+            "learning",
+            3.6,
+            lambda canvas: _learning(canvas, group),
+            "Mean score and steps by ranked trial, with intervals",
+        )
     if group.comparisons:
         rows = len({each.policy for each in group.comparisons})
-        forest = "Policies over people: ratio of scores, human-normalized score, difference in steps"
+        forest = (
+            "Policies over people: ratio of scores, human-normalized score, difference in steps"
+        )
         add("forest", 1.6 + 0.32 * rows, lambda canvas: _forest(canvas, group), forest)
     if group.pictures.get("curve") or any(policy.pictures for policy in report.policies):
-        add("curves", 3.0, lambda canvas: _curves(canvas, group, report.policies), "Mean coverage against steps")
-        shown = [(group.name, group.pictures), *((policy.name, policy.pictures) for policy in report.policies)]
+        add(
+            "curves",
+            3.0,
+            lambda canvas: _curves(canvas, group, report.policies),
+            "Mean coverage against steps",
+        )
+        shown = [
+            (group.name, group.pictures),
+            *((policy.name, policy.pictures) for policy in report.policies),
+        ]
         maps = [(name, pictures["visits"]) for name, pictures in shown if pictures.get("visits")]
         height = 2.05 * -(-len(maps) // 3) + 0.3
-        add("visits", height, lambda canvas: _visits(canvas, maps), "How often the rover stands on each cell of the grid")
+        add(
+            "visits",
+            height,
+            lambda canvas: _visits(canvas, maps),
+            "How often the rover stands on each cell of the grid",
+        )
     return found
 
 
 def _players(canvas: Canvas, group: GroupReport) -> None:
-    for axes, name, title in zip(canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True):
+    for axes, name, title in zip(
+        canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True
+    ):
         values = sorted(getattr(player, name) for player in group.players if player.in_primary)
         heights = _stacked(values)
-        axes.plot(values, heights, "o", color=PEOPLE_COLOUR, markersize=5, alpha=0.75, markeredgewidth=0)
+        axes.plot(
+            values, heights, "o", color=PEOPLE_COLOUR, markersize=5, alpha=0.75, markeredgewidth=0
+        )
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
         lines = [("headline", estimate.interval), ("printed", estimate.printed), ("t", estimate.t)]
@@ -110,10 +160,24 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         for row, (label, ends) in enumerate(lines):
             y = -1.2 - row
             if ends is not None:
-                axes.plot(ends, [y, y], color=POLICY_COLOURS[0] if row == 0 else "#7b8794", linewidth=2.6 if row == 0 else 1.3)
-                axes.plot([estimate.mean], [y], "D", color=POLICY_COLOURS[0] if row == 0 else "#7b8794", markersize=4)
+                axes.plot(
+                    ends,
+                    [y, y],
+                    color=POLICY_COLOURS[0] if row == 0 else "#7b8794",
+                    linewidth=2.6 if row == 0 else 1.3,
+                )
+                axes.plot(
+                    [estimate.mean],
+                    [y],
+                    "D",
+                    color=POLICY_COLOURS[0] if row == 0 else "#7b8794",
+                    markersize=4,
+                )
             lines[row] = (label if ends is not None else f"{label} (too few)", ends)
-        axes.set_yticks([-1.2 - row for row in range(len(lines))], [label for label, _ in lines] if name == "score" else [])
+        axes.set_yticks(
+            [-1.2 - row for row in range(len(lines))],
+            [label for label, _ in lines] if name == "score" else [],
+        )
         axes.set_ylim(-1.2 - len(lines) + 0.3, max(heights) + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
@@ -138,7 +202,9 @@ def _stacked(values: Sequence[float]) -> list[float]:
 
 def _learning(canvas: Canvas, group: GroupReport) -> None:
     for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
-        rows = [(number, *row[1:]) for number, row in enumerate(metric.learning.by_trial, 1) if row[0]]
+        rows = [
+            (number, *row[1:]) for number, row in enumerate(metric.learning.by_trial, 1) if row[0]
+        ]
         trials, means = [row[0] for row in rows], [row[1] for row in rows]
         third = len(metric.learning.by_trial) // 3
         for low, high in (
@@ -146,20 +212,35 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
             (len(metric.learning.by_trial) - third + 0.5, len(metric.learning.by_trial) + 0.5),
         ):
             axes.axvspan(low, high, color="#eceff2", zorder=0)
-        banded = [(row[0], row[2], row[3]) for row in rows if row[2] is not None and row[3] is not None]
+        banded = [
+            (row[0], row[2], row[3]) for row in rows if row[2] is not None and row[3] is not None
+        ]
         bounds = (-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf)
         if banded:
-            places, low_ends, high_ends = (np.array(part, np.float64) for part in zip(*banded, strict=True))
+            places, low_ends, high_ends = (
+                np.array(part, np.float64) for part in zip(*banded, strict=True)
+            )
             band = np.clip(low_ends, *bounds), np.clip(high_ends, *bounds)
             axes.fill_between(places, *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
         axes.plot(trials, means, color=POLICY_COLOURS[0], marker="o", markersize=3, linewidth=1.2)
-        practice = [(number, row[1]) for number, row in enumerate(metric.warm_up, 1 - len(metric.warm_up)) if row[0]]
+        practice = [
+            (number, row[1])
+            for number, row in enumerate(metric.warm_up, 1 - len(metric.warm_up))
+            if row[0]
+        ]
         if practice:
             axes.plot(
-                *zip(*practice, strict=True), color="#7b8794", marker="o", markersize=3, linewidth=0.8, markerfacecolor="none"
+                *zip(*practice, strict=True),
+                color="#7b8794",
+                marker="o",
+                markersize=3,
+                linewidth=0.8,
+                markerfacecolor="none",
             )
         axes.set_title({"score": "Score", "steps": "Steps to 99 %"}[metric.name])
-    axes.set_xlabel("ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)")
+    axes.set_xlabel(
+        "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
+    )
 
 
 def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -> None:
@@ -170,7 +251,14 @@ def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -
         lines.append((policy.name, policy.pictures.get("curve"), style[0], style[1], 1.4))  # type: ignore[arg-type]
     for name, curve, colour, dash, width in lines:
         if curve:
-            axes.plot(curve["steps"], curve["mean"], color=colour, linestyle=dash, linewidth=width, label=_short(name))
+            axes.plot(
+                curve["steps"],
+                curve["mean"],
+                color=colour,
+                linestyle=dash,
+                linewidth=width,
+                label=_short(name),
+            )
             if curve["low"]:
                 low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
                 axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
@@ -206,7 +294,14 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
     steps = [each for each in group.comparisons if each.metric == "steps"]
     who = group.name if group.kind == "human" else "players"
     left, middle, right = canvas.subplots(1, 3, sharey=True)
-    _rows(left, score, lambda row: (row.ratio, row.ratio_interval), f"policy / {who}", 1.0, "Score, ratio")
+    _rows(
+        left,
+        score,
+        lambda row: (row.ratio, row.ratio_interval),
+        f"policy / {who}",
+        1.0,
+        "Score, ratio",
+    )
     _rows(
         middle,
         score,
@@ -215,7 +310,14 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
         1.0,
         "Score, normalized",
     )
-    _rows(right, steps, lambda row: (row.difference, row.new), f"policy − {who}", 0.0, "Steps, difference")
+    _rows(
+        right,
+        steps,
+        lambda row: (row.difference, row.new),
+        f"policy − {who}",
+        0.0,
+        "Steps, difference",
+    )
     left.set_yticks(range(len(score)), [_short(row.policy) for row in score])
 
 
@@ -227,7 +329,9 @@ def _short(name: str) -> str:
 Valued = Callable[[PolicyComparison], tuple[float | None, tuple[float, float] | None]]
 
 
-def _rows(axes: Axes, rows: Sequence[PolicyComparison], value: Valued, label: str, none: float, title: str) -> None:
+def _rows(
+    axes: Axes, rows: Sequence[PolicyComparison], value: Valued, label: str, none: float, title: str
+) -> None:
     for y, row in enumerate(rows):
         at, ends = value(row)
         if at is None:

@@ -96,7 +96,13 @@ def _paper(facts: Facts) -> Iterator[Item]:
     yield _missing("0.2", "Paper link", "it")
     yield _missing("0.3", "Publication year", "it")
     yield _missing("0.4", "Publication venue", "it")
-    yield Item("0.5", "Type of eval", "Agent", "Sequential control: exploring an unknown terrain.", "software")
+    yield Item(
+        "0.5",
+        "Type of eval",
+        "Agent",
+        "Sequential control: exploring an unknown terrain.",
+        "software",
+    )
     yield Item(
         "0.6",
         "Mode of eval",
@@ -105,14 +111,32 @@ def _paper(facts: Facts) -> Iterator[Item]:
         "software",
     )
     yield Item(
-        "0.7", "Language of eval", "N/A", "The task needs no language; consent and instructions are in English.", "software"
+        "0.7",
+        "Language of eval",
+        "N/A",
+        "The task needs no language; consent and instructions are in English.",
+        "software",
     )
     yield Item(
-        "0.8", "Evaluation dataset size", "Unbounded", "Terrains are drawn by seed from the level's distribution.", "software"
+        "0.8",
+        "Evaluation dataset size",
+        "Unbounded",
+        "Terrains are drawn by seed from the level's distribution.",
+        "software",
     )
-    yield Item("0.9", "AI test set size", str(items), "Policies play exactly the ranked terrains.", "protocol")
     yield Item(
-        "0.10", "AI samples per item", "1", "A policy's episode is a function of policy, configuration and seed.", "software"
+        "0.9",
+        "AI test set size",
+        str(items),
+        "Policies play exactly the ranked terrains.",
+        "protocol",
+    )
+    yield Item(
+        "0.10",
+        "AI samples per item",
+        "1",
+        "A policy's episode is a function of policy, configuration and seed.",
+        "software",
     )
 
 
@@ -120,21 +144,43 @@ def _design(facts: Facts) -> Iterator[Item]:
     protocol = facts.protocol
     each = f"{facts.episodes / protocol.ranked:.1f}"
     limit = protocol.env_config.limit
-    yield Item("1.1", "Number of baseliners", str(facts.players), f"{facts.joined} joined.", "database")
-    yield Item("1.2", "Baseline test set size", str(protocol.ranked), "Every participant meets the same terrains.", "protocol")
+    yield Item(
+        "1.1", "Number of baseliners", str(facts.players), f"{facts.joined} joined.", "database"
+    )
+    yield Item(
+        "1.2",
+        "Baseline test set size",
+        str(protocol.ranked),
+        "Every participant meets the same terrains.",
+        "protocol",
+    )
     how = "Independent draws: seeds by HMAC-SHA256 from a secret that was committed to when the protocol was frozen."
     yield Item("1.2.1", "Baseline test set sampling strategy", "Simple random", how, "software")
     yield Item(
-        "1.3", "Baseline samples per item", each, f"{facts.episodes} episodes on {protocol.ranked} terrains.", "database"
+        "1.3",
+        "Baseline samples per item",
+        each,
+        f"{facts.episodes} episodes on {protocol.ranked} terrains.",
+        "database",
     )
-    yield Item("1.4", "Items per baseliner", str(protocol.ranked), f"After {protocol.warm_up} to warm up.", "protocol")
+    yield Item(
+        "1.4",
+        "Items per baseliner",
+        str(protocol.ranked),
+        f"After {protocol.warm_up} to warm up.",
+        "protocol",
+    )
     same = "The page shows people what the policy observes: the discovered cells and nothing else. Scoring is the same."
     yield Item("1.5", "Explicit human/AI adjustment", "Yes", same, "software")
     yield _missing("1.6", "Iterative design", "whether there was a pilot")
     effort = f"Both have at most {limit} moves an episode. People's time to think is recorded and not limited."
     yield Item("1.7", "Amount of effort", "Partial", effort, "software")
     yield _power(protocol)
-    yield _missing("1.8.1", "Minimum detectable effect size", "it, with the power, where there was a power analysis")
+    yield _missing(
+        "1.8.1",
+        "Minimum detectable effect size",
+        "it, with the power, where there was a power analysis",
+    )
     yield _missing("1.9", "Ethics review", "whether a board approved or exempted the study")
     frozen = f"Protocol frozen {facts.frozen_at}, SHA-256 {facts.hash[:16]}…; whether it was registered publicly is not known."
     yield Item("1.10", "Pre-registration", "Partial", frozen, "protocol")
@@ -145,18 +191,34 @@ def _recruitment(facts: Facts) -> Iterator[Item]:
     questions = _many(len(protocol.questions), "question")
     yield _missing("2.1", "Population of interest identification", "the population")
     yield _missing("2.1.1", "Population of interest identification criteria", "them")
-    yield Item("2.2", "Baseliner sampling strategy", "Partial", RECRUITMENT[protocol.recruitment], "protocol")
+    yield Item(
+        "2.2",
+        "Baseliner sampling strategy",
+        "Partial",
+        RECRUITMENT[protocol.recruitment],
+        "protocol",
+    )
     asked = f"{questions} must be answered rightly before the warm-up; criteria of recruitment are not known."
     yield Item("2.3", "Quality control in recruitment", "Partial", asked, "protocol")
-    yield _missing("2.3.1", "Quality control criteria for baseliners", "criteria of recruitment, if any")
+    yield _missing(
+        "2.3.1", "Quality control criteria for baseliners", "criteria of recruitment, if any"
+    )
     yield _missing("2.3.2", "Recruitment exclusion rate", "whom recruitment turned away")
     yield _missing("2.4", "Author baseliners", "whether members of the team took part")
     unseen = (
         "Ranked terrains come from a secret, and the server shows nobody more than their own rover has discovered until "
         "the study closes. Whether somebody learnt of a terrain in another way is not known. "
     )
-    yield Item("2.5", "Baseliner train/test contamination", "Unknown", unseen + facts.leak, "database")
-    yield Item("2.6", "Baseliner training", "Yes", "Everybody, before the first ranked episode.", "protocol")
+    yield Item(
+        "2.5", "Baseliner train/test contamination", "Unknown", unseen + facts.leak, "database"
+    )
+    yield Item(
+        "2.6",
+        "Baseliner training",
+        "Yes",
+        "Everybody, before the first ranked episode.",
+        "protocol",
+    )
     kind = f"A tutorial to play, {questions} and {_many(protocol.warm_up, 'warm-up episode')} with feedback."
     yield Item("2.6.1", "Baseliner training type", "Tutorial and practice", kind, "protocol")
     yield _missing("2.6.2", "Baseliner training compensation", "it")
@@ -172,7 +234,9 @@ def _recruitment(facts: Facts) -> Iterator[Item]:
 def _execution(facts: Facts) -> Iterator[Item]:
     protocol = facts.protocol
     sitting = f"A break is offered every {protocol.break_every} ranked episodes; a participant may leave and resume."
-    yield Item("3.1", "Instrument length", str(protocol.warm_up + protocol.ranked), sitting, "protocol")
+    yield Item(
+        "3.1", "Instrument length", str(protocol.warm_up + protocol.ranked), sitting, "protocol"
+    )
     order = {
         "drawn": "Each participant has an order of their own, drawn from the study's secret.",
         "latin-square": "Orders are rows of a Latin square permuted by the study's secret.",
@@ -184,19 +248,51 @@ def _execution(facts: Facts) -> Iterator[Item]:
         "input is labelled."
     )
     yield Item("3.2", "Quality control in execution", "Yes", checks, "software")
-    yield Item("3.2.1", "Quality control in execution criteria", "See exclusion sets", "Fixed in the protocol.", "protocol")
+    yield Item(
+        "3.2.1",
+        "Quality control in execution criteria",
+        "See exclusion sets",
+        "Fixed in the protocol.",
+        "protocol",
+    )
     rate = (
         f"{facts.excluded} of {facts.started} who began a ranked episode are not in the primary figure. "
         f"{facts.labelled} of {facts.episodes} finished ranked episodes carry a label."
     )
-    yield Item("3.2.2", "Execution exclusion rate", f"{facts.excluded} of {facts.started}", rate, "database")
-    yield Item("3.3", "UI equivalence", "No", "People use a page, policies a matrix of the same cells.", "software")
-    yield Item("3.3.1", "GUI vs. API", "Yes", "People have a graphical page, policies the program interface.", "software")
     yield Item(
-        "3.3.2", "UI equivalence adjustment", "Partial", "The page draws the policy's matrix itself, cell by cell.", "software"
+        "3.2.2",
+        "Execution exclusion rate",
+        f"{facts.excluded} of {facts.started}",
+        rate,
+        "database",
     )
     yield Item(
-        "3.4", "Instruction equivalence", "N/A", "Policies take no instructions; they were trained on the reward.", "software"
+        "3.3",
+        "UI equivalence",
+        "No",
+        "People use a page, policies a matrix of the same cells.",
+        "software",
+    )
+    yield Item(
+        "3.3.1",
+        "GUI vs. API",
+        "Yes",
+        "People have a graphical page, policies the program interface.",
+        "software",
+    )
+    yield Item(
+        "3.3.2",
+        "UI equivalence adjustment",
+        "Partial",
+        "The page draws the policy's matrix itself, cell by cell.",
+        "software",
+    )
+    yield Item(
+        "3.4",
+        "Instruction equivalence",
+        "N/A",
+        "Policies take no instructions; they were trained on the reward.",
+        "software",
     )
     yield Item("3.4.1", "Instruction equivalence adjustment", "N/A", "See 3.4.", "software")
     tools = "Nobody is given tools; what people used beside the page is not known."
@@ -210,7 +306,11 @@ def _analysis(facts: Facts) -> Iterator[Item]:
     compared = bool(facts.policies and facts.players)
     answer = "Yes" if compared else "No"
     yield Item(
-        "4.1", "Statistical significance", answer, f"Policies: {', '.join(facts.policies) or 'none played'}.", "database"
+        "4.1",
+        "Statistical significance",
+        answer,
+        f"Policies: {', '.join(facts.policies) or 'none played'}.",
+        "database",
     )
     test = (
         "Test of the paired differences over players and terrains (crossed, Satterthwaite), adjusted by Holm's method."
@@ -218,12 +318,48 @@ def _analysis(facts: Facts) -> Iterator[Item]:
         else "None."
     )
     yield Item("4.1.1", "Statistical significance test", test, "", "software")
-    yield Item("4.2", "Uncertainty estimate", "Yes", "Intervals over players, and over players and terrains.", "software")
-    yield Item("4.2.1", "Estimate type", "Point, interval, distribution", "Every player's mean is shown.", "software")
-    yield Item("4.3", "Evaluation metric equivalence", "Yes", "Normalized score and steps to 99 % for both.", "software")
-    yield Item("4.4", "Evaluation scoring criteria equivalence", "Yes", "One compiled set of rules scores both.", "software")
-    yield Item("4.5", "Evaluation scoring method equivalence", "Yes", "By the rules; nobody grades.", "software")
-    yield Item("4.6", "Quality control robustness", "Reported", facts.sets or "Nobody has played.", "database")
+    yield Item(
+        "4.2",
+        "Uncertainty estimate",
+        "Yes",
+        "Intervals over players, and over players and terrains.",
+        "software",
+    )
+    yield Item(
+        "4.2.1",
+        "Estimate type",
+        "Point, interval, distribution",
+        "Every player's mean is shown.",
+        "software",
+    )
+    yield Item(
+        "4.3",
+        "Evaluation metric equivalence",
+        "Yes",
+        "Normalized score and steps to 99 % for both.",
+        "software",
+    )
+    yield Item(
+        "4.4",
+        "Evaluation scoring criteria equivalence",
+        "Yes",
+        "One compiled set of rules scores both.",
+        "software",
+    )
+    yield Item(
+        "4.5",
+        "Evaluation scoring method equivalence",
+        "Yes",
+        "By the rules; nobody grades.",
+        "software",
+    )
+    yield Item(
+        "4.6",
+        "Quality control robustness",
+        "Reported",
+        facts.sets or "Nobody has played.",
+        "database",
+    )
 
 
 def _documentation(facts: Facts) -> Iterator[Item]:
@@ -232,8 +368,20 @@ def _documentation(facts: Facts) -> Iterator[Item]:
         if facts.median_minutes is not None
         else "Nobody has played."
     )
-    yield Item("5.1.1", "Reporting sample demographics", "No", "Not asked by this software; the authors may.", "missing")
-    yield Item("5.1.2", "Reporting baseline instructions", "Yes", "Consent text and questions are in the protocol.", "protocol")
+    yield Item(
+        "5.1.1",
+        "Reporting sample demographics",
+        "No",
+        "Not asked by this software; the authors may.",
+        "missing",
+    )
+    yield Item(
+        "5.1.2",
+        "Reporting baseline instructions",
+        "Yes",
+        "Consent text and questions are in the protocol.",
+        "protocol",
+    )
     yield Item("5.1.3", "Reporting time to completion", "Yes", time, "database")
     yield Item("5.1.4", "AI tool versions", "N/A", "Participants are given no AI tool.", "software")
     rate = f"{facts.joined - facts.finished} of {facts.joined} who joined have not finished."
@@ -241,9 +389,17 @@ def _documentation(facts: Facts) -> Iterator[Item]:
     data = f"Planned licence {facts.protocol.data_licence}; the authors must say where the release (`marsexplorer release`) is."
     yield Item("5.2", "Baseline data availability", "Missing", data, "missing")
     yield Item(
-        "5.2.1", "Individual baseline data availability", "Yes", "A release has every move under pseudonyms.", "software"
+        "5.2.1",
+        "Individual baseline data availability",
+        "Yes",
+        "A release has every move under pseudonyms.",
+        "software",
     )
-    yield _missing("5.2.2", "Baseline data non-availability justification", "it, should the data not be published")
+    yield _missing(
+        "5.2.2",
+        "Baseline data non-availability justification",
+        "it, should the data not be published",
+    )
     secret = "revealed" if facts.is_closed else "revealed when the study closes"
     yield Item(
         "5.3",
@@ -253,5 +409,9 @@ def _documentation(facts: Facts) -> Iterator[Item]:
         "software",
     )
     yield Item(
-        "5.4", "Analysis code availability", "Yes", f"This report's code, MarsExplorer Playground {facts.software}.", "software"
+        "5.4",
+        "Analysis code availability",
+        "Yes",
+        f"This report's code, MarsExplorer Playground {facts.software}.",
+        "software",
     )

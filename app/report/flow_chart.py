@@ -38,7 +38,9 @@ STAGES = {
 }
 
 
-def flow_steps(flow: ParticipantFlow, players: int, episodes: int, excluded: Sequence[tuple[str, int]]) -> list[FlowStep]:
+def flow_steps(
+    flow: ParticipantFlow, players: int, episodes: int, excluded: Sequence[tuple[str, int]]
+) -> list[FlowStep]:
     """Return the stages of a study's flow.
 
     players, episodes  in the primary figure
@@ -55,7 +57,10 @@ def flow_steps(flow: ParticipantFlow, players: int, episodes: int, excluded: Seq
         ("erased at their request", arrivals.erased),
     ]
     steps.append(_step("Opened the study", flow.joined, before))
-    early = [("withdrew", flow.withdrew_early), *((f"left {STAGES[at]}", count) for at, count in flow.stayed_early.items())]
+    early = [
+        ("withdrew", flow.withdrew_early),
+        *((f"left {STAGES[at]}", count) for at, count in flow.stayed_early.items()),
+    ]
     steps.append(_step("Agreed to take part", flow.agreed, early))
     late = [("withdrew", flow.withdrew), ("did not finish", flow.unfinished)]
     steps.append(_step("Began the ranked episodes", flow.ranked, late))
@@ -86,11 +91,19 @@ def draw_flow(canvas: Canvas, steps: Sequence[FlowStep]) -> None:
         _box(axes, MAIN_X, MAIN_WIDTH, middle, lines, is_bold=True)
         if step.lost:
             _arrow(axes, (MAIN_X + MAIN_WIDTH, middle), (ASIDE_X, middle))
-            _box(axes, ASIDE_X, ASIDE_WIDTH, middle, [f"{reason}: {count}" for reason, count in step.lost])
+            _box(
+                axes,
+                ASIDE_X,
+                ASIDE_WIDTH,
+                middle,
+                [f"{reason}: {count}" for reason, count in step.lost],
+            )
         if number < len(steps) - 1:
             bottom = middle - _box_height(len(lines)) / 2
             below = steps[number + 1]
-            next_top = top - height - GAP - (_height(below) - _box_height(1 + bool(below.detail))) / 2
+            next_top = (
+                top - height - GAP - (_height(below) - _box_height(1 + bool(below.detail))) / 2
+            )
             _arrow(axes, (MAIN_X + MAIN_WIDTH / 2, bottom), (MAIN_X + MAIN_WIDTH / 2, next_top))
         top -= height + GAP
 
@@ -103,19 +116,36 @@ def _box_height(lines: int) -> float:
     return lines * LINE + 2 * PADDING if lines else 0.0
 
 
-def _box(axes: Axes, x: float, width: float, middle: float, lines: Sequence[str], is_bold: bool = False) -> None:
+def _box(
+    axes: Axes, x: float, width: float, middle: float, lines: Sequence[str], is_bold: bool = False
+) -> None:
     from matplotlib.patches import Rectangle
 
     height = _box_height(len(lines))
     face = BOX if is_bold else "white"
-    axes.add_patch(Rectangle((x, middle - height / 2), width, height, facecolor=face, edgecolor=ARROW, linewidth=0.8))
+    axes.add_patch(
+        Rectangle(
+            (x, middle - height / 2), width, height, facecolor=face, edgecolor=ARROW, linewidth=0.8
+        )
+    )
     for number, line in enumerate(lines):
         y = middle + height / 2 - PADDING - (number + 0.5) * LINE
         weight = "bold" if is_bold and number == 0 else "normal"
-        axes.text(x + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight)
+        axes.text(
+            x + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
+        )
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
     axes.annotate(
-        "", end, start, arrowprops={"arrowstyle": "-|>", "color": ARROW, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+        "",
+        end,
+        start,
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": ARROW,
+            "linewidth": 0.9,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
     )

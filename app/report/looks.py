@@ -88,13 +88,17 @@ def look_section(data: StudyData, runs: Sequence[PolicyRun]) -> LookSection | No
             crossing
             for metric in METRICS
             for run in runs
-            if has_t and (crossing := _crossing(run, metric, cohort.table(ids, metric), boundary)) is not None
+            if has_t
+            and (crossing := _crossing(run, metric, cohort.table(ids, metric), boundary))
+            is not None
         ),
         taken=data.looks,
     )
 
 
-def _crossing(run: PolicyRun, metric: MetricName, table: Floats, boundary: Boundary) -> Crossing | None:
+def _crossing(
+    run: PolicyRun, metric: MetricName, table: Floats, boundary: Boundary
+) -> Crossing | None:
     """Return where a policy stands at a look; None without a terrain that both played."""
     differences = run.values(metric) - table
     differences = differences[:, ~np.isnan(differences).all(axis=0)]

@@ -22,7 +22,9 @@ from app.statistics.terrain_leaks import LeakTrend
 from app.study.flow import ParticipantFlow
 
 FORMAT = "marsexplorer-report-1"
-SYNTHETIC = "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
+SYNTHETIC = (
+    "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
+)
 
 
 @dataclass(frozen=True)

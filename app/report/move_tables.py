@@ -40,20 +40,40 @@ def _regret(found: RegretSummary) -> PageTable:
         (f"{found.policy}\u2019s own on the same terrains", number(found.policy_mean, 1)),
         *((f"share: {kind}", percent(share)) for kind, share in found.by_kind.items()),
     ]
-    return PageTable(f"Regret over {len(found.by_player)} players, {found.episodes} episodes", ("quantity", "value"), rows)
+    return PageTable(
+        f"Regret over {len(found.by_player)} players, {found.episodes} episodes",
+        ("quantity", "value"),
+        rows,
+    )
 
 
 def _by_tenth(found: RegretSummary) -> PageTable:
-    rows = [(f"{10 * tenth} to {10 * tenth + 10} %", number(moves, 1)) for tenth, moves in enumerate(found.by_tenth)]
-    return PageTable("Mean regret of an episode, by what was known before the move", ("cells known", "moves lost"), rows)
+    rows = [
+        (f"{10 * tenth} to {10 * tenth + 10} %", number(moves, 1))
+        for tenth, moves in enumerate(found.by_tenth)
+    ]
+    return PageTable(
+        "Mean regret of an episode, by what was known before the move",
+        ("cells known", "moves lost"),
+        rows,
+    )
 
 
 def _players(found: RegretSummary) -> PageTable:
     rows = [
-        (each.player, str(each.episodes), number(each.mean, 1), *(number(moves, 1) for moves in each.by_kind.values()))
+        (
+            each.player,
+            str(each.episodes),
+            number(each.mean, 1),
+            *(number(moves, 1) for moves in each.by_kind.values()),
+        )
         for each in found.by_player
     ]
-    return PageTable("Each player\u2019s mean regret per episode", ("player", "episodes", "regret", *found.by_kind), rows)
+    return PageTable(
+        "Each player\u2019s mean regret per episode",
+        ("player", "episodes", "regret", *found.by_kind),
+        rows,
+    )
 
 
 def _likeness(rows: tuple[Likeness, ...]) -> PageTable:
@@ -62,7 +82,10 @@ def _likeness(rows: tuple[Likeness, ...]) -> PageTable:
     found = {(each.participant, each.policy): each for each in rows}
     players = sorted({each.participant for each in rows})
     outstanding = {each.participant for each in rows if each.stands_out}
-    cells = [(player, *(_share(found.get((player, policy))) for policy in policies)) for player in players]
+    cells = [
+        (player, *(_share(found.get((player, policy))) for policy in policies))
+        for player in players
+    ]
     return PageTable(
         caption="Share of each player\u2019s ranked moves that a policy would have made too; * stands out",
         heads=("player", *policies),

@@ -73,7 +73,11 @@ def _sections(report: Report) -> list[Section]:
     )
     return [
         Section(
-            group, group_tables(report, group), second_analysis_tables(group), bayesian_tables(group), charts(report, group)
+            group,
+            group_tables(report, group),
+            second_analysis_tables(group),
+            bayesian_tables(group),
+            charts(report, group),
         )
         for group in groups
     ]

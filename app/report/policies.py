@@ -31,7 +31,11 @@ class PolicyRun:
 
 
 def run_policies(
-    names: Sequence[str], config: EnvConfig, seeds: Mapping[int, int], terrains: int, progress: Progress | None = None
+    names: Sequence[str],
+    config: EnvConfig,
+    seeds: Mapping[int, int],
+    terrains: int,
+    progress: Progress | None = None,
 ) -> tuple[PolicyRun, ...]:
     """Return one run per policy (a name or path), each on every terrain whose seed is known.
 
@@ -50,12 +54,20 @@ def runs_of(
     return tuple(_run(name, config, by_terrain, terrains) for name, by_terrain in found.items())
 
 
-def _run(name: str, config: EnvConfig, episodes: Mapping[int, PolicyEpisode], terrains: int) -> PolicyRun:
+def _run(
+    name: str, config: EnvConfig, episodes: Mapping[int, PolicyEpisode], terrains: int
+) -> PolicyRun:
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
     summaries = {index: summary_of(each.replay(config)) for index, each in sorted(episodes.items())}
     for index, summary in summaries.items():
         score[index], steps[index] = summary.score, summary.steps
-    outcomes = tuple(summaries[index].outcome if index in summaries else "" for index in range(terrains))
+    outcomes = tuple(
+        summaries[index].outcome if index in summaries else "" for index in range(terrains)
+    )
     groups = [[summary] for summary in summaries.values()]
-    pictures = {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)} if groups else {}
+    pictures = (
+        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+        if groups
+        else {}
+    )
     return PolicyRun(name, score, steps, outcomes, pictures)

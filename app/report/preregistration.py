@@ -58,7 +58,9 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         keep_trailing_newline=True,
     )
     environment.filters["level"] = level
-    environment.filters["utc"] = lambda seconds: time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(seconds))
+    environment.filters["utc"] = lambda seconds: time.strftime(
+        "%Y-%m-%dT%H:%M:%SZ", time.gmtime(seconds)
+    )
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
         config=protocol.env_config,
@@ -68,7 +70,11 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         attestation=ATTESTATION[protocol.required_attestation],
         orders=ORDERS[protocol.orders],
         sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
-        labels={name: text for name, text in LABELS.items() if protocol.labels_version != "1" or name != "no effort"},
+        labels={
+            name: text
+            for name, text in LABELS.items()
+            if protocol.labels_version != "1" or name != "no effort"
+        },
         rule=RULES[protocol.interval_rule],
         second_analysis=SECOND_ANALYSIS[protocol.second_analysis],
         policies=list(dict.fromkeys((*protocol.policies, "random"))),

@@ -18,7 +18,18 @@ MOVE_KEYS = ("moves", "cautions")
 """Keys of a group that cannot be derived without the policies that its moves are compared with."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
-SECTIONS = ("figures", "metrics", "comparisons", "players", "pictures", "moves", "flow", "labels", "outcomes", "stages")
+SECTIONS = (
+    "figures",
+    "metrics",
+    "comparisons",
+    "players",
+    "pictures",
+    "moves",
+    "flow",
+    "labels",
+    "outcomes",
+    "stages",
+)
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
 
@@ -45,7 +56,9 @@ class Section:
         if not is_same:
             self.differ += 1
             if len(self.differences) < MOST_NAMED:
-                self.differences.append(f"{where}: {_shown(recorded)} in the release, {_shown(derived)} derived again")
+                self.differences.append(
+                    f"{where}: {_shown(recorded)} in the release, {_shown(derived)} derived again"
+                )
 
 
 def compare_reports(
@@ -61,7 +74,9 @@ def compare_reports(
     known = dict(_leaves(derived))
     versions = str(recorded.get("software_version")), str(derived.get("software_version"))
     for place, value in _leaves(recorded):
-        if place[0] in NOT_COMPARED or (place[0] == "groups" and len(place) > 2 and place[2] in left_out):
+        if place[0] in NOT_COMPARED or (
+            place[0] == "groups" and len(place) > 2 and place[2] in left_out
+        ):
             continue
         again = known.get(place, _ABSENT)
         section = found.setdefault(_section(place), Section())

@@ -27,7 +27,9 @@ def second_analysis_tables(group: GroupReport) -> tuple[PageTable, ...]:
         return ()
     heads = ("quantity", *(METRIC_NAMES[model.metric] for model in models))
     rows = list(zip(QUANTITIES, *map(_column, models), strict=True))
-    figures = PageTable("Second analysis: mixed model, players and terrains crossed, fitted by REML", heads, rows)
+    figures = PageTable(
+        "Second analysis: mixed model, players and terrains crossed, fitted by REML", heads, rows
+    )
     return (figures, *(table for table in [_difficulties(models)] if table.rows))
 
 
@@ -49,5 +51,8 @@ def _difficulties(models: list[MixedModel]) -> PageTable:
     return PageTable(
         caption="What each ranked terrain adds to everybody's figure, with its 95 % interval",
         heads=("terrain", *(METRIC_NAMES[model.metric] for model in models)),
-        rows=[(str(terrain), *(cells[terrain].get(model.metric, NONE) for model in models)) for terrain in sorted(cells)],
+        rows=[
+            (str(terrain), *(cells[terrain].get(model.metric, NONE) for model in models))
+            for terrain in sorted(cells)
+        ],
     )

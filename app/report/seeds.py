@@ -46,9 +46,14 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         raise StudyError(
             f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"
         )
-    opened = [person.invitation for person in participants(reader, name) if person.invitation is not None]
+    opened = [
+        person.invitation for person in participants(reader, name) if person.invitation is not None
+    ]
     if study.protocol.recruitment == "invitation":
-        data = replace(data, arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened))
+        data = replace(
+            data,
+            arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened),
+        )
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = with_looks_in(studies / name / LOOKS_FILE, data).with_policies_in(policies)

@@ -97,7 +97,10 @@ def checklist_table(report: Report) -> PageTable | None:
     return PageTable(
         caption="The checklist's items",
         heads=("item", "name", "answer", "details", "from"),
-        rows=[(item.number, item.name, item.answer, item.detail, item.source) for item in report.checklist],
+        rows=[
+            (item.number, item.name, item.answer, item.detail, item.source)
+            for item in report.checklist
+        ],
         is_text=True,
         row_classes=["missing" if item.source == "missing" else "" for item in report.checklist],
     )
@@ -112,21 +115,40 @@ def coverage_table(report: Report) -> PageTable | None:
     size = f"{cells[0].studies} simulated studies each, {cells[0].players} players x 30 terrains"
     return PageTable(
         caption=f"Coverage (%) of 95 % intervals in {size}",
-        heads=("population", "ICC", "printed", "t", "bootstrap", "guaranteed", "new terrains", "pooled episodes"),
+        heads=(
+            "population",
+            "ICC",
+            "printed",
+            "t",
+            "bootstrap",
+            "guaranteed",
+            "new terrains",
+            "pooled episodes",
+        ),
         rows=[_coverage_row(cell) for cell in cells],
     )
 
 
 def _coverage_row(cell: Cell) -> tuple[str, ...]:
-    summary = {population.name: population.summary for population in SCORE_POPULATIONS}[cell.population]
+    summary = {population.name: population.summary for population in SCORE_POPULATIONS}[
+        cell.population
+    ]
     shares = (cell.printed, cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
-    return (f"{cell.population}: {summary}", f"{cell.icc:g}", *(number(share, 1) for share in shares))
+    return (
+        f"{cell.population}: {summary}",
+        f"{cell.icc:g}",
+        *(number(share, 1) for share in shares),
+    )
 
 
-def _by_metric(caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]) -> PageTable:
+def _by_metric(
+    caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
+) -> PageTable:
     """Return a table with a column for each metric of the group; no rows where the group has no metrics."""
     rows = list(zip(names, *columns, strict=True)) if columns else []
-    return PageTable(caption, ("quantity", *(METRIC_NAMES[metric.name] for metric in group.metrics)), rows)
+    return PageTable(
+        caption, ("quantity", *(METRIC_NAMES[metric.name] for metric in group.metrics)), rows
+    )
 
 
 def _result(group: GroupReport) -> PageTable | None:
@@ -136,13 +158,24 @@ def _result(group: GroupReport) -> PageTable | None:
     columns = []
     for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
         headline = None if why_no_interval(estimate) else estimate.interval
-        ends = (headline, estimate.printed, estimate.t, estimate.bootstrap, metric.new_terrains, estimate.guaranteed)
+        ends = (
+            headline,
+            estimate.printed,
+            estimate.t,
+            estimate.bootstrap,
+            metric.new_terrains,
+            estimate.guaranteed,
+        )
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     players = f"{found.players} player{'s' * (found.players != 1)}"
     who = f"{players}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
     kind = level(found.score.confidence)
-    shown = "guaranteed 95 % interval (headline)" if found.score.headline == "guaranteed" else f"{kind} interval (headline)"
+    shown = (
+        "guaranteed 95 % interval (headline)"
+        if found.score.headline == "guaranteed"
+        else f"{kind} interval (headline)"
+    )
     names = ("mean", shown, f"{kind} interval (printed)", *INTERVALS)
     table = _by_metric(f"Means over players. {who}", group, names, columns)
     return replace(table, rows=[row for row in table.rows if set(row[1:]) != {NONE}])
@@ -150,10 +183,19 @@ def _result(group: GroupReport) -> PageTable | None:
 
 def _exclusion_sets(group: GroupReport) -> PageTable:
     rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
-    kind = f"{level(group.figures[0].score.confidence) if group.figures[0].score else '95 %'} interval"
+    kind = (
+        f"{level(group.figures[0].score.confidence) if group.figures[0].score else '95 %'} interval"
+    )
     return PageTable(
         caption=f"The figure under each exclusion set; who enters: {rules}",
-        heads=("set", "players", "episodes", f"score ({kind})", f"steps to 99 % ({kind})", "reached 99 %"),
+        heads=(
+            "set",
+            "players",
+            "episodes",
+            f"score ({kind})",
+            f"steps to 99 % ({kind})",
+            "reached 99 %",
+        ),
         rows=[_exclusion_set_row(group, figure) for figure in group.figures],
     )
 
@@ -193,15 +235,31 @@ def _spread_column(metric: Metric) -> tuple[str, ...]:
     middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
     if found is None:
         return (*[NONE] * 11, *middle)
-    sds = [number(sd, digits) for sd in (found.between_sd, found.within_sd, found.terrain_sd, found.rest_sd)]
-    counts = f"{found.n0:.1f}", str(found.players), str(found.episodes), f"{found.design_effect:.1f}", f"{found.effective:.0f}"
+    sds = [
+        number(sd, digits)
+        for sd in (found.between_sd, found.within_sd, found.terrain_sd, found.rest_sd)
+    ]
+    counts = (
+        f"{found.n0:.1f}",
+        str(found.players),
+        str(found.episodes),
+        f"{found.design_effect:.1f}",
+        f"{found.effective:.0f}",
+    )
     return (number(found.icc, 3), interval(found.icc_interval, 2), *sds, *counts, *middle)
 
 
 def _players(group: GroupReport) -> PageTable:
     return PageTable(
         caption="Pseudonyms of this report alone, in no order of joining",
-        heads=("player", "episodes", "score", "steps to 99 %", "short of 99 %", "in the primary set"),
+        heads=(
+            "player",
+            "episodes",
+            "score",
+            "steps to 99 %",
+            "short of 99 %",
+            "in the primary set",
+        ),
         rows=[
             (
                 row.name,
@@ -258,7 +316,11 @@ def _comparison(group: GroupReport, metric: str) -> PageTable:
 
 def _learning_column(metric: Metric) -> tuple[str, ...]:
     found, digits = metric.learning, DIGITS[metric.name] + 1
-    change = number(found.change, digits), interval(found.change_interval, digits), interval(found.equivalence, digits)
+    change = (
+        number(found.change, digits),
+        interval(found.change_interval, digits),
+        interval(found.equivalence, digits),
+    )
     tested = NONE if found.margin is None else f"±{found.margin:g}", p_value(found.p_equivalence)
     slope = number(found.slope, digits), interval(found.slope_interval, digits)
     verdict = found.verdict if found.margin is not None else f"{found.verdict} (no margin)"

@@ -61,8 +61,12 @@ class SimulatedBoard:
         frame, self.is_refused = self.frame, False
         step, episode = frame["step"], frame["episode"]
         began = time.perf_counter()
-        await self.page.send({"kind": "act", "episode": episode, "step": step, "action": action, **press})
-        while not self.is_refused and self.frame["episode"] == episode and self.frame["step"] <= step:
+        await self.page.send(
+            {"kind": "act", "episode": episode, "step": step, "action": action, **press}
+        )
+        while (
+            not self.is_refused and self.frame["episode"] == episode and self.frame["step"] <= step
+        ):
             await self._receive()
         return (time.perf_counter() - began) * 1000
 
@@ -80,17 +84,29 @@ class SimulatedBoard:
         frame = self.frame
         assert self._kernel is not None
         rows, cols = frame["rows"], frame["cols"]
-        codes = np.frombuffer("".join(frame["grid"]).encode().translate(CODE_OF_CHARACTER), np.uint8).reshape(1, rows, cols)
-        style_arrays = (np.array([style.slip]), np.array([style.crash]), np.array([style.stream], np.uint64))
+        codes = np.frombuffer(
+            "".join(frame["grid"]).encode().translate(CODE_OF_CHARACTER), np.uint8
+        ).reshape(1, rows, cols)
+        style_arrays = (
+            np.array([style.slip]),
+            np.array([style.crash]),
+            np.array([style.stream], np.uint64),
+        )
         at, moves = np.array([frame["position"]], np.int64), np.array([frame["step"]], np.int64)
         self._kernel.heading[0] = ACTIONS.index(frame["heading"])
-        return ACTIONS[int(self._kernel.decide(codes, at, np.ones(1, np.bool_), style_arrays, moves)[0])]
+        return ACTIONS[
+            int(self._kernel.decide(codes, at, np.ones(1, np.bool_), style_arrays, moves)[0])
+        ]
 
     async def _receive_until(self, kind: str, episode: str) -> dict[str, Any]:
         """Return the next message of a kind about an episode, its frame on the board by then."""
         while True:
             message = await self._receive()
-            if message["kind"] == kind and message["episode"] == episode and self.frame.get("episode") == episode:
+            if (
+                message["kind"] == kind
+                and message["episode"] == episode
+                and self.frame.get("episode") == episode
+            ):
                 return message
 
     async def _receive(self) -> dict[str, Any]:
@@ -110,11 +126,21 @@ class SimulatedBoard:
         """Keep a frame as the newest and check it: no older than the last of its episode, and without what the study hides."""
         last = self.frame
         if last.get("episode") == frame["episode"] and frame["step"] < last["step"]:
-            self._report_fault(f"episode {frame['episode']} went back from move {last['step']} to {frame['step']}")
+            self._report_fault(
+                f"episode {frame['episode']} went back from move {last['step']} to {frame['step']}"
+            )
         visibility = self._visibility
-        may_show = not visibility.hides_scores or (visibility.shows_final_score and frame["outcome"] is not None)
-        if frame["episode"] == visibility.episode and not may_show and any(frame[name] is not None for name in SCORE_FIELDS):
-            self._report_fault(f"a ranked frame tells its score: episode {frame['episode']}, move {frame['step']}")
+        may_show = not visibility.hides_scores or (
+            visibility.shows_final_score and frame["outcome"] is not None
+        )
+        if (
+            frame["episode"] == visibility.episode
+            and not may_show
+            and any(frame[name] is not None for name in SCORE_FIELDS)
+        ):
+            self._report_fault(
+                f"a ranked frame tells its score: episode {frame['episode']}, move {frame['step']}"
+            )
         self.frame = frame
 
     def _restore_path(self, history: dict[str, Any]) -> None:

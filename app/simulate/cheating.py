@@ -40,7 +40,11 @@ Attempt = Callable[[CheatContext], Awaitable[str | None]]
 
 def what_was_granted(answer: httpx.Response) -> str | None:
     """Return what an answer gave away, None when it is a refusal (4xx); an error of the server (5xx) is no refusal."""
-    return None if 400 <= answer.status_code < 500 else f"{answer.status_code} for {answer.request.url.path}"
+    return (
+        None
+        if 400 <= answer.status_code < 500
+        else f"{answer.status_code} for {answer.request.url.path}"
+    )
 
 
 def refused_call(method: str, path: str, body: Any = None) -> Attempt:
@@ -50,9 +54,16 @@ def refused_call(method: str, path: str, body: Any = None) -> Attempt:
         study, other = context.page.study, context.other_session
         if "{other}" in path and other is None:
             return None
-        address = path.format(session=context.session, episode=context.episode, study=study, other=other)
-        filled = {key: context.episode if value == "{episode}" else value for key, value in (body or {}).items()}
-        return what_was_granted(await context.page.ask(method, address, filled if body is not None else None))
+        address = path.format(
+            session=context.session, episode=context.episode, study=study, other=other
+        )
+        filled = {
+            key: context.episode if value == "{episode}" else value
+            for key, value in (body or {}).items()
+        }
+        return what_was_granted(
+            await context.page.ask(method, address, filled if body is not None else None)
+        )
 
     return attempt
 
@@ -67,7 +78,9 @@ async def ask_for_next_early(context: CheatContext) -> str | None:
 
 async def join_again_as_human(context: CheatContext) -> str | None:
     """Join again, this time as a person: it must be the same participant as before, at the same stage."""
-    answer = await context.page.ask("POST", f"api/studies/{context.page.study}/join", {"outside_ids": {}, "script": None})
+    answer = await context.page.ask(
+        "POST", f"api/studies/{context.page.study}/join", {"outside_ids": {}, "script": None}
+    )
     if answer.is_error:
         return what_was_granted(answer)
     same = answer.json()["session"] == context.session
@@ -92,13 +105,19 @@ def absent_from(path: str) -> Attempt:
 
 async def read_secret(context: CheatContext) -> str | None:
     """Ask for the study's secret."""
-    return "the secret is shown while the study is open" if (await context.page.call(""))["secret"] else None
+    return (
+        "the secret is shown while the study is open"
+        if (await context.page.call(""))["secret"]
+        else None
+    )
 
 
 async def forge_cookie(context: CheatContext) -> str | None:
     """Come with a cookie that the server did not sign."""
     cookie = context.page.cookie or ""
-    page = Page(context.page.url, context.page.study, ("0" if cookie[:1] != "0" else "1") + cookie[1:])
+    page = Page(
+        context.page.url, context.page.study, ("0" if cookie[:1] != "0" else "1") + cookie[1:]
+    )
     try:
         return what_was_granted(await page.ask("GET", f"api/studies/{context.page.study}/me"))
     finally:
@@ -142,12 +161,16 @@ ATTEMPTS: dict[str, Attempt] = {
     "another terrain": refused_call("POST", "api/sessions/{session}/episodes", {}),
     "a terrain of its choice": refused_call("POST", "api/sessions/{session}/episodes", {"seed": 7}),
     "next while one runs": ask_for_next_early,
-    "giving up a past move": refused_call("POST", "api/studies/{study}/give-up", {"episode": "{episode}", "step": 10**6}),
+    "giving up a past move": refused_call(
+        "POST", "api/studies/{study}/give-up", {"episode": "{episode}", "step": 10**6}
+    ),
     "a move over HTTP": refused_call(
         "POST", "api/sessions/{session}/act", {"episode": "{episode}", "step": 0, "action": "east"}
     ),
     "a policy's help": refused_call("POST", "api/sessions/{session}/pace", {"step": True}),
-    "a second consent": refused_call("POST", "api/studies/{study}/consent", {"version": "1", "agree": True}),
+    "a second consent": refused_call(
+        "POST", "api/studies/{study}/consent", {"version": "1", "agree": True}
+    ),
     "skipping to the end": refused_call("POST", "api/studies/{study}/advance", {"from": "debrief"}),
     "the debrief too early": refused_call("GET", "api/studies/{study}/debrief/0"),
     "its own running episode": refused_call("GET", "api/episodes/{episode}"),
@@ -176,7 +199,9 @@ class Cheater:
     def __init__(self, page: Page, log: OutcomeLog) -> None:
         self._page, self._log = page, log
 
-    async def try_all_when_due(self, session: str, frame: dict[str, Any], phase: str, other_session: str | None) -> None:
+    async def try_all_when_due(
+        self, session: str, frame: dict[str, Any], phase: str, other_session: str | None
+    ) -> None:
         """Make all attempts after the first move of an episode, and every MOVES_BETWEEN_ATTEMPTS moves from then on."""
         if frame["step"] % MOVES_BETWEEN_ATTEMPTS == 1:
             context = CheatContext(self._page, session, frame, phase, other_session)

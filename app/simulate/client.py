@@ -63,7 +63,10 @@ class Page:
             raise ValueError(f"an address must be like http://127.0.0.1:8000, got {url!r}")
         self._origin = f"{parts.scheme}://{parts.netloc}"
         self._http = httpx.AsyncClient(
-            timeout=ANSWER_TIMEOUT_S, trust_env=False, verify=_certificates(), headers={"Origin": self._origin, **_token()}
+            timeout=ANSWER_TIMEOUT_S,
+            trust_env=False,
+            verify=_certificates(),
+            headers={"Origin": self._origin, **_token()},
         )
         if cookie is not None:
             self._http.headers["Cookie"] = f"{COOKIE_NAME}={cookie}"
@@ -113,7 +116,14 @@ class Page:
                 url, origin=Origin(self._origin), additional_headers=headers, proxy=None, compression=None, max_size=None,
                 open_timeout=ANSWER_TIMEOUT_S, close_timeout=1.0,
             )  # fmt: skip
-        except (OSError, TimeoutError, InvalidHandshake, InvalidMessage, EOFError, ConnectionClosed) as error:
+        except (
+            OSError,
+            TimeoutError,
+            InvalidHandshake,
+            InvalidMessage,
+            EOFError,
+            ConnectionClosed,
+        ) as error:
             raise ConnectionLostError(str(error) or type(error).__name__) from error
 
     @property
@@ -138,7 +148,9 @@ class Page:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 found: dict[str, Any] = json.loads(await self._socket.recv())
         except (ConnectionClosed, OSError, TimeoutError) as error:
-            raise ConnectionLostError(str(error) or f"no message within {ANSWER_TIMEOUT_S:.0f} s") from error
+            raise ConnectionLostError(
+                str(error) or f"no message within {ANSWER_TIMEOUT_S:.0f} s"
+            ) from error
         return found
 
     async def close_socket(self) -> None:

@@ -6,7 +6,12 @@ import click
 import numpy as np
 
 from app.simulate.decisions import DecisionKernel
-from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS, SimulatedPopulation, draw_players
+from app.simulate.population import (
+    RANDOM_MOVES,
+    SIMULATED_POPULATIONS,
+    SimulatedPopulation,
+    draw_players,
+)
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.evaluation.effort import makes_no_effort
 from marsexplorer.rules import DISCOVERED
@@ -16,13 +21,17 @@ FIRST_SEED = 7 * 10**12
 """Of the terrains: other ones than those of the check's own random episodes."""
 
 
-def effort_rate(config: EnvConfig, population: SimulatedPopulation, episodes: int, seed: int) -> float:
+def effort_rate(
+    config: EnvConfig, population: SimulatedPopulation, episodes: int, seed: int
+) -> float:
     """Return the share of episodes (0..1) that get the label, each by a player and on a terrain of its own."""
     courses = play_courses(config, population, episodes, seed)
     return float(np.mean([makes_no_effort(config, course) for course in courses]))
 
 
-def play_courses(config: EnvConfig, population: SimulatedPopulation, episodes: int, seed: int) -> list[list[int]]:
+def play_courses(
+    config: EnvConfig, population: SimulatedPopulation, episodes: int, seed: int
+) -> list[list[int]]:
     """Return the cells known after each move of as many episodes."""
     rng, worlds = np.random.default_rng(seed), Worlds(config, episodes)
     worlds.start(np.arange(FIRST_SEED, FIRST_SEED + episodes))
@@ -34,7 +43,11 @@ def play_courses(config: EnvConfig, population: SimulatedPopulation, episodes: i
         running = np.equal(worlds.outcomes, RUNNING)
         if not running.any():
             break
-        worlds.step(kernel.decide(worlds.codes, positions(worlds.scalars), running, style, np.full(episodes, move)))
+        worlds.step(
+            kernel.decide(
+                worlds.codes, positions(worlds.scalars), running, style, np.full(episodes, move)
+            )
+        )
         for index in np.flatnonzero(running):
             courses[index].append(int(worlds.scalars[index, DISCOVERED]))
     return courses
@@ -45,7 +58,13 @@ def play_courses(config: EnvConfig, population: SimulatedPopulation, episodes: i
 @click.option("--seed", default=0, show_default=True)
 def main(episodes: int, seed: int) -> None:
     """Print the share of episodes labelled, by level and by kind of player."""
-    for level, size in (("random", 21), ("1-1-1", 21), ("3-2-1", 21), ("random", 42), ("random", 11)):
+    for level, size in (
+        ("random", 21),
+        ("1-1-1", 21),
+        ("3-2-1", 21),
+        ("random", 42),
+        ("random", 11),
+    ):
         config = EnvConfig.of(level, size)
         count = episodes if size <= 21 else episodes // 10
         kinds = (RANDOM_MOVES, *SIMULATED_POPULATIONS.values())

@@ -47,13 +47,21 @@ class PageClock:
 class InputDevice:
     """Presses and releases; `events` holds their input events that are not sent yet, as the socket takes them."""
 
-    def __init__(self, persona: Persona, clock: PageClock, rng: np.random.Generator, log: OutcomeLog | None = None) -> None:
+    def __init__(
+        self,
+        persona: Persona,
+        clock: PageClock,
+        rng: np.random.Generator,
+        log: OutcomeLog | None = None,
+    ) -> None:
         self.clock = clock
         self.events: list[dict[str, Any]] = []
         self._persona = persona
         self._rng = rng
         self._log = log or OutcomeLog()
-        self._down, self._up = ("touchdown", "touchup") if persona.modality == "touch" else ("keydown", "keyup")
+        self._down, self._up = (
+            ("touchdown", "touchup") if persona.modality == "touch" else ("keydown", "keyup")
+        )
         self._up_ms: float | None = None
         self._pressed_ms = 0.0
         self._last = ""
@@ -65,10 +73,14 @@ class InputDevice:
         """
         persona = self._persona
         if persona.kind.is_robotic:
-            await self.clock.wait(persona.decision_ms - (self.clock.now_ms() - self._pressed_ms) % persona.decision_ms)
+            await self.clock.wait(
+                persona.decision_ms - (self.clock.now_ms() - self._pressed_ms) % persona.decision_ms
+            )
             return
         turn = 1.0 if action == self._last else 1.5
-        await self.clock.wait(max(110.0, float(self._rng.lognormal(np.log(persona.decision_ms * turn), 0.35))))
+        await self.clock.wait(
+            max(110.0, float(self._rng.lognormal(np.log(persona.decision_ms * turn), 0.35)))
+        )
 
     def press(self, action: str, step: int) -> dict[str, Any]:
         """Press a key and return what the act message says of it: input and times in ms."""
@@ -77,7 +89,12 @@ class InputDevice:
         self.record_event(self._down, code=self._code(action), repeat=False, step=step, at_ms=down)
         is_key = self._persona.modality == "keyboard"
         up, self._up_ms = self._up_ms, None
-        return {"input": "key" if is_key else "touch", "key_down_ms": down, "key_up_ms": up, "client_ms": self.clock.now_ms()}
+        return {
+            "input": "key" if is_key else "touch",
+            "key_down_ms": down,
+            "key_up_ms": up,
+            "client_ms": self.clock.now_ms(),
+        }
 
     async def release(self, action: str, step: int, round_trip_ms: float) -> None:
         """Wait until the key is up again; `step` is the frame that is then on screen."""
@@ -87,7 +104,11 @@ class InputDevice:
         await self.clock.wait(max(0.0, held - round_trip_ms))
         self._up_ms = self.clock.now_ms()
         self.record_event(
-            self._up, code=self._code(action), step=step, at_ms=self._up_ms, round_trip_ms=round(round_trip_ms, 2)
+            self._up,
+            code=self._code(action),
+            step=step,
+            at_ms=self._up_ms,
+            round_trip_ms=round(round_trip_ms, 2),
         )
 
     async def idle(self, ms: float, step: int) -> None:
@@ -112,7 +133,9 @@ class InputDevice:
         event = dict.fromkeys(("code", "repeat", "trusted", "step", "round_trip_ms"))
         at = self.clock.now_ms() if at_ms is None else at_ms
         self._log.events_recorded += 1
-        self.events.append({**event, "kind": kind, "trusted": True if is_press else None, "client_ms": at, **rest})
+        self.events.append(
+            {**event, "kind": kind, "trusted": True if is_press else None, "client_ms": at, **rest}
+        )
 
     def _code(self, action: str) -> str | None:
         return KEYS[action] if self._persona.modality == "keyboard" else None

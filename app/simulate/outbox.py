@@ -28,7 +28,9 @@ class Outbox:
         """Add an episode's events in batches, which never change from then on."""
         for start in range(0, len(events), MAX_EVENTS_PER_BATCH):
             batch = events[start : start + MAX_EVENTS_PER_BATCH]
-            self._batches.append({"kind": "events", "episode": episode, "batch": uuid4().hex, "events": batch})
+            self._batches.append(
+                {"kind": "events", "episode": episode, "batch": uuid4().hex, "events": batch}
+            )
 
     async def send_all(self, board: SimulatedBoard) -> None:
         """Send every batch until it is kept; ConnectionLostError when the connection breaks: the rest is sent over the next."""
@@ -37,7 +39,9 @@ class Outbox:
             answer = await board.send_events(batch)
             count, reason = answer["count"], answer["reason"]
             if reason is not None:
-                self._report_fault(f"input events of episode {batch['episode']} are not kept: {reason}")
+                self._report_fault(
+                    f"input events of episode {batch['episode']} are not kept: {reason}"
+                )
             elif count != len(batch["events"]):
                 raise ConnectionLostError("the server cannot keep input events now")
             self._batches.pop(0)

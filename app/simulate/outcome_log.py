@@ -21,7 +21,9 @@ class PlayerOutcome:
     number: int
     kind: str
     stage: str = "joining"
-    episodes: dict[str, int] = field(default_factory=lambda: {"tutorial": 0, "warm_up": 0, "ranked": 0})
+    episodes: dict[str, int] = field(
+        default_factory=lambda: {"tutorial": 0, "warm_up": 0, "ranked": 0}
+    )
     debrief: dict[str, Any] | None = None
     code: str | None = None
 
@@ -84,4 +86,6 @@ class OutcomeLog:
         if not self.round_trips_ms:
             return {}
         names = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
-        return {name: float(np.percentile(self.round_trips_ms, share)) for name, share in names.items()}
+        return {
+            name: float(np.percentile(self.round_trips_ms, share)) for name, share in names.items()
+        }

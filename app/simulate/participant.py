@@ -60,7 +60,9 @@ class SimulatedParticipant:
         neighbours: list[SimulatedParticipant],
     ) -> None:
         self.persona, self.settings, self.saved, self._log = persona, settings, saved, log
-        self.outcome = PlayerOutcome(persona.number, persona.kind.name, "left" if saved.has_left else "joining")
+        self.outcome = PlayerOutcome(
+            persona.number, persona.kind.name, "left" if saved.has_left else "joining"
+        )
         self.session: str | None = None
         self.episodes_done = 0
         """Episodes ended since the player joined, in this run of the command or an earlier one."""
@@ -97,7 +99,11 @@ class SimulatedParticipant:
         else:
             progress = await self._page.call("me")
         self.outcome.stage = progress["stage"]
-        self.episodes_done = int(progress["tutorial"]["done"]) + progress["warm_up"]["done"] + progress["ranked"]["done"]
+        self.episodes_done = (
+            int(progress["tutorial"]["done"])
+            + progress["warm_up"]["done"]
+            + progress["ranked"]["done"]
+        )
         return progress
 
     async def _do_stage(self, progress: dict[str, Any]) -> None:
@@ -106,7 +112,9 @@ class SimulatedParticipant:
         if stage == "consent":
             await self._wait_to_read(progress["consent"]["text"])
             await page.call("consent", {"version": progress["consent"]["version"], "agree": True})
-            await page.call("settings", {"modality": self.persona.modality, "palette": "mars", "keys": {}})
+            await page.call(
+                "settings", {"modality": self.persona.modality, "palette": "mars", "keys": {}}
+            )
         elif stage == "instructions":
             await self._clock.wait(20_000)
             await page.call("advance", {"from": "instructions"})
@@ -119,7 +127,10 @@ class SimulatedParticipant:
         elif stage == "debrief":
             await self._debrief(progress)
         elif stage == "complete":
-            self.outcome.debrief, self.outcome.code = progress["debrief"], progress["debrief"]["completion_code"]
+            self.outcome.debrief, self.outcome.code = (
+                progress["debrief"],
+                progress["debrief"]["completion_code"],
+            )
         self._setback_count = 0
 
     async def _wait_to_read(self, text: str) -> None:
@@ -140,7 +151,11 @@ class SimulatedParticipant:
         """Play the next episode of a phase; leave in the middle of it, or before it, when it is time for that."""
         counts = progress.get(phase, {})
         done, of = (0, 1) if phase == "tutorial" else (counts["done"], counts["of"])
-        leaves = self.persona.leaves_after is not None and phase == "ranked" and done >= int(self.persona.leaves_after * of)
+        leaves = (
+            self.persona.leaves_after is not None
+            and phase == "ranked"
+            and done >= int(self.persona.leaves_after * of)
+        )
         if leaves and self.persona.withdraws:
             await self._page.call("withdraw", {})
             self._leave()
@@ -150,9 +165,13 @@ class SimulatedParticipant:
         progress = await self._page.call("next", {})
         self.session, frame = progress["session"], progress["about"]["frame"]
         self._check_resumed(frame, (phase, done))
-        visibility = ScoreVisibility(frame["episode"], hides_scores=phase == "ranked", shows_final_score=done + 1 == of)
+        visibility = ScoreVisibility(
+            frame["episode"], hides_scores=phase == "ranked", shows_final_score=done + 1 == of
+        )
         try:
-            if await self._play_to_end(visibility, (phase, done), STEPS_BEFORE_LEAVING if leaves else None):
+            if await self._play_to_end(
+                visibility, (phase, done), STEPS_BEFORE_LEAVING if leaves else None
+            ):
                 self.outcome.episodes[phase] += 1
         finally:
             self._outbox.add(visibility.episode, self._device.take_events())
@@ -178,11 +197,16 @@ class SimulatedParticipant:
                 self._log.add_fault(f"{who} went from move {seen['step']} to {frame['step']}")
         self._last = (trial, frame)
 
-    async def _play_to_end(self, visibility: ScoreVisibility, trial: tuple[str, int], until: int | None) -> bool:
+    async def _play_to_end(
+        self, visibility: ScoreVisibility, trial: tuple[str, int], until: int | None
+    ) -> bool:
         """Play the episode on; return True when it has ended, False after `until` moves."""
         assert self.session is not None
         kind, (phase, number) = self.persona.kind, trial
-        style, habits = self.persona.style(phase, number), self.persona.rng(9, self._loads, PHASES.index(phase), number)
+        style, habits = (
+            self.persona.style(phase, number),
+            self.persona.rng(9, self._loads, PHASES.index(phase), number),
+        )
         cheater = Cheater(self._page, self._log) if kind.cheats else None
         await self._board.show(self.session, visibility)
         while (frame := self._board.frame)["outcome"] is None:
@@ -204,7 +228,9 @@ class SimulatedParticipant:
 
     def _other_session(self) -> str | None:
         """Return the session of somebody else in this study, None while there is none."""
-        return next((each.session for each in self._neighbours if each is not self and each.session), None)
+        return next(
+            (each.session for each in self._neighbours if each is not self and each.session), None
+        )
 
     async def _move(self, style: PlayStyle) -> None:
         """Make one move: decide, press the key, wait for the frame, release the key."""
@@ -256,7 +282,9 @@ class SimulatedParticipant:
     def _load_page(self) -> None:
         self._loads += 1
         self._clock = PageClock(self.settings.speed)
-        self._device = InputDevice(self.persona, self._clock, self.persona.rng(8, self._loads), self._log)
+        self._device = InputDevice(
+            self.persona, self._clock, self.persona.rng(8, self._loads), self._log
+        )
         self._page = Page(self.settings.url, self.settings.study, self.saved.cookie)
         self._board = SimulatedBoard(self._page, self.settings.radius, self._log.add_fault)
 
@@ -282,7 +310,9 @@ class SimulatedParticipant:
     async def _handle_refusal(self, refusal: RequestRefusedError) -> None:
         """Handle a refusal: the study was closed, or an answer was lost and the player stands elsewhere."""
         if "closed" in refusal.detail:
-            raise StudyOverError(f"the study {self.settings.study!r} cannot go on: {refusal.detail}")
+            raise StudyOverError(
+                f"the study {self.settings.study!r} cannot go on: {refusal.detail}"
+            )
         self._count_setback(refusal.detail)
         if refusal.status in (404, 422):
             raise StudyOverError(
@@ -294,4 +324,6 @@ class SimulatedParticipant:
         """Count a refusal or a lost connection; StudyOverError after MAX_SETBACKS of them without any progress."""
         self._setback_count += 1
         if self._setback_count >= MAX_SETBACKS:
-            raise StudyOverError(f"player {self.persona.number} gets no further at stage {self.outcome.stage!r}: {why}")
+            raise StudyOverError(
+                f"player {self.persona.number} gets no further at stage {self.outcome.stage!r}: {why}"
+            )

@@ -45,8 +45,16 @@ PLAYER_KINDS = {
         ),
         PlayerKind("random", "makes valid moves at random", is_random=True),
         PlayerKind("idler", "leaves the keyboard for minutes now and then", pauses=0.004),
-        PlayerKind("dropper", "goes for ever after some ranked episodes, by closing the page or by withdrawing", leaves=True),
-        PlayerKind("reloader", "reloads the page, opens a second tab and loses the connection all the time", reloads=0.03),
+        PlayerKind(
+            "dropper",
+            "goes for ever after some ranked episodes, by closing the page or by withdrawing",
+            leaves=True,
+        ),
+        PlayerKind(
+            "reloader",
+            "reloads the page, opens a second tab and loses the connection all the time",
+            reloads=0.03,
+        ),
         PlayerKind(
             "cheater",
             "a beat like a machine's, no key-up, collisions, and everything a server has to refuse",

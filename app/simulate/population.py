@@ -52,8 +52,12 @@ SIMULATED_POPULATIONS = {
     each.name: each
     for each in (
         SimulatedPopulation("skilled", slip=0.05, skill_sd=0.5, luck_sd=0.4),
-        SimulatedPopulation("mixed", slip=0.15, skill_sd=1.0, luck_sd=0.5, crash=0.0001, crash_sd=1.0),
-        SimulatedPopulation("clumsy", slip=0.25, skill_sd=0.9, luck_sd=0.5, crash=0.002, crash_sd=1.2),
+        SimulatedPopulation(
+            "mixed", slip=0.15, skill_sd=1.0, luck_sd=0.5, crash=0.0001, crash_sd=1.0
+        ),
+        SimulatedPopulation(
+            "clumsy", slip=0.25, skill_sd=0.9, luck_sd=0.5, crash=0.002, crash_sd=1.2
+        ),
     )
 }
 """By name: hardly any slips; people as different as people are; slips everywhere, and collisions by a few."""

@@ -24,7 +24,9 @@ async def fetch_study(url: str, name: str) -> dict[str, Any]:
     try:
         page = Page(url, name)
     except ValueError as error:
-        raise StudyNotReadyError(f"--url must be like http://127.0.0.1:8000, got {url!r}") from error
+        raise StudyNotReadyError(
+            f"--url must be like http://127.0.0.1:8000, got {url!r}"
+        ) from error
     try:
         answer = await page.ask("GET", f"api/studies/{name}")
         if answer.is_error:
@@ -45,7 +47,9 @@ async def fetch_study(url: str, name: str) -> dict[str, Any]:
     return found
 
 
-async def simulate(config: SimulationConfig, log: OutcomeLog, progress: Progress = lambda done, total: None) -> None:
+async def simulate(
+    config: SimulationConfig, log: OutcomeLog, progress: Progress = lambda done, total: None
+) -> None:
     """Simulate a study until every player is done, and keep `log` up to date; StudyNotReadyError or StudyOverError otherwise.
 
     progress  called with (episodes ended, episodes in all)
@@ -56,8 +60,12 @@ async def simulate(config: SimulationConfig, log: OutcomeLog, progress: Progress
         saved.write()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        raise StudyNotReadyError(f"cannot write {config.state}: {why}; name another file with --state") from error
-    settings = PlaySettings(config.url, config.study, study["config"]["sensor_radius"], config.speed, config.patience_s)
+        raise StudyNotReadyError(
+            f"cannot write {config.state}: {why}; name another file with --state"
+        ) from error
+    settings = PlaySettings(
+        config.url, config.study, study["config"]["sensor_radius"], config.speed, config.patience_s
+    )
     people: list[SimulatedParticipant] = []
     for number, kind in enumerate(config.kinds):
         who = draw_persona(number, kind, SIMULATED_POPULATIONS[config.population], config.seed)
@@ -66,7 +74,9 @@ async def simulate(config: SimulationConfig, log: OutcomeLog, progress: Progress
     try:
         async with asyncio.TaskGroup() as group:
             for number, each in enumerate(people):
-                group.create_task(_join_and_play(each, JOIN_EVERY_MS * number / 1000 / config.speed))
+                group.create_task(
+                    _join_and_play(each, JOIN_EVERY_MS * number / 1000 / config.speed)
+                )
     except ExceptionGroup as errors:
         over = errors.subgroup(StudyOverError)
         raise first_exception(over or errors) from None
@@ -88,7 +98,11 @@ async def _join_and_play(player: SimulatedParticipant, wait_s: float) -> None:
 
 
 async def _report_progress(
-    people: list[SimulatedParticipant], study: dict[str, Any], log: OutcomeLog, saved: SavedPlayers, progress: Progress
+    people: list[SimulatedParticipant],
+    study: dict[str, Any],
+    log: OutcomeLog,
+    saved: SavedPlayers,
+    progress: Progress,
 ) -> None:
     """Report progress and save the players, for ever."""
     each = 1 + int(study["warm_up"]) + int(study["ranked"])

@@ -65,7 +65,10 @@ class SavedPlayers:
     def read(cls, config: SimulationConfig) -> SavedPlayers:
         """Return the players of the state file, or new ones; StudyNotReadyError when the file belongs to another simulation."""
         run = secrets.token_hex(4)
-        fresh = [SavedPlayer(outside_ids={"PROLIFIC_PID": f"simulated-{run}-{number}"}) for number in range(len(config.kinds))]
+        fresh = [
+            SavedPlayer(outside_ids={"PROLIFIC_PID": f"simulated-{run}-{number}"})
+            for number in range(len(config.kinds))
+        ]
         if config.state is None or not config.state.exists():
             return cls(config, fresh)
         try:
@@ -90,7 +93,10 @@ class SavedPlayers:
 
     def write(self) -> None:
         """Write the file whole, if anything has changed."""
-        text = json.dumps({**self._identity(self._config), "seats": [asdict(player) for player in self._players]}, indent=1)
+        text = json.dumps(
+            {**self._identity(self._config), "seats": [asdict(player) for player in self._players]},
+            indent=1,
+        )
         if self._config.state is None or text == self._written:
             return
         with write_whole(self._config.state) as file:

@@ -73,26 +73,42 @@ def play_episodes(
         parts.append(_play_stack(config, seeds[stack], (slip[stack], crash[stack], streams[stack])))
         if progress:
             progress(min(at + BOARDS_AT_A_TIME, len(seeds)), len(seeds))
-    outcome, score_, to_99, steps, discovered, total = (np.concatenate(each) for each in zip(*parts, strict=True))
+    outcome, score_, to_99, steps, discovered, total = (
+        np.concatenate(each) for each in zip(*parts, strict=True)
+    )
     return SimulatedEpisodes(outcome, score_, to_99, steps, discovered, total)
 
 
 def _play_stack(
-    config: EnvConfig, seeds: Sequence[int], style: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]]
+    config: EnvConfig,
+    seeds: Sequence[int],
+    style: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]],
 ) -> tuple[NDArray[np.generic], ...]:
     worlds = Worlds(config, len(seeds))
     worlds.start(np.array(seeds, np.uint64))
     kernel = DecisionKernel((config.rows, config.cols), config.sensor_radius, len(seeds))
     while (is_running := worlds.outcomes == 0).any():
         moves = worlds.scalars[:, STEPS].astype(np.int64)
-        worlds.step(kernel.decide(worlds.codes, positions(worlds.scalars), is_running, style, moves))
+        worlds.step(
+            kernel.decide(worlds.codes, positions(worlds.scalars), is_running, style, moves)
+        )
     total = totals(config, worlds.scalars)
     steps = worlds.scalars[:, STEPS].astype(np.int64)
     scores = np.array([score(config, each) for each in total])
     to_99 = np.array(
-        [steps_to_target(config, OUTCOMES[code], int(made)) for code, made in zip(worlds.outcomes, steps, strict=True)]
+        [
+            steps_to_target(config, OUTCOMES[code], int(made))
+            for code, made in zip(worlds.outcomes, steps, strict=True)
+        ]
     )
-    return worlds.outcomes.copy(), scores, to_99, steps, worlds.scalars[:, DISCOVERED].astype(np.int64), total
+    return (
+        worlds.outcomes.copy(),
+        scores,
+        to_99,
+        steps,
+        worlds.scalars[:, DISCOVERED].astype(np.int64),
+        total,
+    )
 
 
 def true_level(
@@ -112,7 +128,9 @@ def true_level(
     rng = np.random.default_rng([seed, 1])
     skills = draw_players(population, episodes, rng)
     terrains = [seeds[i % len(seeds)] for i in range(episodes)]
-    played = play_episodes(config, terrains, *skills.draw_episodes(np.arange(episodes), rng), rng, progress)
+    played = play_episodes(
+        config, terrains, *skills.draw_episodes(np.arange(episodes), rng), rng, progress
+    )
     root = np.sqrt(episodes)
     crashed = np.isin(played.outcome, [OUTCOMES.index("collided"), OUTCOMES.index("out_of_bounds")])
     return TrueLevel(
@@ -126,7 +144,11 @@ def true_level(
 
 
 def play_studies(
-    config: EnvConfig, seeds: Sequence[int], population: SimulatedPopulation, shape: tuple[int, int], seed: int = 0
+    config: EnvConfig,
+    seeds: Sequence[int],
+    population: SimulatedPopulation,
+    shape: tuple[int, int],
+    seed: int = 0,
 ) -> SimulatedEpisodes:
     """Play whole studies in memory; every array of the result has the shape (studies, players, terrains).
 
@@ -136,5 +158,7 @@ def play_studies(
     rng = np.random.default_rng([seed, 2])
     skills = draw_players(population, count * players, rng)
     who = np.repeat(np.arange(count * players), len(seeds))
-    played = play_episodes(config, [*seeds] * (count * players), *skills.draw_episodes(who, rng), rng)
+    played = play_episodes(
+        config, [*seeds] * (count * players), *skills.draw_episodes(who, rng), rng
+    )
     return played.shaped(count, players, len(seeds))

@@ -33,14 +33,21 @@ def attestation_summary(data: StudyData) -> AttestationSummary:
     """Return the summary of a study."""
     required = data.protocol.required_attestation
     ranked = [
-        each for each in data.trials if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
+        each
+        for each in data.trials
+        if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
     ]
     below = [each for each in ranked if not level_reaches(each.attestation, required)]
-    reasons = Counter(_without_step(each.attestation_reason) for each in ranked if each.attestation_reason)
+    reasons = Counter(
+        _without_step(each.attestation_reason) for each in ranked if each.attestation_reason
+    )
     return AttestationSummary(
         required=required,
         episodes={level: sum(each.attestation == level for each in ranked) for level in LEVELS},
-        people={level: len({each.participant for each in ranked if each.attestation == level}) for level in LEVELS},
+        people={
+            level: len({each.participant for each in ranked if each.attestation == level})
+            for level in LEVELS
+        },
         left_out=len(below),
         people_left_out=len({each.participant for each in below}),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),

@@ -117,7 +117,9 @@ def episodes_of(cohort: Cohort, ids: list[str], limit: int) -> Episodes:
         for each in cohort.ranked[person]
         if each.steps
     ]
-    player, terrain, trial, moves, explored = (np.array(column) for column in zip(*found, strict=True)) if found else _NOTHING
+    player, terrain, trial, moves, explored = (
+        (np.array(column) for column in zip(*found, strict=True)) if found else _NOTHING
+    )
     return Episodes(
         player.astype(np.intp), terrain.astype(np.intp), trial.astype(np.intp), moves.astype(np.float64),
         explored.astype(np.bool_), limit, cohort.terrains,
@@ -146,7 +148,10 @@ def fit_bayesian_model(episodes: Episodes, sampling: Sampling | None = None) -> 
     terrains = np.unique(episodes.terrain)
     players = np.unique(episodes.player)
     if min(len(players), len(terrains)) < FEWEST:
-        return _unsampled(episodes, f"No Bayesian model: it takes {FEWEST} players and {FEWEST} terrains at least.")
+        return _unsampled(
+            episodes,
+            f"No Bayesian model: it takes {FEWEST} players and {FEWEST} terrains at least.",
+        )
     if not episodes.is_explored.any():
         return _unsampled(episodes, "No Bayesian model: no episode reached 99 %.")
     samples, diverging = _sample(episodes, (players, terrains), sampling)
@@ -157,19 +162,25 @@ def sampling_warnings(r_hat: float, effective: float, diverging: int) -> tuple[s
     """Return a sentence for each sign that the chains do not describe the posterior."""
     found = []
     if not r_hat <= MOST_R_HAT:
-        found.append(f"The chains disagree: the largest R-hat is {r_hat:.3f}, above {MOST_R_HAT}. Do not use these figures.")
+        found.append(
+            f"The chains disagree: the largest R-hat is {r_hat:.3f}, above {MOST_R_HAT}. Do not use these figures."
+        )
     if not effective >= LEAST_SAMPLES:
         found.append(
             f"Too few independent draws: the smallest effective sample size is {effective:.0f}, below {LEAST_SAMPLES:.0f}."
         )
     if diverging:
-        found.append(f"{diverging} transitions diverged: the sampler may have missed a part of the posterior.")
+        found.append(
+            f"{diverging} transitions diverged: the sampler may have missed a part of the posterior."
+        )
     return tuple(found)
 
 
 def _unsampled(episodes: Episodes, note: str) -> BayesianModel:
     censored = int((~episodes.is_explored).sum())
-    none = dict.fromkeys(("typical", "mean", "change", "player_sd", "terrain_sd", "rest_sd", "r_hat", "effective"))
+    none = dict.fromkeys(
+        ("typical", "mean", "change", "player_sd", "terrain_sd", "rest_sd", "r_hat", "effective")
+    )
     return BayesianModel(
         episodes=len(episodes.moves), censored=censored, terrains=(), diverging=0, chains=0, draws=0,
         priors=priors_in_words(episodes.limit), warnings=(), note=note, **none,
@@ -190,7 +201,10 @@ def _sample(
     from numpyro.infer import MCMC, NUTS
 
     numpyro.enable_x64()
-    player, terrain = (np.searchsorted(*pair) for pair in zip(levels, (episodes.player, episodes.terrain), strict=True))
+    player, terrain = (
+        np.searchsorted(*pair)
+        for pair in zip(levels, (episodes.player, episodes.terrain), strict=True)
+    )
     values = np.log(episodes.moves)
     trial = (episodes.trial - (episodes.planned - 1) / 2) / max(episodes.planned - 1, 1)
     middle = math.log(episodes.limit / MEAN_PART)
@@ -200,12 +214,21 @@ def _sample(
         slope = numpyro.sample("slope", dist.Normal(0.0, SLOPE_SD))
         spreads = numpyro.sample("spreads", dist.HalfNormal(SPREAD_SD).expand([3]).to_event(1))
         # around the mean, not around 0: with tens of episodes a player this has the chains mix several times faster
-        players = numpyro.sample("players", dist.Normal(mean, spreads[0]).expand([len(levels[0])]).to_event(1))
-        terrains = numpyro.sample("terrains", dist.Normal(0.0, spreads[1]).expand([len(levels[1])]).to_event(1))
+        players = numpyro.sample(
+            "players", dist.Normal(mean, spreads[0]).expand([len(levels[0])]).to_event(1)
+        )
+        terrains = numpyro.sample(
+            "terrains", dist.Normal(0.0, spreads[1]).expand([len(levels[1])]).to_event(1)
+        )
         expected = players[player] + terrains[terrain] + slope * trial
         is_explored = episodes.is_explored
         log_density = norm.logpdf(values, expected, spreads[2])
-        numpyro.factor("steps", jax.numpy.where(is_explored, log_density, norm.logsf(values, expected, spreads[2])).sum())
+        numpyro.factor(
+            "steps",
+            jax.numpy.where(
+                is_explored, log_density, norm.logsf(values, expected, spreads[2])
+            ).sum(),
+        )
 
     run = MCMC(
         NUTS(model, dense_mass=True, target_accept_prob=0.9),
@@ -216,24 +239,33 @@ def _sample(
         progress_bar=False,
     )
     run.run(jax.random.PRNGKey(sampling.seed), extra_fields=("diverging",))
-    samples = {name: np.asarray(draws) for name, draws in run.get_samples(group_by_chain=True).items()}
+    samples = {
+        name: np.asarray(draws) for name, draws in run.get_samples(group_by_chain=True).items()
+    }
     return samples, int(np.asarray(run.get_extra_fields()["diverging"]).sum())
 
 
 def _summary(
-    episodes: Episodes, terrains: NDArray[np.intp], samples: dict[str, Floats], diverging: int, sampling: Sampling
+    episodes: Episodes,
+    terrains: NDArray[np.intp],
+    samples: dict[str, Floats],
+    diverging: int,
+    sampling: Sampling,
 ) -> BayesianModel:
     """Return the figures of the draws; terrains: those that have episodes, in the draws' order."""
     r_hat, effective = _diagnostics(samples)
     spreads = samples["spreads"]
     found: dict[str, Any] = {
-        name: _posterior(spreads[..., column]) for column, name in enumerate(("player_sd", "terrain_sd", "rest_sd"))
+        name: _posterior(spreads[..., column])
+        for column, name in enumerate(("player_sd", "terrain_sd", "rest_sd"))
     }
     return BayesianModel(
         episodes=len(episodes.moves),
         censored=int((~episodes.is_explored).sum()),
         typical=_posterior(np.exp(samples["mean"])),
-        mean=_posterior(np.exp(samples["mean"] + (spreads**2).sum(axis=-1) / 2)),  # of a log-normal value
+        mean=_posterior(
+            np.exp(samples["mean"] + (spreads**2).sum(axis=-1) / 2)
+        ),  # of a log-normal value
         change=_posterior(100 * np.expm1(samples["slope"])),
         terrains=tuple(
             TerrainFactor(int(terrain), _posterior(np.exp(samples["terrains"][..., column])))

@@ -36,7 +36,9 @@ class Cohort:
     terrains: int
     practice: int
 
-    def table(self, ids: Sequence[str], metric: MetricName, by: Literal["terrain", "trial"] = "terrain") -> Floats:
+    def table(
+        self, ids: Sequence[str], metric: MetricName, by: Literal["terrain", "trial"] = "terrain"
+    ) -> Floats:
         """Return float64[players, ranked terrains or trials], NaN where not finished."""
         found = np.full((len(ids), self.terrains), np.nan)
         for row, person in enumerate(ids):
@@ -75,14 +77,21 @@ def metric_value(trial: StudyEpisode, metric: MetricName) -> float:
 def people_of(data: StudyData) -> Cohort:
     """Return the people of a study, with the episodes that may be seen of it now (`app.study.looks`)."""
     shown = present(data)
-    return _cohort(shown, "people", "human", [person for person in shown.people if person.kind == "human"])
+    return _cohort(
+        shown, "people", "human", [person for person in shown.people if person.kind == "human"]
+    )
 
 
 def scripts_of(data: StudyData) -> list[Cohort]:
     """Return a study's scripts, one cohort for each kind of script."""
     names = sorted({person.script or "script" for person in data.people if person.kind == "script"})
     scripts = [person for person in data.people if person.kind == "script"]
-    return [_cohort(data, name, "script", [each for each in scripts if (each.script or "script") == name]) for name in names]
+    return [
+        _cohort(
+            data, name, "script", [each for each in scripts if (each.script or "script") == name]
+        )
+        for name in names
+    ]
 
 
 def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
@@ -91,15 +100,24 @@ def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Coho
     return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
 
 
-def _finished(data: StudyData, people: list[Person], kind: str, phase: str) -> dict[str, tuple[StudyEpisode, ...]]:
+def _finished(
+    data: StudyData, people: list[Person], kind: str, phase: str
+) -> dict[str, tuple[StudyEpisode, ...]]:
     """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level."""
     found: dict[str, list[StudyEpisode]] = {person.id: [] for person in people}
     required = data.protocol.required_attestation
     for trial in data.trials:
         is_own = trial.phase == phase and trial.ended_ms is not None and trial.driver == kind
-        if trial.participant in found and is_own and (kind != "human" or level_reaches(trial.attestation, required)):
+        if (
+            trial.participant in found
+            and is_own
+            and (kind != "human" or level_reaches(trial.attestation, required))
+        ):
             found[trial.participant].append(trial)
-    return {person: tuple(sorted(trials, key=lambda trial: trial.trial)) for person, trials in found.items()}
+    return {
+        person: tuple(sorted(trials, key=lambda trial: trial.trial))
+        for person, trials in found.items()
+    }
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
@@ -108,7 +126,11 @@ def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
     That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
     come out the same from an imported release, whose ids are pseudonyms.
     """
-    inside = [person.id for person in cohort.people if cohort.ranked[person.id] and _enters(cohort, person, rules)]
+    inside = [
+        person.id
+        for person in cohort.people
+        if cohort.ranked[person.id] and _enters(cohort, person, rules)
+    ]
     return sorted(inside, key=lambda person: _played(cohort, person))
 
 
@@ -120,7 +142,13 @@ def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
     """Return what a participant played, ranked and to warm up, terrain by terrain."""
     ranked, warm_up = (
         sorted(
-            (each.terrain, each.trial, metric_value(each, "score"), metric_value(each, "steps"), each.trajectory_hash or "")
+            (
+                each.terrain,
+                each.trial,
+                metric_value(each, "score"),
+                metric_value(each, "steps"),
+                each.trajectory_hash or "",
+            )
             for each in trials
         )
         for trials in (cohort.ranked[person], cohort.warm_up[person])

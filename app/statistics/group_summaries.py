@@ -34,7 +34,9 @@ def summarize_groups(
     return {cohort.name: _pictures(reader, data, cohort, advance) for cohort in cohorts}
 
 
-def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable[[], None]) -> dict[str, Any]:
+def _pictures(
+    reader: Reader, data: StudyData, cohort: Cohort, advance: Callable[[], None]
+) -> dict[str, Any]:
     groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
         own = []
@@ -45,4 +47,8 @@ def _pictures(reader: Reader, data: StudyData, cohort: Cohort, advance: Callable
         if own:
             groups.append(own)
     config = data.protocol.env_config
-    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)} if groups else {}
+    return (
+        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+        if groups
+        else {}
+    )

@@ -47,8 +47,13 @@ class VolunteerFigures:
         for row in store.totals("human"):
             by_config.setdefault(row["config"], []).append(row)
         with self._making:
-            self._made = {config: self._made_from(config, played) for config, played in by_config.items()}
-            figures = sorted((figure for _, figure in self._made.values()), key=lambda figure: -figure["episodes"])
+            self._made = {
+                config: self._made_from(config, played) for config, played in by_config.items()
+            }
+            figures = sorted(
+                (figure for _, figure in self._made.values()),
+                key=lambda figure: -figure["episodes"],
+            )
         return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
     def _made_from(self, config: str, played: list[dict[str, Any]]) -> tuple[bytes, dict[str, Any]]:
@@ -79,10 +84,14 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
     explored: dict[str, list[bool]] = {}
     for row in played:
         scores.setdefault(row["owner_id"], []).append(row["score"])
-        steps.setdefault(row["owner_id"], []).append(steps_to_target(config, row["outcome"], row["steps"]))
+        steps.setdefault(row["owner_id"], []).append(
+            steps_to_target(config, row["outcome"], row["steps"])
+        )
         explored.setdefault(row["owner_id"], []).append(row["outcome"] == "explored")
     failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
-    is_guaranteed = len(scores) > 1 and bool(is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64)))
+    is_guaranteed = len(scores) > 1 and bool(
+        is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64))
+    )
     return {
         "level": config.level,
         "rows": config.rows,
@@ -106,7 +115,9 @@ def _interval_of(
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
     means = np.array([_mean(own) for own in values.values()], np.float64)
-    low, high = headline_interval(means, metric_bounds(config, metric), is_guaranteed=is_guaranteed) or (None, None)
+    low, high = headline_interval(
+        means, metric_bounds(config, metric), is_guaranteed=is_guaranteed
+    ) or (None, None)
     return {"mean": float(means.mean()), "low": low, "high": high}
 
 

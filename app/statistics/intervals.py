@@ -65,7 +65,9 @@ class Estimate:
     confidence: float = CONFIDENCE
 
 
-def estimate(values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False) -> Estimate:
+def estimate(
+    values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False
+) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`.
 
     confidence     of the printed interval, above 0.95 at a look of a sequential study; the others stay at 95 %
@@ -139,7 +141,9 @@ def _cut_off(reached: Interval, bounds: Interval) -> Interval:
 def _check_within(values: Floats, bounds: Interval) -> None:
     floor, ceiling = bounds
     if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
-        raise ValueError(f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}")
+        raise ValueError(
+            f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}"
+        )
 
 
 def _pair(ends: Ends) -> Interval:
@@ -161,7 +165,11 @@ def skewness(values: Floats) -> Floats:
     if n < 3:
         return np.zeros_like(second)
     third = np.mean(centred**3, -1)
-    corrected: Floats = np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5) * np.sqrt(n * (n - 1)) / (n - 2)
+    corrected: Floats = (
+        np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5)
+        * np.sqrt(n * (n - 1))
+        / (n - 2)
+    )
     return corrected
 
 
@@ -175,7 +183,9 @@ def hall_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     mean, sd, root = values.mean(-1), values.std(-1, ddof=1), np.sqrt(n)
     skew, quantile = skewness(values) / root, t_quantile(n - 1, confidence)
     # in the order of t_interval, so that both agree to the last bit where there is no skewness
-    return mean - _untransformed(quantile, skew) * sd / root, mean - _untransformed(-quantile, skew) * sd / root
+    return mean - _untransformed(quantile, skew) * sd / root, mean - _untransformed(
+        -quantile, skew
+    ) * sd / root
 
 
 def _untransformed(quantile: float, skew: Floats) -> Floats:
@@ -188,7 +198,11 @@ def _untransformed(quantile: float, skew: Floats) -> Floats:
 
 def printed_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     """Return low and high as the rule prints them (RULE)."""
-    t, hall, skew = t_interval(values, confidence), hall_interval(values, confidence), skewness(values)
+    t, hall, skew = (
+        t_interval(values, confidence),
+        hall_interval(values, confidence),
+        skewness(values),
+    )
     low = np.where(skew < 0, np.minimum(t[0], hall[0]), t[0])
     high = np.where(skew > 0, np.maximum(t[1], hall[1]), t[1])
     return low, high
@@ -198,13 +212,21 @@ def printed_p(values: Floats) -> Floats:
     """Return the two-sided p that the mean is 0: below 1 - C exactly where `printed_interval` at confidence C leaves 0 out."""
     n = values.shape[-1]
     mean, error = values.mean(-1), standard_error(values)
-    ratio = np.divide(mean, error, out=np.where(mean == 0, 0.0, np.copysign(np.inf, mean)), where=error > 0)
-    skew = np.where(np.isfinite(ratio), skewness(values), 0.0)  # of the values, as in `printed_interval`
+    ratio = np.divide(
+        mean, error, out=np.where(mean == 0, 0.0, np.copysign(np.inf, mean)), where=error > 0
+    )
+    skew = np.where(
+        np.isfinite(ratio), skewness(values), 0.0
+    )  # of the values, as in `printed_interval`
     lean = skew / np.sqrt(n)
     finite = np.where(np.isfinite(ratio), ratio, 0.0)
     transformed = finite + lean * finite**2 / 3 + lean**2 * finite**3 / 27 + lean / 6
-    widened = skew * np.sign(ratio) < 0  # the end that faces 0 is the one on the side of the longer tail
-    nearest = np.where(widened, np.minimum(np.abs(ratio), transformed * np.sign(ratio)), np.abs(ratio))
+    widened = (
+        skew * np.sign(ratio) < 0
+    )  # the end that faces 0 is the one on the side of the longer tail
+    nearest = np.where(
+        widened, np.minimum(np.abs(ratio), transformed * np.sign(ratio)), np.abs(ratio)
+    )
     p: Floats = np.minimum(2 * scipy.special.stdtr(n - 1, -nearest), 1.0)
     return p
 
@@ -212,7 +234,11 @@ def printed_p(values: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _counts(n: int, resamples: int) -> Floats:
     """Return how often each of n players is drawn in each resample: float64[resamples, n], the same every time."""
-    draws: Floats = np.random.default_rng(n).multinomial(n, np.full(n, 1 / n), size=resamples).astype(np.float64)
+    draws: Floats = (
+        np.random.default_rng(n)
+        .multinomial(n, np.full(n, 1 / n), size=resamples)
+        .astype(np.float64)
+    )
     return draws
 
 
@@ -229,7 +255,9 @@ def bootstrap_t(values: Floats, resamples: int = BOOTSTRAP_T_RESAMPLES) -> Ends:
     variance = np.maximum(centred**2 @ draws / n - shift**2, 0) / (n - 1)
     spread = variance > (1e-9 * error[..., None]) ** 2
     far = np.where(shift > 0, np.inf, -np.inf)
-    ratio = np.where(spread, shift / np.sqrt(np.where(spread, variance, 1)), np.where(shift == 0, 0.0, far))
+    ratio = np.where(
+        spread, shift / np.sqrt(np.where(spread, variance, 1)), np.where(shift == 0, 0.0, far)
+    )
     low, high = np.quantile(ratio, [TAIL, 1 - TAIL], axis=-1, method="inverted_cdf")
     return mean - high * error, mean - low * error
 
@@ -255,7 +283,10 @@ def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
 def guaranteed_covers(values: Floats, bounds: Interval, truth: Floats) -> NDArray[np.bool_]:
     """Return whether `guaranteed_interval` covers `truth`, without working its ends out."""
     floor, ceiling = bounds
-    share, mean = np.clip((values - floor) / (ceiling - floor), 0, 1), (truth - floor) / (ceiling - floor)
+    share, mean = (
+        np.clip((values - floor) / (ceiling - floor), 0, 1),
+        (truth - floor) / (ceiling - floor),
+    )
     covered: NDArray[np.bool_] = ~_is_rejected(share, mean) & ~_is_rejected(1 - share, 1 - mean)
     return covered
 
@@ -275,5 +306,7 @@ def _is_rejected(share: Floats, mean: Floats) -> NDArray[np.bool_]:
     returns = share / np.maximum(mean, 1e-12)[..., None] - 1  # of one unit staked
     wealth = np.log1p(_STAKES[:, None] * returns[..., None, :]).sum(-1)
     most = wealth.max(-1)
-    rejected: NDArray[np.bool_] = most + np.log(np.exp(wealth - most[..., None]).mean(-1)) >= -np.log(TAIL)
+    rejected: NDArray[np.bool_] = most + np.log(
+        np.exp(wealth - most[..., None]).mean(-1)
+    ) >= -np.log(TAIL)
     return rejected

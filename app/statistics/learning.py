@@ -96,7 +96,13 @@ def _changes(table: Floats) -> Floats:
     """Return last third minus first third of the trials, for each player who has trials in both."""
     third = table.shape[1] // 3
     pairs = zip(table[:, :third], table[:, table.shape[1] - third :], strict=True)
-    return np.array([np.nanmean(b) - np.nanmean(a) for a, b in pairs if not np.isnan(a).all() and not np.isnan(b).all()])
+    return np.array(
+        [
+            np.nanmean(b) - np.nanmean(a)
+            for a, b in pairs
+            if not np.isnan(a).all() and not np.isnan(b).all()
+        ]
+    )
 
 
 def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]:

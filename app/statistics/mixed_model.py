@@ -76,7 +76,8 @@ def fit_mixed_model(metric: str, table: Floats, trials: Floats) -> MixedModel:
     table, trials = table[:, columns], trials[:, columns]
     if min(table.shape) < FEWEST or not can_be_crossed(table):
         return _unfitted(
-            metric, f"No mixed model: it takes {FEWEST} players and {FEWEST} terrains at least, most of them played."
+            metric,
+            f"No mixed model: it takes {FEWEST} players and {FEWEST} terrains at least, most of them played.",
         )
     spread = float(np.nanstd(table))
     if not spread > 1e-12 * float(np.nanmax(np.abs(table))):
@@ -87,15 +88,21 @@ def fit_mixed_model(metric: str, table: Floats, trials: Floats) -> MixedModel:
     values = (table[known] - middle) / unit
     found = crossed_components((table - middle) / unit)
     if not float(found.rest) > NO_VARIANCE:
-        return _unfitted(metric, "No mixed model: beside players and terrains nothing is left that varies.")
+        return _unfitted(
+            metric, "No mixed model: beside players and terrains nothing is left that varies."
+        )
     start = float(found.player) / float(found.rest), float(found.terrain) / float(found.rest)
     try:
         variances = _fit(values, design, start)
     except (np.linalg.LinAlgError, ValueError) as error:
-        return _unfitted(metric, f"The mixed model could not be fitted ({error}): it has no figures.")
+        return _unfitted(
+            metric, f"The mixed model could not be fitted ({error}): it has no figures."
+        )
     if variances is None:
         return _unfitted(metric, "The mixed model did not converge: it has no figures.")
-    return _in_units(metric, _solve(values, design, variances), variances, (unit, middle), design, columns)
+    return _in_units(
+        metric, _solve(values, design, variances), variances, (unit, middle), design, columns
+    )
 
 
 def _unfitted(metric: str, note: str) -> MixedModel:
@@ -118,7 +125,9 @@ class _Design:
         trial = trials[known]
         spread = float(trial.std())
         fixed = np.column_stack([np.ones(len(trial)), (trial - trial.mean()) / (spread or 1.0)])
-        return cls(known, fixed, np.eye(known.shape[0])[player], np.eye(known.shape[1])[terrain], spread)
+        return cls(
+            known, fixed, np.eye(known.shape[0])[player], np.eye(known.shape[1])[terrain], spread
+        )
 
 
 @dataclass(frozen=True)
@@ -140,11 +149,17 @@ def _fit(values: Floats, design: _Design, start: tuple[float, float]) -> Varianc
     parts = {"player": design.players, "terrain": design.terrains}
     names = [[[f"{name}{i}" for i in range(part.shape[1])]] for name, part in parts.items()]
     effects = VCSpec(list(parts), names, [[part] for part in parts.values()])
-    model = MixedLM(values, design.fixed, groups=np.zeros(len(values), np.int64), exog_vc=effects, use_sqrt=True)
+    model = MixedLM(
+        values, design.fixed, groups=np.zeros(len(values), np.int64), exog_vc=effects, use_sqrt=True
+    )
     ratios = np.clip(np.nan_to_num(np.array(start)), SMALLEST_START, LARGEST_START)
-    first = MixedLMParams.from_components(fe_params=np.zeros(2), cov_re=np.zeros((0, 0)), vcomp=ratios)
+    first = MixedLMParams.from_components(
+        fe_params=np.zeros(2), cov_re=np.zeros((0, 0)), vcomp=ratios
+    )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that a variance may be 0, which it may; whether it converged is asked of the result
+        warnings.simplefilter(
+            "ignore"
+        )  # that a variance may be 0, which it may; whether it converged is asked of the result
         fitted = model.fit(start_params=first, reml=True, method=["lbfgs", "nm"])
     if not fitted.converged:
         return None
@@ -174,9 +189,14 @@ def _refined(values: Floats, design: _Design, found: Variances) -> Variances:
 
     roots = np.sqrt(np.maximum(np.array([found.player, found.terrain]) / found.rest, NO_VARIANCE))
     options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000}
-    best = scipy.optimize.minimize(lambda roots: solved(roots)[0], roots, method="Nelder-Mead", options=options).x
+    best = scipy.optimize.minimize(
+        lambda roots: solved(roots)[0], roots, method="Nelder-Mead", options=options
+    ).x
     rest = solved(best)[1]
-    player, terrain = (float(f"{root**2 * rest:.6g}") if root**2 > NO_VARIANCE else 0.0 for root in map(float, best))
+    player, terrain = (
+        float(f"{root**2 * rest:.6g}") if root**2 > NO_VARIANCE else 0.0
+        for root in map(float, best)
+    )
     return Variances(player, terrain, float(f"{rest:.6g}"))
 
 
@@ -187,7 +207,9 @@ def _solve(values: Floats, design: _Design, variances: Variances) -> tuple[Float
     effects hold those of the fixed ones.
     """
     scales = np.repeat([variances.player, variances.terrain], design.known.shape) ** 0.5
-    whole = np.column_stack([design.fixed, np.column_stack([design.players, design.terrains]) * scales])
+    whole = np.column_stack(
+        [design.fixed, np.column_stack([design.players, design.terrains]) * scales]
+    )
     prior = np.diag(np.concatenate([np.zeros(2), np.full(len(scales), variances.rest)]))
     if not design.trial_sd > 0:
         prior[1, 1] = 1.0  # the trial never changes: its slope is 0
@@ -198,7 +220,12 @@ def _solve(values: Floats, design: _Design, variances: Variances) -> tuple[Float
 
 
 def _in_units(
-    metric: str, solved: tuple[Floats, Floats], variances: Variances, scale: Interval, design: _Design, columns: Indices
+    metric: str,
+    solved: tuple[Floats, Floats],
+    variances: Variances,
+    scale: Interval,
+    design: _Design,
+    columns: Indices,
 ) -> MixedModel:
     """Return the results in the metric's unit; scale: that unit in the fit's, and the mean of all values."""
     (unit, middle), (effects, covariance) = scale, solved
@@ -217,7 +244,10 @@ def _in_units(
     if design.trial_sd > 0:
         slope = unit * float(effects[1]) / design.trial_sd
         slope_half = t_quantile(count - players - terrains) * float(errors[1]) / design.trial_sd
-    values, halves = unit * effects[2 + players :], scipy.special.ndtri(1 - TAIL) * errors[2 + players :]
+    values, halves = (
+        unit * effects[2 + players :],
+        scipy.special.ndtri(1 - TAIL) * errors[2 + players :],
+    )
     return MixedModel(
         metric=metric,
         converged=True,
@@ -229,7 +259,9 @@ def _in_units(
         terrain_sd=unit * variances.terrain**0.5,
         rest_sd=unit * variances.rest**0.5,
         terrains=tuple(
-            TerrainDifficulty(int(terrain), float(value), (float(value - half), float(value + half)))
+            TerrainDifficulty(
+                int(terrain), float(value), (float(value - half), float(value + half))
+            )
             for terrain, value, half in zip(columns, values, halves, strict=True)
         ),
         note="Fitted by restricted maximum likelihood; it converged.",

@@ -49,7 +49,11 @@ def personal_bests(reader: Reader, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def _figure(config_json: str, own: Sequence[Row], volunteers: Sequence[Row]) -> dict[str, Any]:
     config = EnvConfig(**json.loads(config_json))
-    fresh = [row for row in own if row["driver"] == "human" and not row["seed_chosen"] and not row["terrain_met_before"]]
+    fresh = [
+        row
+        for row in own
+        if row["driver"] == "human" and not row["seed_chosen"] and not row["terrain_met_before"]
+    ]
     explored = [row for row in fresh if row["outcome"] == "explored"]
     best = min(explored, key=lambda row: (row["steps"], row["ended_ms"]), default=None)
     return {
@@ -64,12 +68,16 @@ def _figure(config_json: str, own: Sequence[Row], volunteers: Sequence[Row]) -> 
     }
 
 
-def _standing(config: EnvConfig, config_json: str, own: Sequence[Row], volunteers: Sequence[Row]) -> dict[str, Any]:
+def _standing(
+    config: EnvConfig, config_json: str, own: Sequence[Row], volunteers: Sequence[Row]
+) -> dict[str, Any]:
     """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
     steps: dict[str, list[int]] = {}
     for row in volunteers:
         if row["config"] == config_json:
-            steps.setdefault(row["owner_id"], []).append(steps_to_target(config, row["outcome"], row["steps"]))
+            steps.setdefault(row["owner_id"], []).append(
+                steps_to_target(config, row["outcome"], row["steps"])
+            )
     ranked = [steps_to_target(config, row["outcome"], row["steps"]) for row in own if row["counts"]]
     return {
         "means": sorted(round(_mean(each), 1) for each in steps.values()),

@@ -98,7 +98,12 @@ def derived_margin(protocol: Protocol) -> float | None:
     _, episode_sd = planned_sds(protocol)
     if protocol.players < 2 or protocol.ranked < 3:
         return None
-    return _whole(_least(lambda margin: flat_power(_change_sd(protocol, episode_sd), protocol.players, margin)), protocol)
+    return _whole(
+        _least(
+            lambda margin: flat_power(_change_sd(protocol, episode_sd), protocol.players, margin)
+        ),
+        protocol,
+    )
 
 
 def derived_difference(protocol: Protocol) -> float | None:
@@ -107,7 +112,10 @@ def derived_difference(protocol: Protocol) -> float | None:
         return None
     spread = _mean_sd(protocol, *planned_sds(protocol))
     count = _policy_count(protocol)
-    return _whole(_least(lambda difference: difference_power(spread, protocol.players, difference, count)), protocol)
+    return _whole(
+        _least(lambda difference: difference_power(spread, protocol.players, difference, count)),
+        protocol,
+    )
 
 
 def flat_power(change_sd: float, players: int, margin: float) -> float:
@@ -131,7 +139,9 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
+    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(
+        chi_squared_quantile(_QUANTILES, freedom) / freedom
+    )
     return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
 
 
@@ -140,7 +150,9 @@ def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
     return PlannedComparison(
         what=f"learning flat within ±{margin:g} steps, if it is flat",
         power=flat_power(spread, protocol.players, margin),
-        least=_least(lambda other: flat_power(spread, protocol.players, other)) if protocol.players > 1 else None,
+        least=_least(lambda other: flat_power(spread, protocol.players, other))
+        if protocol.players > 1
+        else None,
         players=_fewest(lambda players: flat_power(spread, players, margin)),
         field="equivalence_margin",
     )
@@ -148,7 +160,11 @@ def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
 
 def _policies(protocol: Protocol, player_sd: float, episode_sd: float) -> PlannedComparison:
     spread, count = _mean_sd(protocol, player_sd, episode_sd), _policy_count(protocol)
-    least = _least(lambda other: difference_power(spread, protocol.players, other, count)) if protocol.players > 1 else None
+    least = (
+        _least(lambda other: difference_power(spread, protocol.players, other, count))
+        if protocol.players > 1
+        else None
+    )
     wanted = protocol.policy_difference or (1.0 if least is None else _whole(least, protocol))
     return PlannedComparison(
         what=f"each of {count} policies, if it differs by {wanted:g} steps from the people on these terrains",
@@ -176,7 +192,9 @@ def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
     freedom = players - 1
     unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
     mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
-    return unit * mean, unit * math.sqrt(float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom)
+    return unit * mean, unit * math.sqrt(
+        float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom
+    )
 
 
 def _least(power: Callable[[float], float]) -> float:
@@ -207,7 +225,9 @@ def simulate_flat_power(protocol: Protocol, studies: int, rng: np.random.Generat
     """Return the share of simulated flat studies that the report's own test (`assess_learning`) calls within the margin."""
     player_sd, episode_sd = planned_sds(protocol)
     shape = (studies, protocol.players, protocol.ranked)
-    tables = player_sd * rng.standard_normal((*shape[:2], 1)) + episode_sd * rng.standard_normal(shape)
+    tables = player_sd * rng.standard_normal((*shape[:2], 1)) + episode_sd * rng.standard_normal(
+        shape
+    )
     margin = protocol.equivalence_margin
     verdicts = [assess_learning("steps", table, margin).verdict for table in tables]
     return sum(verdict in ("flat", "changed, within the margin") for verdict in verdicts) / studies
@@ -221,7 +241,9 @@ def main(studies: int, seed: int) -> None:
     from app.study.protocol import default_protocol
     from marsexplorer.config import EnvConfig
 
-    click.echo("| players | margin (steps) | computed (%) | simulated (%) |\n| ---: | ---: | ---: | ---: |")
+    click.echo(
+        "| players | margin (steps) | computed (%) | simulated (%) |\n| ---: | ---: | ---: | ---: |"
+    )
     for players in (5, 10, 20, 30):
         base = default_protocol("plan", EnvConfig(), players=players)
         for margin in (5.0, derived_margin(base) or 0.0):

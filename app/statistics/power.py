@@ -68,11 +68,15 @@ def plan_sample_size(
     ValueError for a spread or width that cannot be.
     """
     if player_sd < 0 or episode_sd < 0 or not player_sd + episode_sd > 0:
-        raise ValueError(f"the SDs must be at least 0, and one above 0; got {player_sd} and {episode_sd}")
+        raise ValueError(
+            f"the SDs must be at least 0, and one above 0; got {player_sd} and {episode_sd}"
+        )
     if not half_width > 0:
         raise ValueError(f"the half-width must be above 0, got {half_width}")
     if ranked < 1 or not 0 < assurance < 1:
-        raise ValueError(f"ranked must be at least 1 and assurance in (0, 1), got {ranked} and {assurance}")
+        raise ValueError(
+            f"ranked must be at least 1 and assurance in (0, 1), got {ranked} and {assurance}"
+        )
     spread = float(np.sqrt(player_sd**2 + episode_sd**2 / ranked))
     widths = _widths(spread, assurance)
     players = next((width.players for width in widths if width.expected <= half_width), None)
@@ -100,7 +104,10 @@ def _widths(spread: float, assurance: float) -> list[Width]:
     log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
     mean_sd = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
     assured = unit * np.sqrt(chi_squared_quantile(assurance, freedom) / freedom)
-    return [Width(*row) for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)]
+    return [
+        Width(*row)
+        for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)
+    ]
 
 
 def chi_squared_quantile(probability: float | Floats, freedom: int | NDArray[np.int64]) -> Floats:
@@ -121,7 +128,9 @@ def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> t
     The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
     """
     if (view := present(data).view) is not None and view.kind == "hidden":
-        raise ValueError(f"the study {data.protocol.name!r} hides its figures until it is closed: give the SDs instead")
+        raise ValueError(
+            f"the study {data.protocol.name!r} hides its figures until it is closed: give the SDs instead"
+        )
     cohort = people_of(data)
     ids = members(cohort, {})
     found = variance_components(cohort.table(ids, metric)) if ids else None

@@ -73,17 +73,23 @@ def spent_alpha(spending: Spending, fraction: float, alpha: float = ALPHA) -> fl
     return 4 * float(scipy.special.ndtr(scipy.special.ndtri(side / 2) / np.sqrt(fraction)))
 
 
-def boundaries(spending: Spending, fractions: Sequence[float], alpha: float = ALPHA) -> tuple[Boundary, ...]:
+def boundaries(
+    spending: Spending, fractions: Sequence[float], alpha: float = ALPHA
+) -> tuple[Boundary, ...]:
     """Return the two-sided boundary of each look; `fractions` rise and lie in (0, 1]."""
     return _boundaries(spending, tuple(float(each) for each in fractions), alpha)
 
 
 @lru_cache(maxsize=256)
-def _boundaries(spending: Spending, fractions: tuple[float, ...], alpha: float) -> tuple[Boundary, ...]:
+def _boundaries(
+    spending: Spending, fractions: tuple[float, ...], alpha: float
+) -> tuple[Boundary, ...]:
     if not fractions or min(fractions) <= 0 or max(fractions) > 1 or any(np.diff(fractions) <= 0):
         raise ValueError(f"looks must rise within (0, 1], got {fractions}")
     found: list[Boundary] = []
-    reached: tuple[Floats, Floats] | None = None  # grid and density of the Brownian motion that has crossed no boundary yet
+    reached: tuple[Floats, Floats] | None = (
+        None  # grid and density of the Brownian motion that has crossed no boundary yet
+    )
     before, spent = 0.0, 0.0
     for fraction in fractions:
         target = spent_alpha(spending, fraction, alpha)
@@ -95,7 +101,9 @@ def _boundaries(spending: Spending, fractions: tuple[float, ...], alpha: float) 
     return tuple(found)
 
 
-def _boundary(reached: tuple[Floats, Floats] | None, before: float, fraction: float, alpha: float) -> float:
+def _boundary(
+    reached: tuple[Floats, Floats] | None, before: float, fraction: float, alpha: float
+) -> float:
     """Return the z that is first crossed at this look with probability `alpha`, both sides together."""
     if alpha < 1e-15:
         return float("inf")
@@ -105,7 +113,11 @@ def _boundary(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
     def excess(z: float) -> float:
         return _crossing(reached, before, fraction, z) - alpha
 
-    return float("inf") if excess(FARTHEST) > 0 else float(scipy.optimize.brentq(excess, 0.0, FARTHEST, xtol=1e-10))
+    return (
+        float("inf")
+        if excess(FARTHEST) > 0
+        else float(scipy.optimize.brentq(excess, 0.0, FARTHEST, xtol=1e-10))
+    )
 
 
 def _crossing(reached: tuple[Floats, Floats], before: float, fraction: float, z: float) -> float:
@@ -122,7 +134,9 @@ def _normal_density(x: Floats, scale: float) -> Floats:
     return density
 
 
-def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: float, z: float) -> tuple[Floats, Floats]:
+def _survived(
+    reached: tuple[Floats, Floats] | None, before: float, fraction: float, z: float
+) -> tuple[Floats, Floats]:
     """Return the grid (midpoints) and the density of the Brownian motion at `fraction` that has crossed no boundary."""
     edge = min(z, FARTHEST) * np.sqrt(fraction)
     scale = np.sqrt(fraction - before)
@@ -132,6 +146,9 @@ def _survived(reached: tuple[Floats, Floats] | None, before: float, fraction: fl
         return grid, _normal_density(grid, scale)
     old, held = reached
     density = np.concatenate(
-        [_normal_density(part[:, None] - old, scale) @ held for part in np.array_split(grid, 1 + count // 500)]
+        [
+            _normal_density(part[:, None] - old, scale) @ held
+            for part in np.array_split(grid, 1 + count // 500)
+        ]
     )
     return grid, density * (old[1] - old[0])

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from app.statistics.comparisons import player_means
-from app.statistics.exclusion_sets import ALL, METRICS, Cohort, MetricName, members, people_of, rule_in_words
+from app.statistics.exclusion_sets import (
+    ALL,
+    METRICS,
+    Cohort,
+    MetricName,
+    members,
+    people_of,
+    rule_in_words,
+)
 from app.statistics.formatting import level
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
@@ -45,7 +53,10 @@ class StudyFigure:
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
     """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order."""
-    sets: list[tuple[str, Mapping[Any, Any] | None]] = [(ALL, None), *data.protocol.exclusion.items()]
+    sets: list[tuple[str, Mapping[Any, Any] | None]] = [
+        (ALL, None),
+        *data.protocol.exclusion.items(),
+    ]
     return tuple(_figure(data, cohort, name, rules) for name, rules in sets)
 
 
@@ -88,7 +99,11 @@ def figure_sentence(figure: StudyFigure) -> str:
     assert figure.score is not None
     assert figure.steps is not None
     who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
-    kind = "guaranteed 95 % " if figure.score.headline == "guaranteed" else f"{level(figure.score.confidence)} "
+    kind = (
+        "guaranteed 95 % "
+        if figure.score.headline == "guaranteed"
+        else f"{level(figure.score.confidence)} "
+    )
     kind += "interval "  # said once
     reasons, said = [], []
     for found, text, form in (
@@ -97,7 +112,10 @@ def figure_sentence(figure: StudyFigure) -> str:
     ):
         reasons.append(why_no_interval(found))
         if reasons[-1] is None and found.interval is not None:
-            text, kind = f"{text} ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})", ""
+            text, kind = (
+                f"{text} ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})",
+                "",
+            )
         said.append(text)
     why = dict.fromkeys(reason for reason in reasons if reason)
     return " ".join([f"{who}: {', '.join(said)}.", *why])
@@ -126,19 +144,41 @@ def metric_bounds(config: EnvConfig, metric: MetricName) -> Interval:
     return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
 
-def _figure(data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None) -> StudyFigure:
+def _figure(
+    data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None
+) -> StudyFigure:
     """Return the figure of the cohort's members under one set's rules; None are the rules of "all"."""
     ids = members(cohort, rules or {})
     if not ids:
-        return StudyFigure(name=name, rule=rule_in_words(rules), players=0, episodes=0, score=None, steps=None, completed=None)
+        return StudyFigure(
+            name=name,
+            rule=rule_in_words(rules),
+            players=0,
+            episodes=0,
+            score=None,
+            steps=None,
+            completed=None,
+        )
     config = data.protocol.env_config
     boundary = look_boundary(data) if cohort.kind == "human" else None
     confidence = CONFIDENCE if boundary is None else boundary.confidence
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
-    failed = np.array([sum(trial.outcome != "explored" for trial in cohort.ranked[person]) for person in ids], np.float64)
-    is_guaranteed = data.protocol.interval_rule == "2" and len(ids) > 1 and bool(is_a_few_players(failed, episodes))
+    failed = np.array(
+        [sum(trial.outcome != "explored" for trial in cohort.ranked[person]) for person in ids],
+        np.float64,
+    )
+    is_guaranteed = (
+        data.protocol.interval_rule == "2"
+        and len(ids) > 1
+        and bool(is_a_few_players(failed, episodes))
+    )
     score, steps = (
-        estimate(player_means(cohort.table(ids, metric)), metric_bounds(config, metric), confidence, is_guaranteed)
+        estimate(
+            player_means(cohort.table(ids, metric)),
+            metric_bounds(config, metric),
+            confidence,
+            is_guaranteed,
+        )
         for metric in METRICS
     )
     return StudyFigure(

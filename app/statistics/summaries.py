@@ -62,9 +62,15 @@ def summarize_episodes(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dic
     return {
         "groups": len(groups),
         "episodes": sum(map(len, groups)),
-        "score": mean_interval([float(np.mean([each.score for each in group])) for group in groups]),
-        "steps": mean_interval([float(np.mean([each.steps for each in group])) for group in groups]),
-        "completed": float(np.mean([np.mean([each.outcome == "explored" for each in group]) for group in groups])),
+        "score": mean_interval(
+            [float(np.mean([each.score for each in group])) for group in groups]
+        ),
+        "steps": mean_interval(
+            [float(np.mean([each.steps for each in group])) for group in groups]
+        ),
+        "completed": float(
+            np.mean([np.mean([each.outcome == "explored" for each in group]) for group in groups])
+        ),
         "curve": coverage_curve(config, groups),
         "visits": visit_counts(config, groups),
     }
@@ -74,7 +80,10 @@ def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[st
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
-    held = [[_held(each.discoveries, steps) * (config.n / (each.cells or config.n)) for each in group] for group in groups]
+    held = [
+        [_held(each.discoveries, steps) * (config.n / (each.cells or config.n)) for each in group]
+        for group in groups
+    ]
     means = np.array([np.mean(group, axis=0) for group in held]) / config.n
     low, high = _band(means)
     return {
@@ -91,7 +100,9 @@ def visit_counts(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> list[list
     for group in groups:
         for each in group:
             cells = np.array(each.path)
-            inside = ((cells >= 0) & (cells < total.shape)).all(axis=1)  # a last move may lead off the grid
+            inside = ((cells >= 0) & (cells < total.shape)).all(
+                axis=1
+            )  # a last move may lead off the grid
             np.add.at(total, tuple(cells[inside].T), 1 / len(group))
     return [_short(row, 3) for row in total / len(groups)]
 
@@ -101,7 +112,10 @@ def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[dict
     found = []
     for number in range(min(most, max(map(len, groups)))):
         there = [group[number] for group in groups if len(group) > number]
-        score, steps = mean_interval([each.score for each in there]), mean_interval([float(each.steps) for each in there])
+        score, steps = (
+            mean_interval([each.score for each in there]),
+            mean_interval([float(each.steps) for each in there]),
+        )
         found.append({"trial": number + 1, "players": len(there), "score": score, "steps": steps})
     return found
 

@@ -62,7 +62,12 @@ def leak_trend(ranked: Mapping[str, Sequence[StudyEpisode]]) -> LeakTrend:
     of other people who had finished the terrain when the episode began; t with players - 2 degrees of freedom. The player is
     the unit, so the trend takes for granted that skill does not follow the order of coming.
     """
-    episodes = [each for own in ranked.values() for each in own if each.steps_to_99 is not None and each.ended_ms is not None]
+    episodes = [
+        each
+        for own in ranked.values()
+        for each in own
+        if each.steps_to_99 is not None and each.ended_ms is not None
+    ]
     difficulty = {terrain: np.mean(steps) for terrain, steps in _by_terrain(episodes).items()}
     before: dict[str, list[int]] = defaultdict(list)
     steps: dict[str, list[float]] = defaultdict(list)

@@ -137,7 +137,11 @@ OWNERS: dict[Kind, str] = {
 
 
 def compute(
-    conn: sqlite3.Connection, thing: Thing, salt: bytes, version: int = VERSION, begun: BegunHash | None = None
+    conn: sqlite3.Connection,
+    thing: Thing,
+    salt: bytes,
+    version: int = VERSION,
+    begun: BegunHash | None = None,
 ) -> dict[str, str]:
     """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
 
@@ -190,7 +194,9 @@ def head(conn: sqlite3.Connection) -> Head:
     return Head(0, "") if found is None else Head(*found)
 
 
-def append(conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0, begun: BegunHash | None = None) -> None:
+def append(
+    conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0, begun: BegunHash | None = None
+) -> None:
     """Append an entry of a thing as it is now; call it inside the transaction that wrote the rows.
 
     What was found not to fit its rows stays so: a later change makes nothing sound.
@@ -227,7 +233,9 @@ def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]
 
 def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
     """Append an entry of the input events from number `first` on if their episode has ended; its end covers the others."""
-    if select(conn, "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]).fetchone():
+    if select(
+        conn, "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+    ).fetchone():
         append(conn, "events", episode_id, first)
 
 
@@ -239,7 +247,9 @@ def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
         append(conn, "session", session)
 
 
-def append_note(conn: sqlite3.Connection, kind: Literal["forgotten", "merged"], content: Any) -> None:
+def append_note(
+    conn: sqlite3.Connection, kind: Literal["forgotten", "merged"], content: Any
+) -> None:
     """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
     note = canonical(content).decode().rstrip()
     _link(conn, kind, VERSION, None, hashlib.sha256(note.encode()).hexdigest(), note)
@@ -250,7 +260,9 @@ def things(conn: sqlite3.Connection) -> set[Thing]:
     return {Thing(kind, ident) for kind, sql in OWNERS.items() for (ident,) in select(conn, sql)}
 
 
-def append_all(conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None) -> None:
+def append_all(
+    conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None
+) -> None:
     """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing -> stored hash) stay so."""
     for thing in sorted(wanted):
         if unsound and thing in unsound:
@@ -268,7 +280,9 @@ def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
     found = select(conn, sql, (ident, kind, _also(kind))).fetchall()
     for first, salt, _, of, version, stored in found:
-        if (version, of) not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt, version)) != stored:
+        if (version, of) not in _PARTS or combine(
+            compute(conn, Thing(of, ident, first), salt, version)
+        ) != stored:
             return str(stored or "missing")
     return None if any(row[3] == kind for row in found) else "missing"
 
@@ -287,7 +301,14 @@ def _also(kind: Kind) -> Kind:
     return "events" if kind == "episode" else kind
 
 
-def _append(conn: sqlite3.Connection, thing: Thing, version: int, hash_: str, salt: bytes, parts: Mapping[str, str]) -> None:
+def _append(
+    conn: sqlite3.Connection,
+    thing: Thing,
+    version: int,
+    hash_: str,
+    salt: bytes,
+    parts: Mapping[str, str],
+) -> None:
     sql = "SELECT number FROM chain_salts WHERE kind = ? AND id = ? AND first = ?"
     replaces = select(conn, sql, thing).fetchone()
     number = _link(conn, thing.kind, version, replaces and replaces[0], hash_, None)
@@ -295,12 +316,21 @@ def _append(conn: sqlite3.Connection, thing: Thing, version: int, hash_: str, sa
     conn.execute("INSERT OR REPLACE INTO chain_salts VALUES (?, ?, ?, ?, ?, ?)", values)
 
 
-def _link(conn: sqlite3.Connection, kind: str, version: int, replaces: int | None, hash_: str, note: str | None) -> int:
+def _link(
+    conn: sqlite3.Connection,
+    kind: str,
+    version: int,
+    replaces: int | None,
+    hash_: str,
+    note: str | None,
+) -> int:
     """Append an entry and return its number; its time is the day alone, since entries outlive people who are forgotten."""
     last = head(conn)
     now = time.time_ns() // 1_000_000
     entry = (last.entries + 1, now - now % DAY_MS, kind, version, replaces, hash_, note)
-    conn.execute("INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, link(last.head, entry)))
+    conn.execute(
+        "INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, link(last.head, entry))
+    )
     return entry[0]
 
 
@@ -309,7 +339,9 @@ def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
     if thing.kind not in ("episode", "events"):
         return _BEYOND
     sql = "SELECT min(first) FROM chain_salts WHERE kind = 'events' AND id = ? AND first > ?"
-    (found,) = select(conn, sql, (thing.id, thing.first if thing.kind == "events" else -1)).fetchone()
+    (found,) = select(
+        conn, sql, (thing.id, thing.first if thing.kind == "events" else -1)
+    ).fetchone()
     return _BEYOND if found is None else int(found)
 
 

@@ -75,7 +75,9 @@ class _Walk:
             self.live[number] = kind
 
 
-_ENTRIES = "SELECT number, day_ms, kind, version, replaces, hash, note, head FROM chain ORDER BY number"
+_ENTRIES = (
+    "SELECT number, day_ms, kind, version, replaces, hash, note, head FROM chain ORDER BY number"
+)
 
 
 def chain_state(conn: sqlite3.Connection) -> ChainState | None:
@@ -83,7 +85,9 @@ def chain_state(conn: sqlite3.Connection) -> ChainState | None:
     if is_copy(conn):
         return None
     notes = select(conn, "SELECT note FROM chain WHERE kind = 'forgotten' AND json_valid(note)")
-    return ChainState(*head(conn), sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes))
+    return ChainState(
+        *head(conn), sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes)
+    )
 
 
 def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
@@ -93,13 +97,19 @@ def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
         where = f"chain entry {row[0]}"
         if row[0] != number + 1:
             yield Finding(
-                where, "the entry before it", row[0] - 1 if number else "none", number or "none: the first is missing"
+                where,
+                "the entry before it",
+                row[0] - 1 if number else "none",
+                number or "none: the first is missing",
             )
         if (made := link(before, row[:-1])) != row[-1]:
             yield Finding(where, "its head", row[-1], made)
         number, before = row[0], row[-1]
         try:
-            yield from (Finding(where, "it", what, "what the entries before it allow") for what in walk.take(row))
+            yield from (
+                Finding(where, "it", what, "what the entries before it allow")
+                for what in walk.take(row)
+            )
         except (ValueError, TypeError, AttributeError) as error:
             yield Finding(where, "its note", row[6], f"JSON of this version: {error}")
     yield from _check_salts(conn, walk.live)
@@ -111,7 +121,12 @@ def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Fin
     for kind, ident, first, number in select(conn, sql):
         if live.pop(number, None) != kind or (first and kind != "events"):
             what = f"the entry of its kind ({kind})"
-            yield Finding(place(Thing(kind, ident, first)), what, f"number {number}", "no such entry in force in the chain")
+            yield Finding(
+                place(Thing(kind, ident, first)),
+                what,
+                f"number {number}",
+                "no such entry in force in the chain",
+            )
     for number, kind in live.items():
         what = f"what it stands for (kind {kind})"
         yield Finding(f"chain entry {number}", what, "gone", "no entry that says it was forgotten")
@@ -123,29 +138,56 @@ def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Fi
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
     found = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
     if not any(row[0] == kind for row in found):
-        yield Finding(place(Thing(kind, ident)), DIGEST, "missing", "an entry of the chain for everything that is finished")
+        yield Finding(
+            place(Thing(kind, ident)),
+            DIGEST,
+            "missing",
+            "an entry of the chain for everything that is finished",
+        )
     for of, first, salt, stored, version, hash_ in found:
         yield from _compare(conn, Thing(of, ident, first), salt, stored, version, hash_)
 
 
 def _compare(
-    conn: sqlite3.Connection, thing: Thing, salt: bytes, stored: str, version: int | None, hash_: str | None
+    conn: sqlite3.Connection,
+    thing: Thing,
+    salt: bytes,
+    stored: str,
+    version: int | None,
+    hash_: str | None,
 ) -> Iterator[Finding]:
     where = place(thing)
     if version == UNSOUND:
-        yield Finding(where, DIGEST, hash_, "another one when the database was upgraded, merged or somebody forgotten")
+        yield Finding(
+            where,
+            DIGEST,
+            hash_,
+            "another one when the database was upgraded, merged or somebody forgotten",
+        )
         return
     try:
         parts = json.loads(stored)
         found = compute(conn, thing, salt, version or 0)
         if combine(parts) != hash_:
-            yield Finding(where, DIGEST, hash_ or "missing", f"{combine(parts)} from its salted hashes by table")
+            yield Finding(
+                where,
+                DIGEST,
+                hash_ or "missing",
+                f"{combine(parts)} from its salted hashes by table",
+            )
     except (KeyError, ValueError, TypeError, AttributeError):
-        yield Finding(where, DIGEST, f"of version {version}", "one that this version of the software knows")
+        yield Finding(
+            where, DIGEST, f"of version {version}", "one that this version of the software knows"
+        )
         return
     for table in sorted(parts.keys() | found.keys()):
         if parts.get(table) != found.get(table):
-            yield Finding(where, f"{DIGEST} in the table {table}", parts.get(table, "missing"), found.get(table, "none"))
+            yield Finding(
+                where,
+                f"{DIGEST} in the table {table}",
+                parts.get(table, "missing"),
+                found.get(table, "none"),
+            )
 
 
 def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:
@@ -167,12 +209,16 @@ def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
     kinds = dict(select(conn, "SELECT number, kind FROM chain WHERE number <= ?", [number]))
     added: Counter[str] = Counter()
     replaced, forgotten = set(), set()
-    for kind, replaces, note in select(conn, "SELECT kind, replaces, note FROM chain WHERE number > ?", [number]):
+    for kind, replaces, note in select(
+        conn, "SELECT kind, replaces, note FROM chain WHERE number > ?", [number]
+    ):
         added[kind] += 1
         replaced.add(replaces)
         if kind == "forgotten":
             forgotten |= set(json.loads(note).get("forgotten", []))
-    counts = [Counter(kinds[each] for each in which & kinds.keys()) for which in (replaced, forgotten)]
+    counts = [
+        Counter(kinds[each] for each in which & kinds.keys()) for which in (replaced, forgotten)
+    ]
     return EarlierHead(wanted, number, day_ms, added, *counts)
 
 

@@ -74,7 +74,12 @@ def studies(conn: sqlite3.Connection, only: str | None = None) -> list[StudyRow]
 
 def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
     """Return the ids of a study's participants in the order in which they joined."""
-    return [row[0] for row in conn.execute("SELECT id FROM participants WHERE study = ? ORDER BY joined_ms", [study])]
+    return [
+        row[0]
+        for row in conn.execute(
+            "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms", [study]
+        )
+    ]
 
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[StudyEpisodeRow]:
@@ -97,7 +102,9 @@ def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:
 
 def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
     """Return how many episodes have not ended, of one study or (None) of all."""
-    (count,) = conn.execute(f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}").fetchone()
+    (count,) = conn.execute(
+        f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}"
+    ).fetchone()
     return int(count)
 
 
@@ -125,11 +132,16 @@ class InputOf(NamedTuple):
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[PlayedEpisode, list[Finding]]:
     """Return a finished episode and what is wrong with it."""
-    row = rows(conn, "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?", ident)[
-        0
-    ]
+    row = rows(
+        conn,
+        "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?",
+        ident,
+    )[0]
     steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return PlayedEpisode(row, steps), [*differences(row, steps), *check_thing(conn, "episode", ident)]
+    return PlayedEpisode(row, steps), [
+        *differences(row, steps),
+        *check_thing(conn, "episode", ident),
+    ]
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
@@ -150,7 +162,9 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
         yield from check_thing(conn, "study", row.name)
     for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
         yield from check_thing(conn, "session", ident)
-    for (ident,) in conn.execute("SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)).fetchall():
+    for (ident,) in conn.execute(
+        "SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)
+    ).fetchall():
         yield from check_thing(conn, "participant", ident)
 
 
@@ -161,7 +175,10 @@ def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
         for (count,) in conn.execute(f"SELECT count(*) FROM {table} WHERE {condition}").fetchall():
             if count:
                 yield Finding(
-                    f"table {table}", "rows", count, "no episode, participant, session, player or study that they belong to"
+                    f"table {table}",
+                    "rows",
+                    count,
+                    "no episode, participant, session, player or study that they belong to",
                 )
 
 
@@ -169,7 +186,9 @@ def _within(study: str | None, column: str = "id") -> str:
     """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything else."""
     if study is None:
         return ""
-    inner = "SELECT s.episode_id FROM study_episodes s JOIN participants p ON p.id = s.participant_id"
+    inner = (
+        "SELECT s.episode_id FROM study_episodes s JOIN participants p ON p.id = s.participant_id"
+    )
     return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
 
 
@@ -192,8 +211,14 @@ def try_write(database: Path, timeout_s: float = 1.0) -> None:
         check_writable(database)
         # mode=rw: a file that was just deleted is not made again, as an empty one
         uri = database.resolve().as_uri() + "?mode=rw"
-        with closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn, transaction(conn):
-            conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(time.time_ns() // 1_000_000)])
+        with (
+            closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn,
+            transaction(conn),
+        ):
+            conn.execute(
+                "INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)",
+                [str(time.time_ns() // 1_000_000)],
+            )
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {database} did not take a write: {error}") from error
 

@@ -35,7 +35,9 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
 
 def is_copy(conn: sqlite3.Connection) -> bool:
     """Return whether a connection reads a copy in memory: `open_read_only` makes one of a database of an earlier schema."""
-    return not conn.execute("SELECT file FROM pragma_database_list WHERE name = 'main'").fetchone()[0]
+    return not conn.execute("SELECT file FROM pragma_database_list WHERE name = 'main'").fetchone()[
+        0
+    ]
 
 
 def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:

@@ -29,7 +29,9 @@ def _hidden(name: str) -> Iterator[None]:
             del sys.modules[name]
 
 
-with _hidden("pandas"):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
+with _hidden(
+    "pandas"
+):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
     from sqlite_utils import Database
 
 APPLICATION_ID = 0x4D415253
@@ -66,7 +68,9 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def migrate(conn: sqlite3.Connection, path: Path, migrations: Sequence[Migration] = MIGRATIONS) -> None:
+def migrate(
+    conn: sqlite3.Connection, path: Path, migrations: Sequence[Migration] = MIGRATIONS
+) -> None:
     """Bring the database to the newest schema; each migration and its number are one transaction."""
     _check_version(conn, path, len(migrations))
     for number in range(_version(conn) + 1, len(migrations) + 1):
@@ -97,7 +101,9 @@ def recognise(path: Path) -> None:
     """
     try:
         if path.is_dir():
-            raise StoreError(f"the database must be a file, {path} is a folder: give a file's path with --database")
+            raise StoreError(
+                f"the database must be a file, {path} is a folder: give a file's path with --database"
+            )
         if not path.exists() or is_in_use(path):
             return
         with path.open("rb") as file:
@@ -112,15 +118,21 @@ def recognise(path: Path) -> None:
             "give another --database (a new path makes a new one)"
         )
     page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
-    if path.stat().st_size < (65536 if page == 1 else page):  # SQLite takes less than a page for an empty file
-        raise StoreError(f"the database {path} is damaged (cut short): restore it from a backup or give another --database")
+    if path.stat().st_size < (
+        65536 if page == 1 else page
+    ):  # SQLite takes less than a page for an empty file
+        raise StoreError(
+            f"the database {path} is damaged (cut short): restore it from a backup or give another --database"
+        )
 
 
 def check_writable(path: Path) -> None:
     """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
-        raise StoreError(f"the database {path} is read-only: make it writable or give another --database")
+        raise StoreError(
+            f"the database {path} is read-only: make it writable or give another --database"
+        )
 
 
 def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
@@ -131,7 +143,9 @@ def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
     if expected is None or Path(f"{os.path.realpath(path)}-wal").exists():
         return
     try:
-        with closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as conn:
+        with closing(
+            sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)
+        ) as conn:
             if holds_step(conn, expected):
                 return
     except sqlite3.Error:
@@ -145,7 +159,10 @@ def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
 
 def holds_step(conn: sqlite3.Connection, step: tuple[str, int]) -> bool:
     """Return whether a database holds a step, given as episode and number."""
-    return conn.execute("SELECT 1 FROM steps WHERE episode_id = ? AND step = ?", step).fetchone() is not None
+    return (
+        conn.execute("SELECT 1 FROM steps WHERE episode_id = ? AND step = ?", step).fetchone()
+        is not None
+    )
 
 
 def lost_steps(path: Path, step: tuple[str, int]) -> str:
@@ -157,11 +174,15 @@ def lost_steps(path: Path, step: tuple[str, int]) -> str:
     )
 
 
-def open_database(path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS) -> Database:
+def open_database(
+    path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS
+) -> Database:
     """Open the database for writing, recognised, migrated and in WAL mode; it is made when absent."""
     check_writable(path)
     try:
-        conn = sqlite3.connect(path, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False)
+        conn = sqlite3.connect(
+            path, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False
+        )
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
@@ -191,10 +212,16 @@ def open_read_only(path: Path) -> Database:
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
-    still = "" if path.with_name(path.name + "-wal").exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
+    still = (
+        ""
+        if path.with_name(path.name + "-wal").exists() or os.access(path.parent, os.W_OK)
+        else "&immutable=1"
+    )
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
-        conn = sqlite3.connect(uri, uri=True, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False)
+        conn = sqlite3.connect(
+            uri, uri=True, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False
+        )
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     try:

@@ -20,7 +20,13 @@ from app.storage import chain
 from app.storage.chain import Thing
 from app.storage.connection import reading, rows
 from app.storage.database import StoreError, open_database, transaction
-from app.storage.forgotten import TRAJECTORY, invitation_hash, note_erased, person_hashes, trajectory_hash
+from app.storage.forgotten import (
+    TRAJECTORY,
+    invitation_hash,
+    note_erased,
+    person_hashes,
+    trajectory_hash,
+)
 from app.storage.releases import mark_outdated_releases
 from app.storage.study_rows import participant_label
 
@@ -79,7 +85,9 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
             conn.close()
         return done
     except sqlite3.Error as error:
-        raise StoreError(f"the database {database} did not take the erasure: {error}; try again") from error
+        raise StoreError(
+            f"the database {database} did not take the erasure: {error}; try again"
+        ) from error
     finally:
         lock.close()
 
@@ -105,20 +113,31 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
 
 def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     now = int(time.time() * 1000)
-    (protocol,) = conn.execute("SELECT protocol FROM studies WHERE name = ?", [person["study"]]).fetchone()
+    (protocol,) = conn.execute(
+        "SELECT protocol FROM studies WHERE name = ?", [person["study"]]
+    ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
-    hashes = person_hashes(person)[:1] if keeps else person_hashes(person)  # who stays without a name still came then
+    hashes = (
+        person_hashes(person)[:1] if keeps else person_hashes(person)
+    )  # who stays without a name still came then
     if person["invitation"] is not None and person["consent_ms"] is not None:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
-    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes])
+    conn.executemany(
+        "INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes]
+    )
     if not keeps and person["kind"] == "human":
         note_erased(conn, person, now)
     elsewhere = conn.execute(
-        "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?", (person["player_id"], person["id"])
+        "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?",
+        (person["player_id"], person["id"]),
     ).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     entries = _entries_of(conn, person, sessions)
-    unsound = {each: stored for each in entries if keeps and (stored := chain.unsound_hash(conn, each.kind, each.id))}
+    unsound = {
+        each: stored
+        for each in entries
+        if keeps and (stored := chain.unsound_hash(conn, each.kind, each.id))
+    }
     conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
     new = _rename(conn, person) if keeps else {}
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
@@ -137,7 +156,9 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     return Erasure(person["study"], len(episodes), keeps, outdated)
 
 
-def _entries_of(conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]) -> list[Thing]:
+def _entries_of(
+    conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]
+) -> list[Thing]:
     """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
@@ -149,7 +170,10 @@ def _entries_of(conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequ
 
 
 def _renew_chain(
-    conn: sqlite3.Connection, entries: Sequence[Thing], unsound: Mapping[Thing, str], new: Mapping[str, str]
+    conn: sqlite3.Connection,
+    entries: Sequence[Thing],
+    unsound: Mapping[Thing, str],
+    new: Mapping[str, str],
 ) -> None:
     """Make the person's entries unreadable, and append entries of what is kept of them, under its new ids.
 
@@ -162,7 +186,9 @@ def _renew_chain(
         chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
 
 
-def _sessions_of(conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]) -> list[str]:
+def _sessions_of(
+    conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]
+) -> list[str]:
     """Return the person's sessions, those outside the study too, without those of other studies' participants."""
     mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
     played = """SELECT DISTINCT e.session_id FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
@@ -177,7 +203,9 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
     for ident in episodes:
         sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
         for driven in conn.execute(sql, [ident]).fetchall():
-            conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now))
+            conn.execute(
+                "INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now)
+            )
         for table in ("event_batches", "input_events", "steps", "study_episodes", "daily_attempts"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
@@ -185,22 +213,33 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
 
 def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
     """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
-    old, player, session, invitation = (person[name] for name in ("id", "player_id", "session_id", "invitation"))
+    old, player, session, invitation = (
+        person[name] for name in ("id", "player_id", "session_id", "invitation")
+    )
     prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
     new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
-    conn.execute("INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new[player], player))
+    conn.execute(
+        "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new[player], player)
+    )
     if session:
         values = (new[session], new[player], new[player], session)
         conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)
-        conn.execute("UPDATE episodes SET session_id = ? WHERE session_id = ?", (new[session], session))
+        conn.execute(
+            "UPDATE episodes SET session_id = ? WHERE session_id = ?", (new[session], session)
+        )
     conn.execute(
         "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
         (new[old], new[player], new.get(session), new.get(invitation), old),
     )
     for table in ("study_episodes", "stage_events"):
-        conn.execute(f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old))
+        conn.execute(
+            f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old)
+        )
     for was, now in new.items():
-        conn.execute("UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?", (was, now, new[old]))
+        conn.execute(
+            "UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?",
+            (was, now, new[old]),
+        )
     return new
 
 

@@ -67,14 +67,18 @@ def export_table(
     return _stream(reader, lambda: reader.finished(who), table, fmt, key or new_key())
 
 
-def export_own(source: Reader, table: ExportTable, fmt: ExportFormat, player: str) -> Iterator[bytes]:
+def export_own(
+    source: Reader, table: ExportTable, fmt: ExportFormat, player: str
+) -> Iterator[bytes]:
     """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
     _check(table, fmt, "all")
     reader = Reader.open(source.path, public=True)
     return _stream(reader, lambda: reader.finished("all", player), table, fmt, new_key())
 
 
-def export_to(database: Path, folder: Path, fmt: ExportFormat, who: Who, advance: Callable[[int, int], None]) -> str:
+def export_to(
+    database: Path, folder: Path, fmt: ExportFormat, who: Who, advance: Callable[[int, int], None]
+) -> str:
     """Write `episodes.FMT` and `steps.FMT` in the folder, both whole or neither, and return a sentence on what was written.
 
     advance  called with (episodes written, of how many), both tables counted
@@ -94,7 +98,11 @@ def export_to(database: Path, folder: Path, fmt: ExportFormat, who: Who, advance
                 unverified += number == 0 and piece.endswith((b",false\n", b'"verified": false}\n'))
                 advance(min(done, total), total)
     count, moves = (n - (fmt == "csv") for n in lines)
-    warning = f"; {unverified} of them did not replay as recorded: see the column verified" if unverified else ""
+    warning = (
+        f"; {unverified} of them did not replay as recorded: see the column verified"
+        if unverified
+        else ""
+    )
     return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
 
 
@@ -114,7 +122,11 @@ def _check(table: str, fmt: str, who: str) -> None:
 
 
 def _stream(
-    reader: Reader, wanted: Callable[[], Iterator[dict[str, Any]]], table: ExportTable, fmt: ExportFormat, key: bytes
+    reader: Reader,
+    wanted: Callable[[], Iterator[dict[str, Any]]],
+    table: ExportTable,
+    fmt: ExportFormat,
+    key: bytes,
 ) -> Iterator[bytes]:
     try:
         if fmt == "csv":
@@ -128,38 +140,93 @@ def _stream(
         reader.close()
 
 
-def _rows_of(row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes) -> list[tuple[Any, ...]]:
+def _rows_of(
+    row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes
+) -> list[tuple[Any, ...]]:
     episode, findings = simulate(row, steps)
     verified = not findings
     common = (row["id"], _pseudonym(row["owner_id"], key))
     if table == "episodes":
-        return [(*common, *_episode_values(row, steps), row["attestation"], row["attestation_reason"], row["daily"], verified)]
+        return [
+            (
+                *common,
+                *_episode_values(row, steps),
+                row["attestation"],
+                row["attestation_reason"],
+                row["daily"],
+                verified,
+            )
+        ]
     path = [] if episode is None else episode.path
     return [(*common, *_step_values(step, episode, path), verified) for step in steps]
 
 
 def _pseudonym(player_id: str | None, key: bytes) -> str | None:
-    return None if player_id is None else "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]
+    return (
+        None
+        if player_id is None
+        else "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]
+    )
 
 
 def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Any, ...]:
     config = config_of(row)
-    flags = (bool(row[name]) for name in ("assisted", "seed_chosen", "terrain_met_before", "counts"))
-    shape = (config.level, config.rows, config.cols, config.sensor_radius, config.beta, config.max_steps)
-    cause = (row["config_hash"], row["seed"], row["start_row"], row["start_col"], row["terrain"].hex())
+    flags = (
+        bool(row[name]) for name in ("assisted", "seed_chosen", "terrain_met_before", "counts")
+    )
+    shape = (
+        config.level,
+        config.rows,
+        config.cols,
+        config.sensor_radius,
+        config.beta,
+        config.max_steps,
+    )
+    cause = (
+        row["config_hash"],
+        row["seed"],
+        row["start_row"],
+        row["start_col"],
+        row["terrain"].hex(),
+    )
     times = (row["policy_seed"], row["core_version"], row["started_ms"], row["ended_ms"])
-    totals = (row["outcome"], row["steps"], row["discovered"], row["discovered"] / cells_of(row), row["total"], row["score"])
+    totals = (
+        row["outcome"],
+        row["steps"],
+        row["discovered"],
+        row["discovered"] / cells_of(row),
+        row["total"],
+        row["score"],
+    )
     to_target = steps_to_target(config, row["outcome"], row["steps"])
     actions = " ".join(ACTIONS[step["action"]] for step in steps)
-    return (row["driver"], *flags, *shape, *cause, *times, *totals, to_target, actions, row["trajectory_hash"])
+    return (
+        row["driver"],
+        *flags,
+        *shape,
+        *cause,
+        *times,
+        *totals,
+        to_target,
+        actions,
+        row["trajectory_hash"],
+    )
 
 
-def _step_values(step: dict[str, Any], episode: Episode | None, path: Sequence[tuple[int, int]]) -> tuple[Any, ...]:
+def _step_values(
+    step: dict[str, Any], episode: Episode | None, path: Sequence[tuple[int, int]]
+) -> tuple[Any, ...]:
     here = step["step"] + 1
     position: Sequence[int | None] = path[here] if episode else (None, None)
     coverage = episode.discoveries[here] / episode.cells if episode else None
     seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
-    times = (step["client_ms"], step["key_down_ms"], step["key_up_ms"], step["input"], step["driver"])
+    times = (
+        step["client_ms"],
+        step["key_down_ms"],
+        step["key_up_ms"],
+        step["input"],
+        step["driver"],
+    )
     return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
 
 

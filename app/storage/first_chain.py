@@ -45,10 +45,16 @@ _OWNERS = {
 }
 _PARTS = {
     "study": {
-        "studies": ("name, protocol, protocol_hash, commitment, frozen_ms, closed_ms, secret", "name = ?1"),
+        "studies": (
+            "name, protocol, protocol_hash, commitment, frozen_ms, closed_ms, secret",
+            "name = ?1",
+        ),
     },
     "session": {
-        "sessions": ("id, player_id, owner_id, driver_name, rival_of, created_ms, control", "id = ?1"),
+        "sessions": (
+            "id, player_id, owner_id, driver_name, rival_of, created_ms, control",
+            "id = ?1",
+        ),
         "players": (
             "id, created_ms",
             "id IN (SELECT player_id FROM sessions WHERE id = ?1 UNION SELECT owner_id FROM sessions WHERE id = ?1) "
@@ -90,7 +96,9 @@ def begin_chain(conn: sqlite3.Connection, unsound: Mapping[tuple[str, str], str]
     """Make the tables and an entry of everything that is there; what is in `unsound` ((kind, id) -> digest) stays so."""
     for statement in _TABLES:
         conn.execute(statement)
-    found = {(kind, ident) for kind, sql in _OWNERS.items() for (ident,) in conn.execute(sql).fetchall()}
+    found = {
+        (kind, ident) for kind, sql in _OWNERS.items() for (ident,) in conn.execute(sql).fetchall()
+    }
     head = ""
     for number, (kind, ident) in enumerate(sorted(found | set(unsound)), 1):
         salt = secrets.token_bytes(32)
@@ -101,7 +109,9 @@ def begin_chain(conn: sqlite3.Connection, unsound: Mapping[tuple[str, str], str]
         head = _sha256([head, *entry])
         conn.execute("INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, head))
         values = (kind, ident, number, salt, _line(parts).decode().rstrip())
-        conn.execute("INSERT INTO chain_salts (kind, id, number, salt, parts) VALUES (?, ?, ?, ?, ?)", values)
+        conn.execute(
+            "INSERT INTO chain_salts (kind, id, number, salt, parts) VALUES (?, ?, ?, ?, ?)", values
+        )
 
 
 def _parts(conn: sqlite3.Connection, kind: str, ident: str, salt: bytes) -> dict[str, str]:

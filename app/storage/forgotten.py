@@ -31,7 +31,10 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
     """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
     learn_counts(target, source)
     for table in FORGOTTEN_TABLES:
-        target.executemany(f"INSERT OR IGNORE INTO {table} VALUES (?, ?)", source.execute(f"SELECT * FROM {table}").fetchall())
+        target.executemany(
+            f"INSERT OR IGNORE INTO {table} VALUES (?, ?)",
+            source.execute(f"SELECT * FROM {table}").fetchall(),
+        )
 
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
@@ -63,7 +66,9 @@ def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
     return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
 
 
-def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> list[dict[str, Any]]:
+def forgotten_people(
+    target: sqlite3.Connection, source: sqlite3.Connection
+) -> list[dict[str, Any]]:
     """Return the source's participants whom the target has forgotten, whatever they are called there."""
     people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
     trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
@@ -73,7 +78,9 @@ def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> 
         WHERE e.ended_ms IS NOT NULL"""
     known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
     found = rows(source, "SELECT * FROM participants")
-    return [person for person in found if person["id"] in known or people & set(person_hashes(person))]
+    return [
+        person for person in found if person["id"] in known or people & set(person_hashes(person))
+    ]
 
 
 def _hash(text: str) -> str:

@@ -52,7 +52,11 @@ class InputEventRow(NamedTuple):
 
 
 def add_input_events(
-    store: Store, episode_id: str, events: Sequence[InputEventRow], at_ms: int, batch: str | None = None
+    store: Store,
+    episode_id: str,
+    events: Sequence[InputEventRow],
+    at_ms: int,
+    batch: str | None = None,
 ) -> bool:
     """Keep a batch of input events of an episode once, however often it comes; return False when there are too many.
 
@@ -67,7 +71,9 @@ def add_input_events(
     ident = batch or hashlib.sha256(json.dumps(events).encode()).hexdigest()
     with store.transaction():
         conn = store.connection
-        if conn.execute(_BATCH, (episode_id, ident)).fetchone() or _was_kept_without_id(store, episode_id, events):
+        if conn.execute(_BATCH, (episode_id, ident)).fetchone() or _was_kept_without_id(
+            store, episode_id, events
+        ):
             return True
         first: int = conn.execute(_FIRST, [episode_id]).fetchone()[0]
         if first + len(events) > MAX_EVENTS_PER_EPISODE:
@@ -83,7 +89,9 @@ def add_input_events(
 
 def input_events(reader: Reader, episode_id: str) -> list[dict[str, Any]]:
     """Return an episode's input events in order."""
-    return reader.query("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id])
+    return reader.query(
+        "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id]
+    )
 
 
 def count_input_events(reader: Reader, episode_id: str) -> int:
@@ -103,10 +111,15 @@ def has_copied_timing(reader: Reader, episode_id: str) -> bool:
     gaps = [after - before for before, after in pairwise(times)]
     # the first condition that fails ends the look at an episode; after the fewest gaps the other one may have ended
     alike = [
-        f"coalesce(abs({_GAP.format(step=step)} - {gap!r}) < 0.06, {step >= COPIED_GAPS[0]:d})" for step, gap in enumerate(gaps)
+        f"coalesce(abs({_GAP.format(step=step)} - {gap!r}) < 0.06, {step >= COPIED_GAPS[0]:d})"
+        for step, gap in enumerate(gaps)
     ]
     same = " AND ".join(alike)
-    return bool(reader.query(f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1", [episode_id, COMPARED_EPISODES]))
+    return bool(
+        reader.query(
+            f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1", [episode_id, COMPARED_EPISODES]
+        )
+    )
 
 
 def _was_kept_without_id(store: Store, episode_id: str, events: Sequence[InputEventRow]) -> bool:
@@ -118,7 +131,13 @@ def _was_kept_without_id(store: Store, episode_id: str, events: Sequence[InputEv
     (until,) = conn.execute(_UNBATCHED, [episode_id]).fetchone()
     if until == 0:
         return False
-    values = (episode_id, 2**62 if until is None else until, events[0].client_ms, events[0].kind, MAX_STARTS)
+    values = (
+        episode_id,
+        2**62 if until is None else until,
+        events[0].client_ms,
+        events[0].kind,
+        MAX_STARTS,
+    )
     starts = conn.execute(_STARTS, values).fetchall()
     runs = (conn.execute(_RUN_OF_EVENTS, (episode_id, number, len(events))) for (number,) in starts)
     return any([tuple(row) for row in run] == list(events) for run in runs)

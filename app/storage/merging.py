@@ -26,7 +26,12 @@ MERGED_TABLES = (
 the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the sources."""
 
 ROWS_AT_A_TIME = 2_000
-_REFERENCED = {"id": None, "session_id": "sessions", "episode_id": "episodes", "participant_id": "participants"}
+_REFERENCED = {
+    "id": None,
+    "session_id": "sessions",
+    "episode_id": "episodes",
+    "participant_id": "participants",
+}
 """Column -> the table whose id it holds; None stands for the row's own table."""
 
 _PARTS: dict[str, tuple[Kind, str]] = {
@@ -67,7 +72,9 @@ class MergeCounts:
 
 
 def merge(
-    sources: Sequence[Path], out: Path, advance: Callable[[int, int], None] = lambda done, total: None
+    sources: Sequence[Path],
+    out: Path,
+    advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[MergeCounts, int]:
     """Merge databases into a new one; return the counts, and how many people took part in a study twice.
 
@@ -76,7 +83,9 @@ def merge(
     MergeError when there is a file at `out` already, or two contents under one id; then nothing is written.
     """
     if out.exists():
-        raise MergeError(f"{out} is there already: a merge is written into a new file; choose another --out")
+        raise MergeError(
+            f"{out} is there already: a merge is written into a new file; choose another --out"
+        )
     total = MergeCounts()
     with _new_database(out) as conn, transaction(conn):
         for path in sources:
@@ -108,20 +117,28 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     for table in MERGED_TABLES:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
-    found = {each for each in chain.things(source) if each.id not in hidden.get(f"{each.kind}s", ())}
+    found = {
+        each for each in chain.things(source) if each.id not in hidden.get(f"{each.kind}s", ())
+    }
     _check_same_parts(counted, _parts_of(source, found & known), where)
     _extend_chain(target, source, chain.things(target) - known, found)
     return counts
 
 
-def _extend_chain(target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]) -> None:
+def _extend_chain(
+    target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]
+) -> None:
     """Append the source's head and an entry of everything added; what did not fit its entry in the source stays so.
 
     added  what is new in the target
     found  everything of the source that was merged, new or not
     """
     state = chain_state(source)
-    chain.append_note(target, "merged", {"merged": {"head": state and state.head, "entries": state and state.entries}})
+    chain.append_note(
+        target,
+        "merged",
+        {"merged": {"head": state and state.head, "entries": state and state.entries}},
+    )
     stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
     unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
     chain.append_all(target, added | unsound.keys(), unsound)
@@ -129,15 +146,21 @@ def _extend_chain(target: sqlite3.Connection, source: sqlite3.Connection, added:
 
 def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
     """Return the number of rows that finished episodes and participants have in each of the tables of their parts."""
-    parts: dict[Thing, dict[str, int]] = {each: {} for each in wanted if each.kind in ("episode", "participant")}
+    parts: dict[Thing, dict[str, int]] = {
+        each: {} for each in wanted if each.kind in ("episode", "participant")
+    }
     for table, (kind, column) in _PARTS.items() if parts else ():
-        for ident, count in conn.execute(f"SELECT {column}, count(*) FROM {table} GROUP BY {column}"):
+        for ident, count in conn.execute(
+            f"SELECT {column}, count(*) FROM {table} GROUP BY {column}"
+        ):
             if (each := Thing(kind, ident)) in parts:
                 parts[each][table] = count
     return parts
 
 
-def _check_same_parts(old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], where: str) -> None:
+def _check_same_parts(
+    old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], where: str
+) -> None:
     """Raise MergeError when a thing has more or fewer rows in the source than it had in the target."""
     for each, counts in new.items():
         if old[each] != counts:
@@ -150,30 +173,49 @@ def _check_same_parts(old: dict[Thing, dict[str, int]], new: dict[Thing, dict[st
 def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:
     """Return the source's ids that are not to be merged, by table."""
     people = forgotten_people(target, source)
-    hidden: dict[str, set[Any]] = {"participants": {each["id"] for each in people}, "players": set(), "sessions": set()}
+    hidden: dict[str, set[Any]] = {
+        "participants": {each["id"] for each in people},
+        "players": set(),
+        "sessions": set(),
+    }
     for person in people:
         sessions = "SELECT id FROM sessions WHERE ? IN (player_id, owner_id) OR id = ?"
-        hidden["sessions"] |= {row[0] for row in source.execute(sessions, (person["player_id"], person["session_id"]))}
+        hidden["sessions"] |= {
+            row[0] for row in source.execute(sessions, (person["player_id"], person["session_id"]))
+        }
         elsewhere = [
             row
-            for row in source.execute("SELECT id, session_id FROM participants WHERE player_id = ?", [person["player_id"]])
+            for row in source.execute(
+                "SELECT id, session_id FROM participants WHERE player_id = ?", [person["player_id"]]
+            )
             if row[0] not in hidden["participants"]
         ]
         hidden["sessions"] -= {row[1] for row in elsewhere}
         if not elsewhere:
             hidden["players"].add(person["player_id"])
-    found = source.execute("SELECT id, session_id FROM episodes").fetchall() if hidden["sessions"] else []
+    found = (
+        source.execute("SELECT id, session_id FROM episodes").fetchall()
+        if hidden["sessions"]
+        else []
+    )
     hidden["episodes"] = {ident for ident, session in found if session in hidden["sessions"]}
     return hidden
 
 
-def _visible(table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]) -> Iterator[dict[str, Any]]:
+def _visible(
+    table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]
+) -> Iterator[dict[str, Any]]:
     for row in found:
-        if not any(name in row and row[name] in hidden.get(of or table, ()) for name, of in _REFERENCED.items()):
+        if not any(
+            name in row and row[name] in hidden.get(of or table, ())
+            for name, of in _REFERENCED.items()
+        ):
             yield row
 
 
-def _merge_table(target: sqlite3.Connection, table: str, wanted: Iterator[dict[str, Any]], where: str) -> tuple[int, int]:
+def _merge_table(
+    target: sqlite3.Connection, table: str, wanted: Iterator[dict[str, Any]], where: str
+) -> tuple[int, int]:
     """Return how many rows were added and how many were there already."""
     columns = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
     insert = f"INSERT OR IGNORE INTO {table} ({','.join(columns)}) VALUES ({','.join('?' * len(columns))})"
@@ -187,13 +229,21 @@ def _merge_table(target: sqlite3.Connection, table: str, wanted: Iterator[dict[s
     return added, equal
 
 
-def _check_equal(target: sqlite3.Connection, table: str, columns: list[str], chunk: list[tuple[Any, ...]], where: str) -> None:
+def _check_equal(
+    target: sqlite3.Connection,
+    table: str,
+    columns: list[str],
+    chunk: list[tuple[Any, ...]],
+    where: str,
+) -> None:
     """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
     match = " AND ".join(f"{name} IS ?" for name in columns)
     keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
     for row in chunk:
         if target.execute(f"SELECT 1 FROM {table} WHERE {match}", row).fetchone() is None:
-            named = ", ".join(f"{name} {value}" for name, value in zip(columns, row, strict=True) if name in keys)
+            named = ", ".join(
+                f"{name} {value}" for name, value in zip(columns, row, strict=True) if name in keys
+            )
             raise MergeError(
                 f"the table {table} has {named} with another content in {where} than before: nothing was joined; one of the "
                 "two was changed, or they are a copy and its original under other names"
@@ -204,7 +254,9 @@ def _merge_studies(target: sqlite3.Connection, source: sqlite3.Connection, where
     for row in rows(source, "SELECT * FROM studies"):
         known = rows(target, "SELECT * FROM studies WHERE name = ?", row["name"])
         if not known:
-            target.execute(f"INSERT INTO studies VALUES ({','.join('?' * len(row))})", list(row.values()))
+            target.execute(
+                f"INSERT INTO studies VALUES ({','.join('?' * len(row))})", list(row.values())
+            )
             continue
         _check_same_study(known[0], row, where)
         if all(known[0][name] is not None or row[name] is None for name in ("closed_ms", "secret")):
@@ -225,7 +277,9 @@ def _check_same_study(old: dict[str, Any], row: dict[str, Any], where: str) -> N
                 "nothing was joined"
             )
     if old["secret"] is not None and row["secret"] not in (None, old["secret"]):
-        raise MergeError(f"the study {row['name']!r} in {where} has another secret than before: nothing was joined")
+        raise MergeError(
+            f"the study {row['name']!r} in {where} has another secret than before: nothing was joined"
+        )
 
 
 @contextmanager
@@ -257,7 +311,9 @@ def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
         if not was_there:
             _remove(database)
         if isinstance(error, sqlite3.Error):
-            raise StoreError(f"the database {database} did not take the release, nothing changed: {error}") from error
+            raise StoreError(
+                f"the database {database} did not take the release, nothing changed: {error}"
+            ) from error
         raise
 
 

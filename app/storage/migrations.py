@@ -177,11 +177,17 @@ def _write_digests_of_schema_4(conn: sqlite3.Connection) -> None:
     """Fill the table of digests from the rows, by the rules that schema 4 began with."""
     insert = "INSERT INTO digests VALUES (?, ?, ?)"
     for (ident,) in conn.execute("SELECT id FROM episodes WHERE ended_ms IS NOT NULL").fetchall():
-        tables = {"episodes": "id = ?", "steps": "episode_id = ? ORDER BY step", "study_episodes": "episode_id = ?"}
+        tables = {
+            "episodes": "id = ?",
+            "steps": "episode_id = ? ORDER BY step",
+            "study_episodes": "episode_id = ?",
+        }
         conn.execute(insert, ("episode", ident, _digest_of_schema_4(conn, tables, ident)))
     for (ident,) in conn.execute("SELECT DISTINCT episode_id FROM input_events").fetchall():
         chain = ""
-        for row in conn.execute("SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [ident]):
+        for row in conn.execute(
+            "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [ident]
+        ):
             chain = hashlib.sha256(chain.encode() + _line_of_schema_4(row)).hexdigest()
         conn.execute(insert, ("events", ident, chain))
     for (ident,) in conn.execute("SELECT id FROM participants").fetchall():
@@ -233,7 +239,9 @@ def _unsound_in_schema_4(conn: sqlite3.Connection) -> dict[tuple[str, str], str]
     _write_digests_of_schema_4(conn)
     right = {(kind, ident): digest for kind, ident, digest in conn.execute(sql).fetchall()}
     return {
-        ("participant" if kind == "participant" else "episode", ident): stored.get((kind, ident), "missing")
+        ("participant" if kind == "participant" else "episode", ident): stored.get(
+            (kind, ident), "missing"
+        )
         for kind, ident in sorted(stored.keys() | right.keys())
         if stored.get((kind, ident)) != right.get((kind, ident))
     }

@@ -31,7 +31,11 @@ _RANKED = """SELECT e.id, e.session_id, s.owner_id, e.config_hash,
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)"""
 _NOT_DAILY = " AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id)"
 # A CROSS JOIN reads the tables in the order written: a player's few sessions first, or the few open episodes of all.
-_OF_PLAYER = _RANKED.format(tables="sessions s CROSS JOIN episodes e") + _NOT_DAILY + " AND s.owner_id = :player"
+_OF_PLAYER = (
+    _RANKED.format(tables="sessions s CROSS JOIN episodes e")
+    + _NOT_DAILY
+    + " AND s.owner_id = :player"
+)
 _OF_ALL = _RANKED.format(tables="episodes e CROSS JOIN sessions s")
 # A policy's board without a rival is a replay beside a board, and no board of its own.
 _NEWEST = f"""SELECT s.id FROM sessions s
@@ -78,12 +82,18 @@ class OpenRanked:
 
 def open_ranked(store: Store, player_id: str) -> list[OpenRanked]:
     """Return a player's open ranked episodes."""
-    return [OpenRanked(*row) for row in store.connection.execute(_OF_PLAYER, {"player": player_id}).fetchall()]
+    return [
+        OpenRanked(*row)
+        for row in store.connection.execute(_OF_PLAYER, {"player": player_id}).fetchall()
+    ]
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[OpenRanked]:
     """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
-    return [OpenRanked(*row) for row in store.connection.execute(_OF_ALL + " AND moved_ms < ?", [before_ms]).fetchall()]
+    return [
+        OpenRanked(*row)
+        for row in store.connection.execute(_OF_ALL + " AND moved_ms < ?", [before_ms]).fetchall()
+    ]
 
 
 def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
@@ -96,7 +106,9 @@ def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
     return None if found is None else str(found[0])
 
 
-def watchable_session(store: Store, episode_id: str, at_ms: int, viewer: str | None = None) -> tuple[str, bool] | None:
+def watchable_session(
+    store: Store, episode_id: str, at_ms: int, viewer: str | None = None
+) -> tuple[str, bool] | None:
     """Return (its session's id, whether it has ended) of an episode of the playground; None for any other id.
 
     at_ms   now: before the day of a daily terrain is over, only its own player may watch
@@ -133,7 +145,9 @@ class Deleted(NamedTuple):
     after: int | None
 
 
-def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100) -> Deleted:
+def delete_unplayed(
+    store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100
+) -> Deleted:
     """Delete boards that were begun before a time and on which nobody has moved, among `most` that follow a row number.
 
     A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
@@ -143,7 +157,9 @@ def delete_unplayed(store: Store, before_ms: int, in_use: Callable[[str], bool],
     """
     with store.transaction():
         conn = store.connection
-        found = conn.execute(_UNPLAYED, {"before": before_ms, "most": most, "after": after}).fetchall()
+        found = conn.execute(
+            _UNPLAYED, {"before": before_ms, "most": most, "after": after}
+        ).fetchall()
         deleted, players = list[str](), set[str]()
         for _, session_id, player_id, rival_id in found:
             ids = [each for each in (rival_id, session_id) if each is not None]
@@ -206,8 +222,12 @@ class DailyAttempt(NamedTuple):
 def daily_secret(store: Store) -> bytes:
     """Return the secret that the keys of this database's days follow from: made once, kept in the database."""
     with store.transaction():
-        store.connection.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (_SECRET, secrets.token_hex(32)))
-    return bytes.fromhex(store.query("SELECT value FROM meta WHERE name = ?", [_SECRET])[0]["value"])
+        store.connection.execute(
+            "INSERT OR IGNORE INTO meta VALUES (?, ?)", (_SECRET, secrets.token_hex(32))
+        )
+    return bytes.fromhex(
+        store.query("SELECT value FROM meta WHERE name = ?", [_SECRET])[0]["value"]
+    )
 
 
 def keep_terrain(store: Store, terrain: DailyTerrain) -> None:
@@ -232,7 +252,9 @@ def find_attempt(reader: Reader, player_id: str, day: str) -> DailyAttempt | Non
 
 def attempts_of(reader: Reader, player_id: str) -> list[DailyAttempt]:
     """Return all daily attempts of a player, the newest day first."""
-    return [DailyAttempt(**row) for row in reader.query(f"{_ATTEMPT} ORDER BY a.day DESC", [player_id])]
+    return [
+        DailyAttempt(**row) for row in reader.query(f"{_ATTEMPT} ORDER BY a.day DESC", [player_id])
+    ]
 
 
 def results(reader: Reader, commitment: str, before_ms: int) -> list[dict[str, Any]]:
@@ -251,4 +273,9 @@ def daily_causes(conn: sqlite3.Connection) -> list[dict[str, Any]]:
 
 
 def _terrain_of(row: dict[str, Any]) -> DailyTerrain:
-    return DailyTerrain(row["commitment"], row["day"], bytes.fromhex(row["key"]), EnvConfig(**json.loads(row["config"])))
+    return DailyTerrain(
+        row["commitment"],
+        row["day"],
+        bytes.fromhex(row["key"]),
+        EnvConfig(**json.loads(row["config"])),
+    )

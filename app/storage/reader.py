@@ -72,7 +72,9 @@ class Reader:
     holds for one that is told when it reads, too (`at_ms`; None: now).
     """
 
-    def __init__(self, db: Database, path: Path, public: bool = False, at_ms: int | None = None) -> None:
+    def __init__(
+        self, db: Database, path: Path, public: bool = False, at_ms: int | None = None
+    ) -> None:
         self._db = db
         self.path = path
         self._daily = _not_of_running_day(at_ms) if public or at_ms is not None else "1"
@@ -105,7 +107,8 @@ class Reader:
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
-        return next(iter(self._db.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")))["n"]  # type: ignore[no-any-return]
+        (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
+        return int(row["n"])
 
     def totals(self, who: Who = "all") -> list[dict[str, Any]]:
         """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
@@ -120,25 +123,30 @@ class Reader:
         order = "ORDER BY e.started_ms, e.id"
         if player is None:
             return self._db.query(f"{self._select}{_FILTER[who]} {order}")
-        return self._db.query(f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player])
+        return self._db.query(
+            f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player]
+        )
 
     def played_by(self, player: str) -> list[dict[str, Any]]:
         """Return the finished episodes that a player drove, newest first, for their own page; no seed among the columns."""
-        columns = (
-            "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, ended_ms, "
-        )
+        columns = "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, ended_ms, "
         columns += "attestation_reason, seed_chosen, assisted, terrain_met_before"
         sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
         return list(self._db.query(sql, [player]))
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
-        return list(self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id]))
+        return list(
+            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+        )
 
     def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
         """Return finished episodes, newest first, with seed, totals and the actions in words."""
         sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
-        return [_described(row, self.steps(row["id"])) for row in list(self._db.query(sql, [limit, offset]))]
+        return [
+            _described(row, self.steps(row["id"]))
+            for row in list(self._db.query(sql, [limit, offset]))
+        ]
 
     def episode(self, episode_id: str, viewer: str | None = None) -> dict[str, Any] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None.
@@ -169,9 +177,15 @@ class Reader:
 
     def load_record(self, episode_id: str) -> Record:
         """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
-        for row in list(self._db.query("SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id])):
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
             return record_of(row, self.steps(episode_id))
-        raise StoreError(f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them")
+        raise StoreError(
+            f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them"
+        )
 
 
 def config_of(row: dict[str, Any]) -> EnvConfig:
@@ -182,7 +196,11 @@ def config_of(row: dict[str, Any]) -> EnvConfig:
 def cells_of(row: dict[str, Any]) -> int:
     """Return how many cells coverage refers to on the terrain of an episode row: all, or those that can be discovered."""
     config = config_of(row)
-    return _cells(config, row["terrain"], (row["start_row"], row["start_col"])) if config.discoverable_only else config.n
+    return (
+        _cells(config, row["terrain"], (row["start_row"], row["start_col"]))
+        if config.discoverable_only
+        else config.n
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -208,7 +226,17 @@ def record_of(row: dict[str, Any], steps: list[dict[str, Any]]) -> Record:
 
 
 def _move(step: dict[str, Any]) -> dict[str, Any]:
-    names = ("step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver")
+    names = (
+        "step",
+        "reward",
+        "discovered",
+        "server_ms",
+        "client_ms",
+        "key_down_ms",
+        "key_up_ms",
+        "input",
+        "driver",
+    )
     return {"action": ACTIONS[step["action"]], **{name: step[name] for name in names}}
 
 

@@ -48,12 +48,25 @@ def note_looks(conn: sqlite3.Connection, study: str, looks: Sequence[dict[str, A
     kept = noted_looks(conn, study)
     found = [*kept, *(look for look in looks if look not in kept)]
     if found:
-        conn.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (f"{LOOKS}|{study}", json.dumps(found, ensure_ascii=False)))
+        conn.execute(
+            "INSERT OR REPLACE INTO meta VALUES (?, ?)",
+            (f"{LOOKS}|{study}", json.dumps(found, ensure_ascii=False)),
+        )
 
 
-def mark_outdated_releases(conn: sqlite3.Connection, study: str, joined_ms: int, now_ms: int) -> tuple[int, ...]:
+def mark_outdated_releases(
+    conn: sqlite3.Connection, study: str, joined_ms: int, now_ms: int
+) -> tuple[int, ...]:
     """Mark the releases made since `joined_ms` as outdated and return their versions: a participant of theirs is erased."""
     where, values = "study = ? AND released_ms >= ?", (study, joined_ms)
-    found = [row[0] for row in conn.execute(f"SELECT version FROM releases WHERE {where} ORDER BY version", values)]
-    conn.execute(f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}", (now_ms, *values))
+    found = [
+        row[0]
+        for row in conn.execute(
+            f"SELECT version FROM releases WHERE {where} ORDER BY version", values
+        )
+    ]
+    conn.execute(
+        f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}",
+        (now_ms, *values),
+    )
     return tuple(found)

@@ -45,7 +45,9 @@ def differences(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> list[Fi
     return simulate(row, steps)[1]
 
 
-def simulate(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> tuple[Episode | None, list[Finding]]:
+def simulate(
+    row: dict[str, Any], steps: Sequence[dict[str, Any]]
+) -> tuple[Episode | None, list[Finding]]:
     """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
 
     row, steps  as `Reader.finished` and `Reader.steps` give them
@@ -58,7 +60,9 @@ def simulate(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> tuple[Epis
 Found = tuple[str, Any, Any]
 
 
-def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]) -> Episode | None:
+def _simulated(
+    row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]
+) -> Episode | None:
     try:
         config = config_of(row)
     except (ValueError, TypeError) as error:
@@ -116,7 +120,10 @@ def drawn(config: EnvConfig, seed: int) -> bytes:
 
 def _of_totals(row: dict[str, Any], episode: Episode) -> Iterator[Found]:
     made = episode.record()
-    expected = {name: getattr(made, name) for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")}
+    expected = {
+        name: getattr(made, name)
+        for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")
+    }
     for name, value in {**expected, "score": episode.score}.items():
         if row[name] != value:
             yield name, row[name], value
@@ -127,4 +134,8 @@ def _of_steps(steps: list[dict[str, Any]], episode: Episode) -> Iterator[Found]:
         if step["reward"] != reward:
             yield f"reward of step {number}", step["reward"], reward
         if step["discovered"] != episode.discoveries[number + 1]:
-            yield f"discovered of step {number}", step["discovered"], episode.discoveries[number + 1]
+            yield (
+                f"discovered of step {number}",
+                step["discovered"],
+                episode.discoveries[number + 1],
+            )

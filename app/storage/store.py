@@ -46,7 +46,16 @@ from marsexplorer.score import score
 if TYPE_CHECKING:
     from sqlite_utils import Database
 
-__all__ = ["Closing", "DailyDay", "EpisodeRow", "Resumable", "SessionRow", "StepRow", "Store", "StoreError"]
+__all__ = [
+    "Closing",
+    "DailyDay",
+    "EpisodeRow",
+    "Resumable",
+    "SessionRow",
+    "StepRow",
+    "Store",
+    "StoreError",
+]
 
 PaceMode = Literal["follow", "timed", "paused"]
 Control = Literal["cookie", "bearer"]
@@ -177,7 +186,11 @@ class Store(Reader):
     """
 
     def __init__(
-        self, path: Path | str, durable: bool = False, metrics: Metrics | None = None, accept_loss: bool = False
+        self,
+        path: Path | str,
+        durable: bool = False,
+        metrics: Metrics | None = None,
+        accept_loss: bool = False,
     ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
         self._reads: ReadThreads[Database] | None = None
@@ -203,7 +216,11 @@ class Store(Reader):
         self._is_within, self._began = False, 0.0
         self._undone: StoreError | None = None
         self._step: tuple[str, int] | None = None
-        self.notice = None if expected is None or holds_step(self._conn, expected) else lost_steps(path, expected)
+        self.notice = (
+            None
+            if expected is None or holds_step(self._conn, expected)
+            else lost_steps(path, expected)
+        )
 
     def start_threads(self) -> None:
         """From now on write on one thread and read on others; call it on the running event loop."""
@@ -225,7 +242,12 @@ class Store(Reader):
         db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
         return db
 
-    async def write(self, work: Callable[[], T], notice: Notice | None = None, then: Callable[[T], None] | None = None) -> T:
+    async def write(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+    ) -> T:
         """Return the result of `work()`, which may write and sees everything written before it, once that is committed.
 
         It runs on the thread of the writes: it must not touch what belongs to the event loop. `notice`, `then` and the errors
@@ -288,7 +310,9 @@ class Store(Reader):
         WriteRefusedError while another program holds the lock for writing.
         """
         if self.writes.is_started and not self.writes.is_own_thread:
-            raise RuntimeError("while a server runs, its store is written on one thread alone: await Store.write")
+            raise RuntimeError(
+                "while a server runs, its store is written on one thread alone: await Store.write"
+            )
         if self._is_within:
             yield
             return
@@ -357,7 +381,9 @@ class Store(Reader):
             if isinstance(error, sqlite3.Error):
                 raise self._not_taken(error) from error
             raise
-        self._lost = self._place.fault()  # it went in between: memory lacks what the lost file has, so no way leads on
+        self._lost = (
+            self._place.fault()
+        )  # it went in between: memory lacks what the lost file has, so no way leads on
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         if step is not None:
@@ -369,14 +395,18 @@ class Store(Reader):
             self._conn.execute("ROLLBACK")
 
     def _not_taken(self, error: BaseException) -> StoreError:
-        return StoreError(f"the database {self.path} did not take the write, nothing changed: {error}")
+        return StoreError(
+            f"the database {self.path} did not take the write, nothing changed: {error}"
+        )
 
     def secret(self) -> str:
         """Return the key that signs cookies: made once, kept in the database."""
         sql = "SELECT value FROM meta WHERE name = 'secret'"
         if self.connection.execute(sql).fetchone() is None:
             with self.transaction():
-                self._conn.execute("INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)])
+                self._conn.execute(
+                    "INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)]
+                )
         return str(self.connection.execute(sql).fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
@@ -437,7 +467,9 @@ class Store(Reader):
             if row.driver != "human":
                 self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
-                raise StoreError(f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed")
+                raise StoreError(
+                    f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed"
+                )
             self._step = row.episode_id, row.step
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
@@ -453,7 +485,12 @@ class Store(Reader):
         return True
 
     def close_episode(
-        self, episode_id: str, record: Record, at_ms: int, attestation: str | None = None, reason: str | None = None
+        self,
+        episode_id: str,
+        record: Record,
+        at_ms: int,
+        attestation: str | None = None,
+        reason: str | None = None,
     ) -> None:
         """Close an episode under its record's outcome, with the level of its attestation."""
         self.next_episode((Closing(episode_id, record, at_ms, attestation, reason),), ())
@@ -468,14 +505,18 @@ class Store(Reader):
 
         A participant's is returned at any age.
         """
-        board = self.connection.execute("SELECT session_id FROM participants WHERE session_id = ?", [session_id]).fetchone()
+        board = self.connection.execute(
+            "SELECT session_id FROM participants WHERE session_id = ?", [session_id]
+        ).fetchone()
         now = int(time.time() * 1000) if now_ms is None else now_ms
         values = {"id": session_id, "participants": board and board[0], "since": now - DAY_MS}
         return next((self._resumable(row) for row in list(self._db.query(_LATEST, values))), None)
 
     def rival_of(self, session_id: str) -> str | None:
         """Return the id of the session of a player's rival; None without one."""
-        found = self.connection.execute("SELECT id FROM sessions WHERE rival_of = ?", [session_id]).fetchone()
+        found = self.connection.execute(
+            "SELECT id FROM sessions WHERE rival_of = ?", [session_id]
+        ).fetchone()
         return None if found is None else str(found[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
@@ -486,13 +527,24 @@ class Store(Reader):
     def _resumable(self, row: dict[str, Any]) -> Resumable:
         session = dict(self._db.table("sessions").get(row["session_id"]))
         del session["owner_id"]
-        kept = ("id", "session_id", "number", "seed", "terrain", "policy_seed", "driver", "started_ms")
+        kept = (
+            "id",
+            "session_id",
+            "number",
+            "seed",
+            "terrain",
+            "policy_seed",
+            "driver",
+            "started_ms",
+        )
         episode = EpisodeRow(
             config=config_of(row),
             start=(row["start_row"], row["start_col"]),
             seed_chosen=bool(row["seed_chosen"]),
             assisted=bool(row["assisted"]),
-            daily=None if row["daily_day"] is None else DailyDay(row["daily_day"], row["daily_commitment"]),
+            daily=None
+            if row["daily_day"] is None
+            else DailyDay(row["daily_day"], row["daily_commitment"]),
             **{name: row[name] for name in kept},
         )
         actions = bytes(step["action"] for step in self.steps(row["id"]))
@@ -505,8 +557,14 @@ class Store(Reader):
         config = json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":"))
         self._db.table("episodes").insert(
             {
-                **{name: getattr(row, name) for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")},
-                **{name: getattr(row, name) for name in ("driver", "started_ms", "seed_chosen", "assisted")},
+                **{
+                    name: getattr(row, name)
+                    for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")
+                },
+                **{
+                    name: getattr(row, name)
+                    for name in ("driver", "started_ms", "seed_chosen", "assisted")
+                },
                 "level": row.config.level,
                 "config": config,
                 "config_hash": row.config.hash,
@@ -518,7 +576,9 @@ class Store(Reader):
             }
         )
         if row.daily is not None:
-            self._conn.execute(_ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id))
+            self._conn.execute(
+                _ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id)
+            )
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing
@@ -529,9 +589,19 @@ class Store(Reader):
             record.total,
             score(record.config, record.total, record.cells),
         )
-        values = (episode_id, at_ms, *totals, record.trajectory_hash, record.core_version, attestation, reason)
+        values = (
+            episode_id,
+            at_ms,
+            *totals,
+            record.trajectory_hash,
+            record.core_version,
+            attestation,
+            reason,
+        )
         if self._conn.execute(_CLOSE, values).rowcount != 1:
-            raise StoreError(f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed")
+            raise StoreError(
+                f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed"
+            )
         chain.append(self._conn, "episode", episode_id, begun=events)
 
 
@@ -542,4 +612,6 @@ def is_busy(error: sqlite3.Error) -> bool:
 
 def terrain_hash(row: EpisodeRow) -> str:
     """Return SHA-256 (hex) of the shape and the packed bits: the same for two seeds that draw the same terrain."""
-    return hashlib.sha256(f"{row.config.rows}x{row.config.cols}:".encode() + row.terrain).hexdigest()
+    return hashlib.sha256(
+        f"{row.config.rows}x{row.config.cols}:".encode() + row.terrain
+    ).hexdigest()

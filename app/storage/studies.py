@@ -38,22 +38,36 @@ class StudyStore:
 
     def add_study(self, study: StudyRow) -> StudyRow:
         """Add a study, open, unless one of its name is there; return the one that is there now."""
-        values = (study.name, study.protocol, study.protocol_hash, study.commitment, study.frozen_ms)
+        values = (
+            study.name,
+            study.protocol,
+            study.protocol_hash,
+            study.commitment,
+            study.frozen_ms,
+        )
         with self._store.transaction():
             if self._store.connection.execute(
                 "INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values
             ).rowcount:
                 chain.append(self._store.connection, "study", study.name)
-            return StudyRow(*self._store.connection.execute("SELECT * FROM studies WHERE name = ?", [study.name]).fetchone())
+            return StudyRow(
+                *self._store.connection.execute(
+                    "SELECT * FROM studies WHERE name = ?", [study.name]
+                ).fetchone()
+            )
 
     def note_closed(self, study: StudyRow) -> None:
         """Write the end and the secret of a closed study, if anybody had joined it; an open study changes nothing."""
         if study.closed_ms is None:
             return
         with self._store.transaction():
-            if self._store.connection.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
+            if self._store.connection.execute(
+                _IS_OPEN, (study.name, study.protocol_hash)
+            ).fetchone():
                 with chain.changing(self._store.connection, "study", study.name):
-                    self._store.connection.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
+                    self._store.connection.execute(
+                        _NOTE_CLOSED, (study.closed_ms, study.secret, study.name)
+                    )
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
@@ -64,7 +78,12 @@ class StudyStore:
 
     def open_names(self) -> list[str]:
         """Return the names of studies that the database does not know to be closed."""
-        return [row[0] for row in self._store.connection.execute("SELECT name FROM studies WHERE closed_ms IS NULL").fetchall()]
+        return [
+            row[0]
+            for row in self._store.connection.execute(
+                "SELECT name FROM studies WHERE closed_ms IS NULL"
+            ).fetchall()
+        ]
 
     def participant(self, participant_id: str) -> Participant:
         """Return a participant as the database has them now."""
@@ -90,11 +109,16 @@ class StudyStore:
         """Return everybody in a study who came with an outside id of this name, and the id."""
         sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
             WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
-        return [(Participant(*row[1:]), str(row[0])) for row in self._store.connection.execute(sql, (name, study)).fetchall()]
+        return [
+            (Participant(*row[1:]), str(row[0]))
+            for row in self._store.connection.execute(sql, (name, study)).fetchall()
+        ]
 
     def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
         """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
-        return self._find("study = ? AND invitation = ? AND consent_ms IS NOT NULL", study, invitation)
+        return self._find(
+            "study = ? AND invitation = ? AND consent_ms IS NOT NULL", study, invitation
+        )
 
     def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
         """Return whether an invitation was used by somebody who was erased since."""
@@ -115,20 +139,28 @@ class StudyStore:
         return None if found is None else str(found[0])
 
     def add_participant(
-        self, participant: Participant, identities: Mapping[str, str], joined: Mapping[str, Any] | None = None
+        self,
+        participant: Participant,
+        identities: Mapping[str, str],
+        joined: Mapping[str, Any] | None = None,
     ) -> None:
         """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
             self._store.connection.execute(
-                f"INSERT INTO participants VALUES ({', '.join('?' * 15)})", tuple(vars(participant).values())
+                f"INSERT INTO participants VALUES ({', '.join('?' * 15)})",
+                tuple(vars(participant).values()),
             )
             for name, value in identities.items():
-                self._store.connection.execute("INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value))
+                self._store.connection.execute(
+                    "INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value)
+                )
             detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
             self._add(participant.id, participant.joined_ms, "joined", detail)
 
-    def add_stage_event(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
+    def add_stage_event(
+        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]
+    ) -> None:
         """Add an event to those of a participant."""
         with self._changing(participant_id):
             self._add(participant_id, at_ms, kind, detail)
@@ -143,7 +175,9 @@ class StudyStore:
         """Withdraw a participant; one who never agreed leaves no outside id behind."""
         with self._changing(participant.id):
             if participant.consent_ms is None:
-                self._store.connection.execute("DELETE FROM identities WHERE participant_id = ?", [participant.id])
+                self._store.connection.execute(
+                    "DELETE FROM identities WHERE participant_id = ?", [participant.id]
+                )
             self._set(participant.id, {"stage": "withdrawn"})
             self._add(participant.id, at_ms, "withdrawn", {"from": participant.stage})
 
@@ -167,23 +201,32 @@ class StudyStore:
     def supervised_ms(self, participant_id: str) -> tuple[int, ...]:
         """Return when the operator's code was typed for a participant, each time."""
         sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
-        return tuple(at_ms for (at_ms,) in self._store.connection.execute(sql, [participant_id]).fetchall())
+        return tuple(
+            at_ms for (at_ms,) in self._store.connection.execute(sql, [participant_id]).fetchall()
+        )
 
     def settings(self, participant_id: str) -> list[dict[str, Any]]:
         """Return what a participant has chosen, every version so far."""
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
-        return [json.loads(detail) for (detail,) in self._store.connection.execute(sql, [participant_id]).fetchall()]
+        return [
+            json.loads(detail)
+            for (detail,) in self._store.connection.execute(sql, [participant_id]).fetchall()
+        ]
 
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""
         with self._changing(participant_id):
             self._set(participant_id, {"session_id": session_id})
 
-    def add_trial(self, participant_id: str, episode_id: str, phase: Phase, trial: int, terrain: int) -> None:
+    def add_trial(
+        self, participant_id: str, episode_id: str, phase: Phase, trial: int, terrain: int
+    ) -> None:
         """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
         with self._store.transaction():
             values = (episode_id, participant_id, phase, trial, terrain)
-            self._store.connection.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
+            self._store.connection.execute(
+                "INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values
+            )
 
     def order_number(self, participant: Participant, at_ms: int) -> int:
         """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
@@ -191,20 +234,29 @@ class StudyStore:
         It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
         """
         with self._store.transaction():
-            if (known := self._store.connection.execute(_ORDER_NUMBER, [participant.id]).fetchone()) is not None:
+            if (
+                known := self._store.connection.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+            ) is not None:
                 return int(known[0])
-            (number,) = self._store.connection.execute(_NEXT_ORDER_NUMBER, (participant.study, participant.kind)).fetchone()
+            (number,) = self._store.connection.execute(
+                _NEXT_ORDER_NUMBER, (participant.study, participant.kind)
+            ).fetchone()
             self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
         return int(number)
 
     def trials(self, participant_id: str) -> list[TrialRow]:
         """Return a participant's episodes in the order played."""
-        return [TrialRow(*row) for row in self._store.connection.execute(_TRIALS, [participant_id]).fetchall()]
+        return [
+            TrialRow(*row)
+            for row in self._store.connection.execute(_TRIALS, [participant_id]).fetchall()
+        ]
 
     def has_trial(self, participant_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of the participant's."""
         sql = "SELECT 1 FROM study_episodes WHERE episode_id = ? AND participant_id = ?"
-        return self._store.connection.execute(sql, (episode_id, participant_id)).fetchone() is not None
+        return (
+            self._store.connection.execute(sql, (episode_id, participant_id)).fetchone() is not None
+        )
 
     def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
         """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
@@ -213,16 +265,25 @@ class StudyStore:
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:
-        with self._store.transaction(), chain.changing(self._store.connection, "participant", participant_id):
+        with (
+            self._store.transaction(),
+            chain.changing(self._store.connection, "participant", participant_id),
+        ):
             yield
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)
-        self._store.connection.execute(f"UPDATE participants SET {names} WHERE id = ?", (*columns.values(), participant_id))
+        self._store.connection.execute(
+            f"UPDATE participants SET {names} WHERE id = ?", (*columns.values(), participant_id)
+        )
 
     def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
-        self._store.connection.execute(_ADD_EVENT, (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True)))
+        self._store.connection.execute(
+            _ADD_EVENT, (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
+        )
 
     def _find(self, where: str, *values: str) -> Participant | None:
-        row = self._store.connection.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
+        row = self._store.connection.execute(
+            f"SELECT * FROM participants WHERE {where}", values
+        ).fetchone()
         return None if row is None else Participant(*row)

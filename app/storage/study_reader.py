@@ -54,7 +54,9 @@ def participants(reader: Reader, study: str) -> list[Participant]:
 
 def count_participants(reader: Reader, study: str) -> int:
     """Return how many people and scripts have joined a study."""
-    return int(reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"])
+    return int(
+        reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"]
+    )
 
 
 def count_erased(reader: Reader, study: str) -> int:
@@ -79,7 +81,10 @@ def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[
     """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
     sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
     wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
-    return [StageEventRow(**row) for row in reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])]
+    return [
+        StageEventRow(**row)
+        for row in reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
+    ]
 
 
 def study_episodes(reader: Reader, study: str) -> list[Row]:
@@ -89,7 +94,10 @@ def study_episodes(reader: Reader, study: str) -> list[Row]:
 
 def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
     """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
-    return reader.query("SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+    return reader.query(
+        "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step",
+        [episode_id],
+    )
 
 
 def trial_activity(reader: Reader, study: str) -> list[Row]:

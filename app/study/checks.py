@@ -45,7 +45,9 @@ class _Expected:
     secret: bytes | None
 
 
-def check_studies(conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None) -> Iterator[Finding]:
+def check_studies(
+    conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None
+) -> Iterator[Finding]:
     """Yield what is wrong with the studies of a database and with what their participants were given.
 
     secrets  of open studies, where they are known
@@ -54,7 +56,9 @@ def check_studies(conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: 
         yield from _check_study(conn, study, secrets.get(study.name))
 
 
-def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None) -> Iterator[Finding]:
+def _check_study(
+    conn: sqlite3.Connection, study: StudyRow, known: bytes | None
+) -> Iterator[Finding]:
     where = f"study {study.name}"
     try:
         data = json.loads(study.protocol)
@@ -67,7 +71,9 @@ def _check_study(conn: sqlite3.Connection, study: StudyRow, known: bytes | None)
     if found != study.protocol_hash:
         yield Finding(where, "protocol_hash", study.protocol_hash, found)
     if secret is not None and seeds.commitment(secret) != study.commitment:
-        yield Finding(where, "commitment", study.commitment, f"{seeds.commitment(secret)} from the secret")
+        yield Finding(
+            where, "commitment", study.commitment, f"{seeds.commitment(secret)} from the secret"
+        )
     expected = _Expected(protocol, study.protocol_hash, secret)
     for participant in participants_of(conn, study.name):
         episodes = episodes_of(conn, participant)
@@ -91,9 +97,18 @@ def _ranked_order(
     kind, details = order_events(conn, participant)
     number = _order_number(details)
     if number is None:
-        yield Finding(f"participant {participant}", "number in the Latin square", details, "one whole number from 0")
+        yield Finding(
+            f"participant {participant}",
+            "number in the Latin square",
+            details,
+            "one whole number from 0",
+        )
         return None
-    return None if secret is None else seeds.balanced_order(secret, expected.protocol_hash, kind, number, count)
+    return (
+        None
+        if secret is None
+        else seeds.balanced_order(secret, expected.protocol_hash, kind, number, count)
+    )
 
 
 def _order_number(details: list[str]) -> int | None:
@@ -110,13 +125,18 @@ def _check_order(
 ) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
-    for phase, count in (("warm_up", expected.protocol.warm_up), ("ranked", expected.protocol.ranked)):
+    for phase, count in (
+        ("warm_up", expected.protocol.warm_up),
+        ("ranked", expected.protocol.ranked),
+    ):
         numbers = [row.trial for row in episodes if row.phase == phase]
         terrains = [row.terrain for row in episodes if row.phase == phase]
         if numbers != list(range(len(numbers))):
             yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
-            yield Finding(where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once")
+            yield Finding(
+                where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once"
+            )
         order = list(range(count)) if phase == "warm_up" else ranked
         if order is not None and terrains != order[: len(terrains)]:
             yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
@@ -152,7 +172,12 @@ def check_attestation(conn: sqlite3.Connection, episode: PlayedEpisode) -> Itera
     where = f"episode {row['id']}"
     if row["driver"] != "human":
         if stored != (None, None):
-            yield Finding(where, "attestation", _in_words(stored), f"none, since its driver is {row['driver']}")
+            yield Finding(
+                where,
+                "attestation",
+                _in_words(stored),
+                f"none, since its driver is {row['driver']}",
+            )
         return
     if stored == ("declared", None) and row["control"] == "bearer":
         return
@@ -165,15 +190,24 @@ def check_attestation(conn: sqlite3.Connection, episode: PlayedEpisode) -> Itera
         yield Finding(where, "attestation", _in_words(stored), _in_words(found))
 
 
-def _derive_level(episode: PlayedEpisode, given: InputOf, until_ms: int | None, types_ahead: bool = True) -> Level:
+def _derive_level(
+    episode: PlayedEpisode, given: InputOf, until_ms: int | None, types_ahead: bool = True
+) -> Level:
     """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
 
     Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
     """
     try:
-        settings = [json.loads(detail) for at_ms, detail in given.settings if until_ms is None or at_ms <= until_ms]
+        settings = [
+            json.loads(detail)
+            for at_ms, detail in given.settings
+            if until_ms is None or at_ms <= until_ms
+        ]
         conditions = Conditions(
-            episode.row["started_ms"], key_map_of(settings), tuple(given.supervised_ms), types_ahead and not given.is_studys
+            episode.row["started_ms"],
+            key_map_of(settings),
+            tuple(given.supervised_ms),
+            types_ahead and not given.is_studys,
         )
         found = attest(episode.steps, given.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
@@ -182,7 +216,11 @@ def _derive_level(episode: PlayedEpisode, given: InputOf, until_ms: int | None, 
 
 
 def _fits(stored: Level, found: Level) -> bool:
-    return found[0] in ("attested", "supervised") if stored == ("unattested", COPIED) else stored == found
+    return (
+        found[0] in ("attested", "supervised")
+        if stored == ("unattested", COPIED)
+        else stored == found
+    )
 
 
 def _in_words(level: Level) -> str:

@@ -168,7 +168,11 @@ class StudyData:
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
-        return {each.terrain: each.seed for each in self.trials if each.phase == "ranked" and each.seed is not None}
+        return {
+            each.terrain: each.seed
+            for each in self.trials
+            if each.phase == "ranked" and each.seed is not None
+        }
 
 
 def load(source: Reader | Path | str, study: str) -> StudyData:
@@ -186,7 +190,9 @@ def load(source: Reader | Path | str, study: str) -> StudyData:
         reader.close()
 
 
-def trial_records(reader: Reader, trials: Iterable[StudyEpisode]) -> Iterator[tuple[StudyEpisode, Record]]:
+def trial_records(
+    reader: Reader, trials: Iterable[StudyEpisode]
+) -> Iterator[tuple[StudyEpisode, Record]]:
     """Yield each finished trial with its cause, ready to be replayed."""
     for trial in trials:
         if trial.ended_ms is not None:
@@ -197,7 +203,9 @@ def _load(reader: Reader, study: str) -> StudyData:
     row = find_study(reader, study)
     if row is None:
         known = ", ".join(study_names(reader)) or "none"
-        raise StudyError(f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}")
+        raise StudyError(
+            f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}"
+        )
     people = _people(reader, study)
     kinds = {person.id: person.kind for person in people}
     protocol = parse_protocol(json.loads(row.protocol))
@@ -211,9 +219,12 @@ def _load(reader: Reader, study: str) -> StudyData:
         secret=row.secret,
         people=people,
         trials=tuple(
-            _with_input(reader, each, kinds[each["participant_id"]], version) for each in study_episodes(reader, study)
+            _with_input(reader, each, kinds[each["participant_id"]], version)
+            for each in study_episodes(reader, study)
         ),
-        arrivals=with_noted(arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)),
+        arrivals=with_noted(
+            arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)
+        ),
         looks=tuple(LookTaken(**each) for each in looks_known(reader, study)),
         policy_files=PolicyFiles.of(protocol),
     )
@@ -225,7 +236,9 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
         events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
     found = participants(reader, study)
-    used = Counter(row.invitation for row in found if row.invitation is not None and row.consent_ms is not None)
+    used = Counter(
+        row.invitation for row in found if row.invitation is not None and row.consent_ms is not None
+    )
     return tuple(
         Person(
             **{name: getattr(row, name) for name in names},
@@ -233,22 +246,33 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
-            repeated=repeated_reasons(events[row.id], shares_invitation=used[row.invitation or ""] > 1),
+            repeated=repeated_reasons(
+                events[row.id], shares_invitation=used[row.invitation or ""] > 1
+            ),
         )
         for row in found
     )
 
 
-def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind, version: RulesVersion) -> StudyEpisode:
+def _with_input(
+    reader: Reader, row: dict[str, Any], kind: ParticipantKind, version: RulesVersion
+) -> StudyEpisode:
     """Return an episode of a study; its input is read and dropped, since a study's whole input may be larger than memory."""
     moves, inputs = move_inputs(reader, row["id"]), input_events(reader, row["id"])
-    effort = effort_labels(version, config_of(row), moves, cells_of(row)) if row["ended_ms"] is not None else ()
+    effort = (
+        effort_labels(version, config_of(row), moves, cells_of(row))
+        if row["ended_ms"] is not None
+        else ()
+    )
     found = _episode(row, kind, moves, inputs)
     return replace(found, labels=(*found.labels, *effort))
 
 
 def _episode(
-    row: dict[str, Any], kind: ParticipantKind, moves: list[dict[str, Any]], inputs: list[dict[str, Any]]
+    row: dict[str, Any],
+    kind: ParticipantKind,
+    moves: list[dict[str, Any]],
+    inputs: list[dict[str, Any]],
 ) -> StudyEpisode:
     ended = row["ended_ms"] is not None
     same = ("phase", "trial", "driver", "outcome", "steps", "score", "total", "discovered", "started_ms", "ended_ms",
@@ -258,7 +282,9 @@ def _episode(
         kind=kind,
         terrain=row["terrain_index"],
         episode=row["id"],
-        steps_to_99=steps_to_target(config_of(row), row["outcome"], row["steps"]) if ended else None,
+        steps_to_99=steps_to_target(config_of(row), row["outcome"], row["steps"])
+        if ended
+        else None,
         **{name: row[name] for name in same},
         pause_share=pause_share(moves, inputs),
         labels=plausibility_labels(moves, inputs),

@@ -45,18 +45,32 @@ class Debriefs:
         self._runs: dict[tuple[str, Shown], list[PolicyRun]] = {}
         self._working = asyncio.Lock()
 
-    async def summary(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> dict[str, Any]:
+    async def summary(
+        self, study: Study, participant: Participant, trials: Sequence[TrialRow]
+    ) -> dict[str, Any]:
         """Return the participant's figures as the page gets them under `debrief`."""
         config, runs = study.protocol.env_config, await self._policy_runs(study, "warm_up")
-        ranked = [trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None]
-        own = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in trials if trial.phase == "warm_up"]
+        ranked = [
+            trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None
+        ]
+        own = [
+            steps_to_target(config, trial.outcome or "", trial.steps or 0)
+            for trial in trials
+            if trial.phase == "warm_up"
+        ]
         steps = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in ranked]
         url, code = study.protocol.return_url, participant.completion_code or ""
         return {
             "mean_score": _mean([trial.score or 0.0 for trial in ranked]),
             "mean_steps": _mean(steps),
             "episodes": [
-                {"trial": trial.trial, "outcome": trial.outcome, "steps": trial.steps, "score": trial.score} for trial in ranked
+                {
+                    "trial": trial.trial,
+                    "outcome": trial.outcome,
+                    "steps": trial.steps,
+                    "score": trial.score,
+                }
+                for trial in ranked
             ],
             "policy": {
                 "name": study.protocol.debrief_policy,
@@ -71,7 +85,9 @@ class Debriefs:
             "return_url": None if url is None else url.replace("{code}", code),
         }
 
-    async def replays(self, study: Study, trials: Sequence[TrialRow], phase: Shown, index: int) -> dict[str, Any]:
+    async def replays(
+        self, study: Study, trials: Sequence[TrialRow], phase: Shown, index: int
+    ) -> dict[str, Any]:
         """Return the participant's own episode and the policy's on the same terrain; errors as `own_trial`."""
         own = own_trial(study, trials, phase, index)
         runs = await self._policy_runs(study, phase)
@@ -103,7 +119,9 @@ def own_trial(study: Study, trials: Sequence[TrialRow], phase: Shown, index: int
         number = trial.terrain if phase == "warm_up" else trial.trial
         if trial.phase == phase and number == index and trial.ended_ms is not None:
             return trial
-    raise NoTerrainError(f"no {phase.replace('_', '-')} terrain {index} that you have played to its end; they count from 0")
+    raise NoTerrainError(
+        f"no {phase.replace('_', '-')} terrain {index} that you have played to its end; they count from 0"
+    )
 
 
 def _play(study: Study, phase: Shown) -> list[PolicyRun]:
@@ -111,16 +129,22 @@ def _play(study: Study, phase: Shown) -> list[PolicyRun]:
     config, runs = study.protocol.env_config, list[PolicyRun]()
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
-        policy = load(study.policy_files.source(study.protocol.debrief_policy), config.sensor_radius)
+        policy = load(
+            study.policy_files.source(study.protocol.debrief_policy), config.sensor_radius
+        )
     except (LookupError, ValueError, OSError) as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []
     for i in range(count):
-        episode = Episode.begin(config, seed=study.seed("warm-up" if phase == "warm_up" else "ranked", i))
+        episode = Episode.begin(
+            config, seed=study.seed("warm-up" if phase == "warm_up" else "ranked", i)
+        )
         policy.reset(i)
         while not episode.ended:
             episode.step(policy.act(episode.codes.copy()))
-        runs.append(PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps)))
+        runs.append(
+            PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps))
+        )
     return runs
 
 

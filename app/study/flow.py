@@ -23,7 +23,9 @@ REPEATED_JOIN = "repeated_join"
 MAX_NOTED = 100
 """Further joins that are noted of one participant."""
 
-Reason = Literal["invitation", "outside id", "another invitation", "another outside id", "after leaving"]
+Reason = Literal[
+    "invitation", "outside id", "another invitation", "another outside id", "after leaving"
+]
 SIGNS_IN_WORDS: dict[str, str] = {
     "invitation": "their invitation was opened again elsewhere",
     "shared": "somebody else agreed with their invitation on another server",
@@ -94,26 +96,44 @@ def arrivals_of(people: Iterable[Person], erased: int) -> Arrivals:
 def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
     """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
     changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
-    changed |= {name: getattr(arrivals, name) + noted.get(name, 0) for name in ("declined", "undecided")}
+    changed |= {
+        name: getattr(arrivals, name) + noted.get(name, 0) for name in ("declined", "undecided")
+    }
     return replace(arrivals, **changed)
 
 
-def with_invitations(arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]) -> Arrivals:
+def with_invitations(
+    arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]
+) -> Arrivals:
     """Return the arrivals with the counts of a study's invitations. The erased had one each, though it is not known which.
 
     opened  ids of those with which somebody has joined
     """
     used = set(opened)
-    revoked = sum(each.revoked_ms is not None and each.id not in used for each in invitations.values())
+    revoked = sum(
+        each.revoked_ms is not None and each.id not in used for each in invitations.values()
+    )
     unopened = sum(each.revoked_ms is None and each.id not in used for each in invitations.values())
-    return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=max(0, unopened - arrivals.erased))
+    return replace(
+        arrivals,
+        issued=len(invitations),
+        revoked=revoked,
+        unopened=max(0, unopened - arrivals.erased),
+    )
 
 
 def participant_flow(data: StudyData) -> ParticipantFlow:
     """Return the flow of a study's people."""
-    people = [person for person in data.people if person.kind == "human" and person.consent_version is not None]
+    people = [
+        person
+        for person in data.people
+        if person.kind == "human" and person.consent_version is not None
+    ]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
-    early, late = ([person for person in people if (person.id in began) is has_begun] for has_begun in (False, True))
+    early, late = (
+        [person for person in people if (person.id in began) is has_begun]
+        for has_begun in (False, True)
+    )
     completed = sum(person.completed_ms is not None for person in late)
     withdrew = sum(person.stage == "withdrawn" and person.completed_ms is None for person in late)
     return ParticipantFlow(
@@ -128,7 +148,9 @@ def participant_flow(data: StudyData) -> ParticipantFlow:
     )
 
 
-def repeated_reasons(events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False) -> tuple[str, ...]:
+def repeated_reasons(
+    events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False
+) -> tuple[str, ...]:
     """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
 
     shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other

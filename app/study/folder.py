@@ -74,7 +74,13 @@ class Study:
         secret = None if self.is_open else self.secret.hex()
         protocol = canonical(self.protocol).decode()
         return StudyRow(
-            self.name, protocol, self.protocol_hash, self.commitment, self.frozen_ms, closed_ms=self.closed_ms, secret=secret
+            self.name,
+            protocol,
+            self.protocol_hash,
+            self.commitment,
+            self.frozen_ms,
+            closed_ms=self.closed_ms,
+            secret=secret,
         )
 
     def seed(self, label: SeedLabel, i: int) -> int:
@@ -116,20 +122,38 @@ class Folder:
     def status(self, name: str) -> Status:
         """Return how far a study is; StudyError when there is none."""
         path = self._existing(name)
-        return "draft" if not (path / "frozen.json").exists() else "closed" if (path / "closed.json").exists() else "open"
+        return (
+            "draft"
+            if not (path / "frozen.json").exists()
+            else "closed"
+            if (path / "closed.json").exists()
+            else "open"
+        )
 
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
         raw = read_object(self._existing(name) / "protocol.json")
         protocol = parse_protocol(raw)
         if protocol.name != name:
-            raise StudyError(f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two")
+            raise StudyError(
+                f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two"
+            )
         return protocol
 
     def study(self, name: str) -> Study:
         """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
         path = self._existing(name)
-        stamp = tuple(map(stamp_of, (path / "protocol.json", path / "frozen.json", path / "closed.json", path / "secret")))
+        stamp = tuple(
+            map(
+                stamp_of,
+                (
+                    path / "protocol.json",
+                    path / "frozen.json",
+                    path / "closed.json",
+                    path / "secret",
+                ),
+            )
+        )
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
             return known[1]
@@ -153,7 +177,9 @@ class Folder:
         advance  called with (terrains drawn, of how many)
         """
         if self.status(name) != "draft":
-            raise StudyError(f"the study {name!r} is frozen already; for another protocol begin another study")
+            raise StudyError(
+                f"the study {name!r} is frozen already; for another protocol begin another study"
+            )
         path = self.path(name)
         template = self._template(name)
         protocol = fill(template)  # every field set from now on
@@ -162,9 +188,13 @@ class Folder:
                 f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
                 "write the new one into protocol.json, or install the release that has the old one"
             )
-        protocol = protocol.model_copy(update={"policy_hashes": _record_policies(protocol, path / FOLDER)})
+        protocol = protocol.model_copy(
+            update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
+        )
         secret, now = secrets.token_bytes(32), now_ms()
-        study = Study(name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret)
+        study = Study(
+            name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret
+        )
         _check_terrains(study, advance)
         write_object(path / "secret", secret.hex(), private=True)
         write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
@@ -180,8 +210,13 @@ class Folder:
         """Close a study and return it: nobody can join or go on, and its secret is revealed."""
         study = self.study(name)
         if not study.is_open:
-            raise StudyError(f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}")
-        write_object(self.path(name) / "closed.json", {"secret": study.secret.hex(), "closed_at": iso(now_ms())})
+            raise StudyError(
+                f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}"
+            )
+        write_object(
+            self.path(name) / "closed.json",
+            {"secret": study.secret.hex(), "closed_at": iso(now_ms())},
+        )
         return self.study(name)
 
     def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
@@ -215,7 +250,9 @@ class Folder:
 
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
-            raise DraftStudyError(f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`")
+            raise DraftStudyError(
+                f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`"
+            )
         frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
             raise StudyError(
@@ -224,17 +261,29 @@ class Folder:
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
         try:
-            secret = bytes.fromhex(closed["secret"] if closed else (path / "secret").read_text().strip())
+            secret = bytes.fromhex(
+                closed["secret"] if closed else (path / "secret").read_text().strip()
+            )
             closed_ms = ms_of(closed["closed_at"]) if closed else None
             frozen_ms = ms_of(frozen["frozen_at"])
-            fixed = {"protocol_hash": frozen["protocol_hash"], "commitment": frozen["commitment"], "frozen_ms": frozen_ms}
+            fixed = {
+                "protocol_hash": frozen["protocol_hash"],
+                "commitment": frozen["commitment"],
+                "frozen_ms": frozen_ms,
+            }
         except (OSError, KeyError, TypeError, ValueError) as error:
-            raise StudyError(f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup") from error
+            raise StudyError(
+                f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup"
+            ) from error
         if commitment(secret) != fixed["commitment"]:
-            raise StudyError(f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup")
+            raise StudyError(
+                f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup"
+            )
         protocol = parse_protocol(raw)
         files = PolicyFiles.of(protocol, path / FOLDER)
-        return Study(name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files)
+        return Study(
+            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files
+        )
 
 
 def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
@@ -248,7 +297,9 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
         try:
             load(policy)
         except (PolicyNotFoundError, ValueError, OSError) as error:
-            raise StudyError(f"the protocol's policy {policy!r} cannot be loaded: {error}") from error
+            raise StudyError(
+                f"the protocol's policy {policy!r} cannot be loaded: {error}"
+            ) from error
     found = record_files({*protocol.policies, protocol.debrief_policy, REGRET_POLICY}, folder)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
@@ -268,5 +319,7 @@ def _check_terrains(study: Study, advance: Advance) -> None:
         try:
             generate(study.protocol.env_config, each)
         except ValueError as error:
-            raise StudyError("the level and size have terrains that cannot be solved: choose another level or size") from error
+            raise StudyError(
+                "the level and size have terrains that cannot be solved: choose another level or size"
+            ) from error
         advance(number, len(seeds))

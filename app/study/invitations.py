@@ -96,10 +96,14 @@ class Invitations:
         Whoever has agreed to the consent text with one goes on.
         """
         self._folder.study(name)
-        wanted = [read_code(ident)[:_ID_LENGTH] for ident in idents]  # a whole token begins with the id
+        wanted = [
+            read_code(ident)[:_ID_LENGTH] for ident in idents
+        ]  # a whole token begins with the id
         with locked(self._folder.path(name)):
             found = dict(self.of(name))
-            unknown = [typed for typed, ident in zip(idents, wanted, strict=True) if ident not in found]
+            unknown = [
+                typed for typed, ident in zip(idents, wanted, strict=True) if ident not in found
+            ]
             if unknown:
                 raise StudyError(
                     f"the study {name!r} has no invitation {unknown[0]!r}: `marsexplorer study invite {name} --list` shows all"
@@ -124,7 +128,11 @@ class Invitations:
 
     def _write(self, name: str, found: dict[str, Invitation]) -> None:
         listed = [
-            {"id": each.id, "issued_at": iso(each.issued_ms), "revoked_at": each.revoked_ms and iso(each.revoked_ms)}
+            {
+                "id": each.id,
+                "issued_at": iso(each.issued_ms),
+                "revoked_at": each.revoked_ms and iso(each.revoked_ms),
+            }
             for each in found.values()
         ]
         write_object(self._path(name), {"format": _FORMAT, "invitations": listed})
@@ -166,11 +174,15 @@ def uses_of(reader: Reader, name: str) -> dict[str, Use]:
         if person.consent_ms is not None:
             found[person.invitation] = Use("used", participant_label(person.id), person.consent_ms)
         elif person.stage != "withdrawn":
-            found.setdefault(person.invitation, Use("opened", participant_label(person.id), person.joined_ms))
+            found.setdefault(
+                person.invitation, Use("opened", participant_label(person.id), person.joined_ms)
+            )
     return found
 
 
-def state_of(invitation: Invitation, use: Use | None) -> Literal["issued", "opened", "used", "revoked"]:
+def state_of(
+    invitation: Invitation, use: Use | None
+) -> Literal["issued", "opened", "used", "revoked"]:
     """Return an invitation's state; one that was used before it was revoked stays used."""
     if use is not None and use.state == "used":
         return "used"
@@ -196,13 +208,18 @@ def read_code(typed: str) -> str:
 
 
 def _signed(study: Study, ident: str) -> str:
-    return ident + signature(study.secret, f"{study.protocol_hash}|invitation|{ident}", _SIGNATURE_LENGTH)
+    return ident + signature(
+        study.secret, f"{study.protocol_hash}|invitation|{ident}", _SIGNATURE_LENGTH
+    )
 
 
 def _read(path: Path) -> dict[str, Invitation]:
     raw = read_object(path)
     try:
         rows = [(row["id"], row["issued_at"], row["revoked_at"]) for row in raw["invitations"]]
-        return {ident: Invitation(ident, ms_of(issued), ms_of(revoked) if revoked else None) for ident, issued, revoked in rows}
+        return {
+            ident: Invitation(ident, ms_of(issued), ms_of(revoked) if revoked else None)
+            for ident, issued, revoked in rows
+        }
     except (KeyError, TypeError, ValueError) as error:
         raise StudyError(f"{path} is damaged: {error!r}; restore it from a backup") from error

@@ -33,7 +33,9 @@ SHORTEST_REASON = 10
 def finishers(data: StudyData) -> list[str]:
     """Return the ids of the people who ended every ranked episode, the first first."""
     people = [person for person in data.people if person.kind == "human"]
-    done = [(person.completed_ms, person.id) for person in people if person.completed_ms is not None]
+    done = [
+        (person.completed_ms, person.id) for person in people if person.completed_ms is not None
+    ]
     return [ident for _, ident in sorted(done)]
 
 
@@ -51,7 +53,9 @@ def present(data: StudyData) -> StudyData:
     else:  # closed: those who finished after the last look are in no figure, those who left are in the set of all
         kept = {person.id for person in data.people} - set(finished[view.players :])
     hidden = {person.id for person in data.people if person.kind == "human"} - kept
-    trials = tuple(_as_running(trial) if trial.participant in hidden else trial for trial in data.trials)
+    trials = tuple(
+        _as_running(trial) if trial.participant in hidden else trial for trial in data.trials
+    )
     return replace(data, trials=trials, view=view)
 
 
@@ -123,13 +127,21 @@ def view_sentence(data: StudyData) -> str:
     if view.kind == "emergency":
         return f"EMERGENCY LOOK, outside the plan, when {view.finished} of {protocol.players} players had finished."
     if view.kind == "hidden":
-        until = f"{view.next_look} players have finished, the first planned look" if protocol.looks else "the study is closed"
+        until = (
+            f"{view.next_look} players have finished, the first planned look"
+            if protocol.looks
+            else "the study is closed"
+        )
         return f"No figure is shown until {until}: {view.finished} of {protocol.players} have finished."
     numbers = f"look {len(view.fractions)} of {max(len(protocol.looks), len(view.fractions))}"
     who = f"the first {view.players} of {protocol.players} players who finished"
     if data.closed_ms is not None:
         return f"Final analysis, {numbers}, of {who}."
-    later = f"; it does not change until {view.next_look} have finished" if view.next_look else "; it was the last planned look"
+    later = (
+        f"; it does not change until {view.next_look} have finished"
+        if view.next_look
+        else "; it was the last planned look"
+    )
     return f"Planned {numbers}, at {who}{later}."
 
 
@@ -150,7 +162,11 @@ def with_looks_in(path: Path, data: StudyData) -> StudyData:
 
 def joined_looks(*lists: Sequence[LookTaken]) -> tuple[LookTaken, ...]:
     """Return every look once, in the order of time."""
-    return tuple(sorted({look for looks in lists for look in looks}, key=lambda look: (look.at, look.finished)))
+    return tuple(
+        sorted(
+            {look for looks in lists for look in looks}, key=lambda look: (look.at, look.finished)
+        )
+    )
 
 
 def note_planned_look(folder: Folder, data: StudyData) -> None:
@@ -207,7 +223,9 @@ def write_looks(path: Path, looks: Sequence[LookTaken]) -> None:
             os.fsync(file.fileno())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise StudyError(f"the look cannot be logged, so nothing is shown: cannot write {path}: {reason}") from error
+        raise StudyError(
+            f"the look cannot be logged, so nothing is shown: cannot write {path}: {reason}"
+        ) from error
 
 
 def _now() -> str:

@@ -21,7 +21,9 @@ class StageError(Exception):
 class StudyParticipation:
     """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
 
-    def __init__(self, participant: Participant, folder: Folder, study_store: StudyStore, sources: Sources) -> None:
+    def __init__(
+        self, participant: Participant, folder: Folder, study_store: StudyStore, sources: Sources
+    ) -> None:
         self._participant, self._folder, self._study_store = participant, folder, study_store
         self._clock, self._completion_code = sources.clock_ms, sources.completion_code
         self.driver = participant.kind
@@ -29,7 +31,9 @@ class StudyParticipation:
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether the episode is ranked and the participant has not come to the debrief."""
         found = self._study_store.phase_and_stage(episode_id)
-        return found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
+        return (
+            found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
+        )
 
     def hides_interim(self) -> bool:
         """Return whether the participant is a person in an open study whose protocol hides its figures."""
@@ -48,20 +52,27 @@ class StudyParticipation:
 
     def note_end(self) -> None:
         """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief."""
-        participant, protocol = self._study_store.participant(self._participant.id), self._study().protocol
+        participant, protocol = (
+            self._study_store.participant(self._participant.id),
+            self._study().protocol,
+        )
         now, trials = self._clock(), self._study_store.trials(participant.id)
         ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
         if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
             self._study_store.set_stage(participant.id, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             code = protocol.completion_code or self._completion_code()
-            self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now, completion_code=code)
+            self._study_store.set_stage(
+                participant.id, now, "debrief", completed_ms=now, completion_code=code
+            )
 
     def check_events(self, episode_id: str) -> None:
         """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
         self.check_open()
         if not self._study_store.has_trial(self._participant.id, episode_id):
-            raise RefusedError(f"episode {episode_id!r} is none of this participant's: no input events were kept")
+            raise RefusedError(
+                f"episode {episode_id!r} is none of this participant's: no input events were kept"
+            )
 
     def settings(self) -> list[dict[str, Any]]:
         """Return what the participant has chosen, every version so far."""

@@ -56,17 +56,22 @@ def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
         "under 80 ms": _is_fast(presses),
         "untrusted": any(row["trusted"] == 0 for row in presses),
         "unfocused": _pressed_hidden(inputs),
-        "no telemetry": not presses and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
+        "no telemetry": not presses
+        and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
     }
     return tuple(name for name in LABELS if found.get(name))
 
 
-def effort_labels(version: RulesVersion, config: EnvConfig, moves: Rows, cells: int | None = None) -> tuple[str, ...]:
+def effort_labels(
+    version: RulesVersion, config: EnvConfig, moves: Rows, cells: int | None = None
+) -> tuple[str, ...]:
     """Return the labels that a finished episode's course gives it, `no effort` or none; version 1 gives none.
 
     moves  rows with `discovered`, the cells known after each move, of `cells` that count (None: all)
     """
-    lacks_effort = version != "1" and makes_no_effort(config, [row["discovered"] for row in moves], cells)
+    lacks_effort = version != "1" and makes_no_effort(
+        config, [row["discovered"] for row in moves], cells
+    )
     return ("no effort",) if lacks_effort else ()
 
 
@@ -86,7 +91,9 @@ def _is_steady(presses: Rows) -> bool:
 
 def _is_fast(presses: Rows) -> bool:
     gaps = intervals(presses)
-    return len(gaps) >= FEWEST_PRESSES and sum(gap < FASTEST_MS for gap in gaps) > FAST_SHARE * len(gaps)
+    return len(gaps) >= FEWEST_PRESSES and sum(gap < FASTEST_MS for gap in gaps) > FAST_SHARE * len(
+        gaps
+    )
 
 
 def _lacks_releases(presses: Rows, inputs: Rows) -> bool:
@@ -115,7 +122,12 @@ def pause_share(moves: Rows, inputs: Rows) -> float:
         return sum(gap for gap in gaps if gap > AWAY_MS) / (sum(gaps) or 1.0)
     away = total = 0.0
     states = {"pause": False, "hidden": False}
-    starts = {"pause": ("pause", True), "resume": ("pause", False), "hidden": ("hidden", True), "visible": ("hidden", False)}
+    starts = {
+        "pause": ("pause", True),
+        "resume": ("pause", False),
+        "hidden": ("hidden", True),
+        "visible": ("hidden", False),
+    }
     before = float(inputs[0]["client_ms"])
     for row in inputs:
         gap = max(0.0, float(row["client_ms"]) - before)

@@ -41,14 +41,18 @@ class PolicyEpisode:
         episode = Episode.begin(config, seed=self.seed)
         for action in self.actions:
             if episode.ended:
-                raise ValueError(f"{self.policy}, terrain {self.terrain}: the recorded moves go on after the end")
+                raise ValueError(
+                    f"{self.policy}, terrain {self.terrain}: the recorded moves go on after the end"
+                )
             episode.step(action)
         return episode
 
 
 def ranked_seeds(protocol: Protocol, protocol_hash: str, secret: str) -> dict[int, int]:
     """Return the seeds of the ranked terrains by index, from the secret (hex) of a closed study."""
-    return {i: seed(bytes.fromhex(secret), protocol_hash, "ranked", i) for i in range(protocol.ranked)}
+    return {
+        i: seed(bytes.fromhex(secret), protocol_hash, "ranked", i) for i in range(protocol.ranked)
+    }
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
@@ -73,7 +77,9 @@ def play_policies(
     sources = {name: (files or PolicyFiles()).source(name) for name in names}
     chosen = list(dict.fromkeys(sources.values()))
     for source in chosen:
-        policies.load(source, config.sensor_radius)  # what cannot be played is refused before anything is
+        policies.load(
+            source, config.sensor_radius
+        )  # what cannot be played is refused before anything is
     hashes = {source: policies.policy_hash(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}

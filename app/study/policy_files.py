@@ -70,7 +70,11 @@ class PolicyFiles:
     def place(self, policy: str) -> Path:
         """Return where the file of a policy with a recorded hash is kept, or would be."""
         kept = next(self._kept(self.hashes[policy]), None)
-        return kept or (self.folder or Path(FOLDER)) / f"{self.hashes[policy]}{Path(policy).suffix or '.safetensors'}"
+        return (
+            kept
+            or (self.folder or Path(FOLDER))
+            / f"{self.hashes[policy]}{Path(policy).suffix or '.safetensors'}"
+        )
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
         """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
@@ -97,7 +101,11 @@ def record_files(policies: Iterable[str], folder: Path) -> dict[str, str]:
     """
     from marsexplorer.policies import find_file, is_rule
 
-    return {policy: _keep(find_file(policy), folder) for policy in sorted(set(policies)) if not is_rule(policy)}
+    return {
+        policy: _keep(find_file(policy), folder)
+        for policy in sorted(set(policies))
+        if not is_rule(policy)
+    }
 
 
 def _keep(path: Path, folder: Path) -> str:
@@ -105,7 +113,9 @@ def _keep(path: Path, folder: Path) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise StudyError(f"cannot read the policy's file {path}: {(error.strerror or str(error)).lower()}") from error
+        raise StudyError(
+            f"cannot read the policy's file {path}: {(error.strerror or str(error)).lower()}"
+        ) from error
     digest = hashlib.sha256(content).hexdigest()
     write_bytes(folder / f"{digest}{path.suffix}", content)
     return digest

@@ -35,7 +35,11 @@ _log = logging.getLogger(__name__)
 _WARM_UP: Stage = "warm_up"
 _SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
 """Stages at which the operator's code can be typed."""
-_AFTER: dict[str, Stage] = {"instructions": "tutorial", "tutorial": "questions", "debrief": "complete"}
+_AFTER: dict[str, Stage] = {
+    "instructions": "tutorial",
+    "tutorial": "questions",
+    "debrief": "complete",
+}
 
 
 class NotJoinedError(LookupError):
@@ -68,7 +72,9 @@ class ParticipantProgress:
             raise
         except StudyError as error:
             _log.warning("%s", error)
-            raise StageError(f"the study {name!r} cannot go on: its files have changed; tell whoever invited you") from error
+            raise StageError(
+                f"the study {name!r} cannot go on: its files have changed; tell whoever invited you"
+            ) from error
         return study
 
     async def note_if_closed(self, study: Study) -> None:
@@ -92,29 +98,48 @@ class ParticipantProgress:
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
         if study.protocol.core_version != CORE_VERSION:
-            _log.warning("study %s is for core version %s, this is %s", name, study.protocol.core_version, CORE_VERSION)
-            raise StageError(f"the study {name!r} cannot be played on this server now; tell whoever invited you")
+            _log.warning(
+                "study %s is for core version %s, this is %s",
+                name,
+                study.protocol.core_version,
+                CORE_VERSION,
+            )
+            raise StageError(
+                f"the study {name!r} cannot be played on this server now; tell whoever invited you"
+            )
         return study
 
     def participant(self, name: str, player_id: str | None) -> Participant:
         """Return who asks; NotJoinedError before joining."""
-        found = None if player_id is None else self.study_store.participant_of_player(name, player_id)
+        found = (
+            None if player_id is None else self.study_store.participant_of_player(name, player_id)
+        )
         if found is None:
-            raise NotJoinedError(f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does")
+            raise NotJoinedError(
+                f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does"
+            )
         return found
 
     def join(self, name: str, player_id: str, comes: Arrival) -> tuple[Participant, bool]:
         """Return the participant, and whether it is a new one; joining again resumes."""
         study = self.open_study(name)
         found = self.study_store.participant_of_player(name, player_id)
-        kept = {each: comes.outside_ids[each] for each in study.protocol.outside_ids if each in comes.outside_ids}
+        kept = {
+            each: comes.outside_ids[each]
+            for each in study.protocol.outside_ids
+            if each in comes.outside_ids
+        }
         script, now, invitation = comes.script, self._now(), None
         if found is not None and script is not None and found.script != script:
             who = "a person" if found.script is None else f"the script {found.script!r}"
-            raise StageError(f"this browser takes part as {who} already; a script needs a cookie of its own")
+            raise StageError(
+                f"this browser takes part as {who} already; a script needs a cookie of its own"
+            )
         if script is None and (found is None or found.kind == "human"):
             with self.recruitment.noting(now):
-                invitation = self.recruitment.admit(study, player_id, replace(comes, outside_ids=kept), found)
+                invitation = self.recruitment.admit(
+                    study, player_id, replace(comes, outside_ids=kept), found
+                )
         if found is not None:
             self._note_return(found, invitation, now)
             return self.study_store.participant(found.id), False
@@ -142,7 +167,9 @@ class ParticipantProgress:
         with self.recruitment.noting(now), self.lobby.store.transaction():
             if participant.kind == "human":
                 self.recruitment.check_consent(study, participant)
-            self.study_store.set_stage(participant.id, now, "instructions", consent_version=version, consent_ms=now)
+            self.study_store.set_stage(
+                participant.id, now, "instructions", consent_version=version, consent_ms=now
+            )
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -151,8 +178,12 @@ class ParticipantProgress:
         else:
             _, participant = self._at(name, player_id)
         if participant.stage != stage:
-            raise StageError(f"you are at {_describe(participant.stage)}, not at {_describe(stage)}; nothing has changed")
-        if stage == "tutorial" and not any(trial.ended_ms for trial in self.study_store.trials(participant.id)):
+            raise StageError(
+                f"you are at {_describe(participant.stage)}, not at {_describe(stage)}; nothing has changed"
+            )
+        if stage == "tutorial" and not any(
+            trial.ended_ms for trial in self.study_store.trials(participant.id)
+        ):
             raise StageError("play the tutorial to its end first, or give it up")
         self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
 
@@ -161,13 +192,21 @@ class ParticipantProgress:
         study, participant = self._at(name, player_id, "questions")
         questions = study.protocol.questions
         if len(answers) != len(questions):
-            raise ValueError(f"answers must hold one choice for each of the {len(questions)} questions, got {len(answers)}")
+            raise ValueError(
+                f"answers must hold one choice for each of the {len(questions)} questions, got {len(answers)}"
+            )
         for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
             if choice >= len(question.choices):
-                raise ValueError(f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}")
-        right = [choice == question.answer for choice, question in zip(answers, questions, strict=True)]
+                raise ValueError(
+                    f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}"
+                )
+        right = [
+            choice == question.answer for choice, question in zip(answers, questions, strict=True)
+        ]
         with self.lobby.store.transaction():
-            self.study_store.add_stage_event(participant.id, self._now(), "answers", {"answers": list(answers), "right": right})
+            self.study_store.add_stage_event(
+                participant.id, self._now(), "answers", {"answers": list(answers), "right": right}
+            )
             if all(right):
                 stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
                 self.study_store.set_stage(participant.id, self._now(), stage)
@@ -186,7 +225,9 @@ class ParticipantProgress:
 
             @contextmanager
             def within(row: EpisodeRow) -> Iterator[None]:
-                self._at(name, player_id, participant.stage)  # withdrawn in another tab, or closed, while the terrain grew
+                self._at(
+                    name, player_id, participant.stage
+                )  # withdrawn in another tab, or closed, while the terrain grew
                 if participant.session_id is None:
                     store.add_session(board.row)
                     self.study_store.set_session(participant.id, board.id)
@@ -198,7 +239,9 @@ class ParticipantProgress:
 
     async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
         """Abandon the running episode; RefusedError when it is not the one on screen."""
-        found = await self.lobby.store.write(partial(self._at, name, player_id, "tutorial", "warm_up", "ranked"))
+        found = await self.lobby.store.write(
+            partial(self._at, name, player_id, "tutorial", "warm_up", "ranked")
+        )
         session = await self.session(found[1])
         if session is None:
             raise StageError("no episode has begun: there is nothing to give up")
@@ -225,13 +268,19 @@ class ParticipantProgress:
     def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""
         participant = self.participant(name, player_id)
-        self.study_store.set_settings(participant.id, self._now(), {**json.loads(participant.settings), **changed})
+        self.study_store.set_settings(
+            participant.id, self._now(), {**json.loads(participant.settings), **changed}
+        )
 
     async def session(self, participant: Participant) -> Session | None:
         """Return the participant's board; None before the first episode."""
-        return None if participant.session_id is None else await self.lobby.get(participant.session_id)
+        return (
+            None if participant.session_id is None else await self.lobby.get(participant.session_id)
+        )
 
-    def _plan(self, name: str, player_id: str | None) -> tuple[Study, Participant, list[TrialRow], Phase, int, int, int] | None:
+    def _plan(
+        self, name: str, player_id: str | None
+    ) -> tuple[Study, Participant, list[TrialRow], Phase, int, int, int] | None:
         """Return what the next episode is (study, participant, trials, phase, trial, terrain, seed); None while one runs."""
         study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
         trials = self.study_store.trials(participant.id)
@@ -239,13 +288,22 @@ class ParticipantProgress:
             return None
         phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
         trial = sum(each.phase == phase for each in trials)
-        return study, participant, trials, phase, trial, *self._terrain(study, participant, phase, trial)
+        return (
+            study,
+            participant,
+            trials,
+            phase,
+            trial,
+            *self._terrain(study, participant, phase, trial),
+        )
 
     def _note_withdrawal(self, participant_id: str) -> None:
         """Withdraw a participant as they are now; StageError when they are at the end already."""
         participant = self.study_store.participant(participant_id)
         if participant.stage in ("complete", "withdrawn"):
-            raise StageError(f"you are at {_describe(participant.stage)}: there is nothing to withdraw from")
+            raise StageError(
+                f"you are at {_describe(participant.stage)}: there is nothing to withdraw from"
+            )
         self.study_store.withdraw(participant, self._now())
 
     def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
@@ -253,7 +311,9 @@ class ParticipantProgress:
         study, participant = self.open_study(name), self.participant(name, player_id)
         if stages and participant.stage not in stages:
             wanted = " or ".join(map(_describe, stages))
-            raise StageError(f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed")
+            raise StageError(
+                f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed"
+            )
         return study, participant
 
     def _note_return(self, found: Participant, invitation: str | None, now: int) -> None:
@@ -269,7 +329,9 @@ class ParticipantProgress:
         with self.lobby.store.transaction():
             if id_is == "repeated":
                 self.recruitment.note_repeated_id(study, kept, new.joined_ms)
-            self.study_store.add_participant(new, kept, {} if id_is is None else {"outside_id": id_is})
+            self.study_store.add_participant(
+                new, kept, {} if id_is is None else {"outside_id": id_is}
+            )
 
     def _add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
@@ -280,28 +342,42 @@ class ParticipantProgress:
             "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",
             self.study_store.path, study.name, known.protocol_hash[:12],
         )  # fmt: skip
-        raise StageError(f"the study {study.name!r} cannot be played on this server now; tell whoever invited you")
+        raise StageError(
+            f"the study {study.name!r} cannot be played on this server now; tell whoever invited you"
+        )
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)
-        return found or self.lobby.new_board(participant.player_id, self._participations.of(participant))
+        return found or self.lobby.new_board(
+            participant.player_id, self._participations.of(participant)
+        )
 
-    def _note_break(self, study: Study, participant: Participant, trials: Sequence[TrialRow]) -> None:
+    def _note_break(
+        self, study: Study, participant: Participant, trials: Sequence[TrialRow]
+    ) -> None:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
-            self.study_store.add_stage_event(participant.id, self._now(), "break", {"after": done, "length_ms": length})
+            self.study_store.add_stage_event(
+                participant.id, self._now(), "break", {"after": done, "length_ms": length}
+            )
 
-    def _terrain(self, study: Study, participant: Participant, phase: Phase, trial: int) -> tuple[int, int]:
+    def _terrain(
+        self, study: Study, participant: Participant, phase: Phase, trial: int
+    ) -> tuple[int, int]:
         """Return the terrain's index and seed of a participant's trial."""
         if phase == "tutorial":
             return 0, TUTORIAL_SEED
         if phase == "warm_up":
             return trial, study.seed("warm-up", trial)
         if study.protocol.orders == "latin-square":
-            terrain = study.balanced_order(participant.kind, self.study_store.order_number(participant, self._now()))[trial]
+            terrain = study.balanced_order(
+                participant.kind, self.study_store.order_number(participant, self._now())
+            )[trial]
         else:
-            terrain = order(study.secret, study.protocol_hash, participant.id, study.protocol.ranked)[trial]
+            terrain = order(
+                study.secret, study.protocol_hash, participant.id, study.protocol.ranked
+            )[trial]
         return terrain, study.seed("ranked", terrain)
 
     def _lock(self, participant_id: str) -> asyncio.Lock:
@@ -318,9 +394,18 @@ def break_due(study: Study, participant: Participant, trials: Sequence[TrialRow]
     """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None
-    return participant.stage == "ranked" and has_ended and len(ranked) % study.protocol.break_every == 0
+    return (
+        participant.stage == "ranked"
+        and has_ended
+        and len(ranked) % study.protocol.break_every == 0
+    )
 
 
 def _describe(stage: str) -> str:
-    words = {"questions": "the questions", "complete": "the end", "withdrawn": "the end (withdrawn)", "warm_up": "the warm-up"}
+    words = {
+        "questions": "the questions",
+        "complete": "the end",
+        "withdrawn": "the end (withdrawn)",
+        "warm_up": "the warm-up",
+    }
     return words.get(stage, "the ranked rounds" if stage == "ranked" else f"the {stage}")

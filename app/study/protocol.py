@@ -11,7 +11,15 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from app.play.attestation import Attestation
 from app.play.sizes import MAX_API_SIDE
@@ -36,10 +44,18 @@ ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
 """Steps to 99 % on 441 cells (`assumed_sds`)."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
-ExclusionRules = dict[Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"], StrictBool | float]
+ExclusionRules = dict[
+    Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"],
+    StrictBool | float,
+]
 EXCLUSION: dict[str, ExclusionRules] = {
     "protocol": {"completed": True, "all_ranked_driver_human": True},
-    "strict": {"completed": True, "all_ranked_driver_human": True, "no_labels": True, "max_pause_share": 0.5},
+    "strict": {
+        "completed": True,
+        "all_ranked_driver_human": True,
+        "no_labels": True,
+        "max_pause_share": 0.5,
+    },
 }
 """Who enters each further figure of the report; the first figure is of everybody."""
 
@@ -82,7 +98,9 @@ class Question(_Part):
     @model_validator(mode="after")
     def _answer_is_a_choice(self) -> Question:
         if self.answer >= len(self.choices):
-            raise ValueError(f"answer must be the index of a choice, 0 to {len(self.choices) - 1}, got {self.answer}")
+            raise ValueError(
+                f"answer must be the index of a choice, 0 to {len(self.choices) - 1}, got {self.answer}"
+            )
         return self
 
 
@@ -169,7 +187,9 @@ class Protocol(_Part):
                 "where those count that can be discovered"
             )
         if max(config.rows, config.cols) > MAX_API_SIDE:
-            raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}")
+            raise ValueError(
+                f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}"
+            )
         return config.to_dict()
 
     @field_validator("policy_hashes")
@@ -177,7 +197,9 @@ class Protocol(_Part):
     def _hashes_are_sha256(cls, given: dict[str, str]) -> dict[str, str]:
         for policy, digest in given.items():
             if not re.fullmatch(r"[0-9a-f]{64}", digest):
-                raise ValueError(f"policy_hashes holds 64 hexadecimal digits for each policy, got {digest!r} for {policy!r}")
+                raise ValueError(
+                    f"policy_hashes holds 64 hexadecimal digits for each policy, got {digest!r} for {policy!r}"
+                )
         return given
 
     @field_validator("outside_ids")
@@ -190,19 +212,29 @@ class Protocol(_Part):
     @model_validator(mode="after")
     def _looks_lead_to_the_end(self) -> Protocol:
         if bool(self.looks) != (self.spending != "none"):
-            raise ValueError(f"looks and spending go together: got looks {list(self.looks)} and spending {self.spending!r}")
-        if self.looks and (list(self.looks) != sorted(set(self.looks)) or self.looks[-1] != self.players or self.looks[0] < 2):
+            raise ValueError(
+                f"looks and spending go together: got looks {list(self.looks)} and spending {self.spending!r}"
+            )
+        if self.looks and (
+            list(self.looks) != sorted(set(self.looks))
+            or self.looks[-1] != self.players
+            or self.looks[0] < 2
+        ):
             raise ValueError(
                 f"looks must rise from at least 2 to the number of players, {self.players}: got {list(self.looks)}"
             )
         if self.looks and not self.hides_interim:
-            raise ValueError("a study with looks must hide its figures between them: set hides_interim to true")
+            raise ValueError(
+                "a study with looks must hide its figures between them: set hides_interim to true"
+            )
         return self
 
     @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:
         if self.recruitment == "panel" and not self.outside_ids:
-            raise ValueError("recruitment by a panel needs outside_ids: the first one names the person, got none")
+            raise ValueError(
+                "recruitment by a panel needs outside_ids: the first one names the person, got none"
+            )
         return self
 
     @property
@@ -243,12 +275,16 @@ def parse_protocol(data: Mapping[str, Any]) -> Protocol:
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:
-        raise StudyError(f"the protocol does not hold: {describe_errors(error.errors(include_url=False))}") from error
+        raise StudyError(
+            f"the protocol does not hold: {describe_errors(error.errors(include_url=False))}"
+        ) from error
 
 
 def canonical_json(value: Any) -> bytes:
     """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    return json.dumps(
+        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    ).encode()
 
 
 def canonical(protocol: Protocol) -> bytes:

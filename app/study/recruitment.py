@@ -83,14 +83,18 @@ class Recruitment:
         if self._store.count_stage_events(participant_id, REPEATED_JOIN) < MAX_NOTED:
             self._store.add_stage_event(participant_id, now, REPEATED_JOIN, {"reason": reason})
 
-    def admit(self, study: Study, player_id: str, comes: Arrival, found: Participant | None) -> str | None:
+    def admit(
+        self, study: Study, player_id: str, comes: Arrival, found: Participant | None
+    ) -> str | None:
         """Return the id of the invitation that a person comes with, None for none; StageError when they may not come in.
 
         found  the participant with this cookie, None before joining
         """
         self._check_outside_id(study, player_id, comes.outside_ids, found)
         own = None if found is None else found.invitation
-        if study.protocol.recruitment != "invitation" or (found is not None and found.stage == "withdrawn"):
+        if study.protocol.recruitment != "invitation" or (
+            found is not None and found.stage == "withdrawn"
+        ):
             return own
         if comes.invitation is None:
             if found is None:
@@ -110,7 +114,9 @@ class Recruitment:
             value = self._store.identity(participant.id, name)
             if value is None:
                 raise StageError(NO_ID)
-            if (other := self._consented_with(study, name, value, participant.player_id)) is not None:
+            if (
+                other := self._consented_with(study, name, value, participant.player_id)
+            ) is not None:
                 raise _taken_id(name, other)
 
     def obstacle(self, study: Study, participant: Participant) -> str | None:
@@ -135,7 +141,11 @@ class Recruitment:
         if not plain(outside_ids.get(name, "")):
             return "missing" if study.protocol.recruitment == "open" else None
         others = self._store.identities(study.name, name)
-        return "repeated" if plain(outside_ids[name]) in {plain(value) for _, value in others} else "new"
+        return (
+            "repeated"
+            if plain(outside_ids[name]) in {plain(value) for _, value in others}
+            else "new"
+        )
 
     def note_repeated_id(self, study: Study, outside_ids: Mapping[str, str], now: int) -> None:
         """Note with everybody who has the first of these outside ids that it came again."""
@@ -148,7 +158,9 @@ class Recruitment:
         try:
             invitation = self.invitations.read_token(study, token)
         except StudyError as error:
-            raise StageError("the invitations of this study cannot be read now; tell whoever invited you") from error
+            raise StageError(
+                "the invitations of this study cannot be read now; tell whoever invited you"
+            ) from error
         if invitation is None:
             raise StageError(WRONG_INVITATION)
         if found is not None and found.consent_ms is not None:
@@ -158,7 +170,9 @@ class Recruitment:
         self._check_usable(study, invitation, found)
         return invitation.id
 
-    def _check_usable(self, study: Study, invitation: Invitation, found: Participant | None) -> None:
+    def _check_usable(
+        self, study: Study, invitation: Invitation, found: Participant | None
+    ) -> None:
         other = self._store.consented_with_invitation(study.name, invitation.id)
         if other is not None and (found is None or other.id != found.id):
             raise TakenError(USED, other.id, "invitation")
@@ -168,7 +182,11 @@ class Recruitment:
             raise StageError(REVOKED)
 
     def _check_outside_id(
-        self, study: Study, player_id: str, outside_ids: Mapping[str, str], found: Participant | None
+        self,
+        study: Study,
+        player_id: str,
+        outside_ids: Mapping[str, str],
+        found: Participant | None,
     ) -> None:
         """Check that the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids:
@@ -190,10 +208,16 @@ class Recruitment:
             message = f"this browser takes part for another {name} already: use another browser or a private window"
             raise TakenError(message, found.id, "another outside id")
 
-    def _consented_with(self, study: Study, name: str, value: str, player_id: str) -> Participant | None:
+    def _consented_with(
+        self, study: Study, name: str, value: str, player_id: str
+    ) -> Participant | None:
         """Return another person who has agreed with this outside id, whatever its case and spaces."""
         for other, known in self._store.identities(study.name, name):
-            if other.player_id != player_id and other.consent_ms is not None and plain(known) == plain(value):
+            if (
+                other.player_id != player_id
+                and other.consent_ms is not None
+                and plain(known) == plain(value)
+            ):
                 return other
         return None
 
@@ -201,7 +225,9 @@ class Recruitment:
         try:
             return self.invitations.of(study.name)
         except StudyError as error:
-            raise StageError("the invitations of this study cannot be read now; tell whoever invited you") from error
+            raise StageError(
+                "the invitations of this study cannot be read now; tell whoever invited you"
+            ) from error
 
 
 def plain(value: str) -> str:

@@ -26,10 +26,14 @@ def seed(secret: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
 
 def order(secret: bytes, protocol_hash: str, participant_id: str, ranked: int) -> list[int]:
     """Return the order in which a participant meets the ranked terrains 0..ranked-1: one of their own, drawn by HMAC."""
-    return sorted(range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|order|{participant_id}|{i}"))
+    return sorted(
+        range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|order|{participant_id}|{i}")
+    )
 
 
-def balanced_order(secret: bytes, protocol_hash: str, group: str, number: int, ranked: int) -> list[int]:
+def balanced_order(
+    secret: bytes, protocol_hash: str, group: str, number: int, ranked: int
+) -> list[int]:
     """Return the order of the ranked terrains 0..ranked-1 for the participant who is `number` (from 0) in their group.
 
     Each `ranked` participants in turn take the rows of one Latin square, so each terrain comes equally often at each position;
@@ -40,10 +44,15 @@ def balanced_order(secret: bytes, protocol_hash: str, group: str, number: int, r
     """
     square, place = divmod(number, ranked)
     rows, labels = (
-        sorted(range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|square|{group}|{square}|{what}|{i}"))
+        sorted(
+            range(ranked),
+            key=lambda i: _hmac(secret, f"{protocol_hash}|square|{group}|{square}|{what}|{i}"),
+        )
         for what in ("row", "label")
     )
-    zigzag = [(1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)]  # 0, 1, n-1, 2, n-2, ...
+    zigzag = [
+        (1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)
+    ]  # 0, 1, n-1, 2, n-2, ...
     return [labels[(rows[place] + step) % ranked] for step in zigzag]
 
 

@@ -33,13 +33,17 @@ def code_of(study: Study, now_ms: int) -> str:
 
 def valid_until_ms(now_ms: int) -> int:
     """Return when the code of this day ends to be valid: at the end of the following UTC day."""
-    day = datetime.fromtimestamp(now_ms / 1000, UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+    day = datetime.fromtimestamp(now_ms / 1000, UTC).replace(
+        hour=0, minute=0, second=0, microsecond=0
+    )
     return int((day + timedelta(days=2)).timestamp() * 1000)
 
 
 def supervised_until_ms(participant: Participant) -> int | None:
     """Return when the participant's supervision lapses or lapsed; None when the operator's code was never typed."""
-    return None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_FOR_MS
+    return (
+        None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_FOR_MS
+    )
 
 
 def is_code(study: Study, typed: str, now_ms: int) -> bool:
@@ -49,12 +53,16 @@ def is_code(study: Study, typed: str, now_ms: int) -> bool:
     return any(hmac.compare_digest(given, code) for code in codes)
 
 
-def supervise(study_store: StudyStore, study: Study, participant: Participant, typed: str, now_ms: int) -> None:
+def supervise(
+    study_store: StudyStore, study: Study, participant: Participant, typed: str, now_ms: int
+) -> None:
     """Note that the operator typed their code for a person; StageError for a wrong one, which is noted too."""
     if participant.kind != "human":
         raise StageError("only a person's session can be supervised")
     if study_store.count_stage_events(participant.id, _WRONG_CODE) >= MAX_WRONG_CODES:
-        raise StageError(f"{MAX_WRONG_CODES} wrong codes were typed here: no code is looked at any more, go on without one")
+        raise StageError(
+            f"{MAX_WRONG_CODES} wrong codes were typed here: no code is looked at any more, go on without one"
+        )
     if not is_code(study, typed, now_ms):
         study_store.add_stage_event(participant.id, now_ms, _WRONG_CODE, {})
         raise StageError("this is not the operator's code of today: ask the operator to type it")

@@ -33,11 +33,14 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
-_SMALL = (
-    "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen nineteen"
-)
+_SMALL = "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen nineteen"
 _TENS = "twenty thirty forty fifty sixty seventy eighty ninety"
-_WORDS = "|".join((*_SMALL.split(), *(f"{tens}(?:[- ](?:one|{'|'.join(_SMALL.split()[:8])}))?" for tens in _TENS.split())))
+_WORDS = "|".join(
+    (
+        *_SMALL.split(),
+        *(f"{tens}(?:[- ](?:one|{'|'.join(_SMALL.split()[:8])}))?" for tens in _TENS.split()),
+    )
+)
 _KINDS = r"practice|practise|training|warm-?\s?up|ranked|scored|counted|counting|test|further|more|other|real"
 _THINGS = r"rounds?|episodes?|terrains?|trials?"
 _BY_HAND = re.compile(
@@ -60,7 +63,9 @@ def fill(protocol: Protocol) -> Protocol:
         where = f"questions[{number}]"
         question["question"] = _filled(f"{where}.question", question["question"], values)
         question["why"] = _filled(f"{where}.why", question["why"], values)
-        question["choices"] = [_filled(f"{where}.choices", choice, values) for choice in question["choices"]]
+        question["choices"] = [
+            _filled(f"{where}.choices", choice, values) for choice in question["choices"]
+        ]
     return parse_protocol(data)
 
 
@@ -74,7 +79,8 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "episodes": protocol.warm_up + protocol.ranked,
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
-        "minutes": 5 + 5 * max(1, round(config.n / 441 * (protocol.warm_up + protocol.ranked) * 0.75 / 5)),
+        "minutes": 5
+        + 5 * max(1, round(config.n / 441 * (protocol.warm_up + protocol.ranked) * 0.75 / 5)),
         "questions": len(protocol.questions),
         "players": protocol.players,
         "licence": protocol.data_licence,
@@ -106,7 +112,13 @@ def _filled(where: str, text: str, values: dict[str, str]) -> str:
             found.append(literal)
             if name is not None:
                 found.append(
-                    _value(where, name + (f"!{conversion}" if conversion else "") + (f":{form}" if form else ""), values)
+                    _value(
+                        where,
+                        name
+                        + (f"!{conversion}" if conversion else "")
+                        + (f":{form}" if form else ""),
+                        values,
+                    )
                 )
     except ValueError as error:
         raise StudyError(
@@ -121,7 +133,9 @@ def _value(where: str, name: str, values: dict[str, str]) -> str:
     near = difflib.get_close_matches(name.lower(), values, n=1, cutoff=0.5)
     guess = f"did you mean {{{near[0]}}}? " if near else ""
     known = ", ".join(f"{{{each}}}" for each in values)
-    raise StudyError(f"{where} has the unknown placeholder {{{name}}}: {guess}there are {known}; {{{{ and }}}} write braces")
+    raise StudyError(
+        f"{where} has the unknown placeholder {{{name}}}: {guess}there are {known}; {{{{ and }}}} write braces"
+    )
 
 
 def _check_numbers(where: str, text: str) -> None:

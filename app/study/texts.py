@@ -28,7 +28,11 @@ def questions() -> list[dict[str, Any]]:
     return [
         {
             "question": "What ends a round at once?",
-            "choices": ["Driving into an obstacle or off the edge", "Waiting for a minute", "Crossing my own track"],
+            "choices": [
+                "Driving into an obstacle or off the edge",
+                "Waiting for a minute",
+                "Crossing my own track",
+            ],
             "answer": 0,
             "why": "Not quite: there is no clock, and your own track is free ground. An obstacle or the edge ends a round.",
         },
@@ -44,7 +48,11 @@ def questions() -> list[dict[str, Any]]:
         },
         {
             "question": "Which of two complete rounds scores higher?",
-            "choices": ["The one with more moves", "The one with fewer moves", "Both score the same"],
+            "choices": [
+                "The one with more moves",
+                "The one with fewer moves",
+                "Both score the same",
+            ],
             "answer": 1,
             "why": "Not quite: every move costs a little, so of two complete rounds the one with fewer moves scores higher.",
         },

@@ -76,7 +76,12 @@ def verify_database(
         result = verify_moment(conn, path, advance, secrets, study)
         since = None if head is None else find_head(conn, head)
     if head is not None and since is None:
-        lost = Finding("chain", "the head given", head, "no entry with it: taken away, made anew, or of another database")
+        lost = Finding(
+            "chain",
+            "the head given",
+            head,
+            "no entry with it: taken away, made anew, or of another database",
+        )
         return replace(result, findings=(*result.findings, lost))
     return replace(result, since=since)
 
@@ -89,7 +94,9 @@ def verify_moment(
     study: str | None = None,
 ) -> Verification:
     """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
-    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)  # compiles the rules, which is no part of the rate
+    Episode.begin(EnvConfig.of("random", 5), seed=0).step(
+        0
+    )  # compiles the rules, which is no part of the rate
     began = time.monotonic()
     findings: list[Finding] = []
     moves = done = 0
@@ -106,7 +113,9 @@ def verify_moment(
         findings += [*checks.check_owners(conn), *check_daily(conn)]
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
-    return Verification(len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn))
+    return Verification(
+        len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn)
+    )
 
 
 def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
@@ -114,10 +123,17 @@ def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding
     for study in map(folder.study, names):
         if study.protocol.policy_hashes:
             for path, found, recorded in study.policy_files.damaged():
-                yield Finding(f"file {path}", "sha256", f"{recorded} when the study was frozen", found or "no such file")
+                yield Finding(
+                    f"file {path}",
+                    "sha256",
+                    f"{recorded} when the study was frozen",
+                    found or "no such file",
+                )
 
 
-def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str]) -> Iterator[tuple[int, int, list[Finding]]]:
+def _check_episodes(
+    path: Path, conn: sqlite3.Connection, episodes: Sequence[str]
+) -> Iterator[tuple[int, int, list[Finding]]]:
     """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
 
     Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for. The copy
@@ -127,7 +143,10 @@ def _check_episodes(path: Path, conn: sqlite3.Connection, episodes: Sequence[str
         for ident in episodes:
             yield (1, *_check_episode(conn, ident))
         return
-    tasks = [tuple(episodes[at : at + EPISODES_PER_TASK]) for at in range(0, len(episodes), EPISODES_PER_TASK)]
+    tasks = [
+        tuple(episodes[at : at + EPISODES_PER_TASK])
+        for at in range(0, len(episodes), EPISODES_PER_TASK)
+    ]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(cores(), len(tasks)), spawn, _ignore_interrupts) as pool:
         try:

@@ -69,7 +69,9 @@ class BoardCamera:
             self._client.flush()
             return
         offset = np.asarray(camera.position) - np.asarray(camera.look_at)
-        if self._pointed_s + SETTLING_S < time.monotonic() or np.allclose(offset, self._offset, atol=0.2):
+        if self._pointed_s + SETTLING_S < time.monotonic() or np.allclose(
+            offset, self._offset, atol=0.2
+        ):
             self._pointed_s = 0.0
         if self._pointed_s == 0.0:
             self._offset = offset

@@ -36,7 +36,14 @@ def rock(shape: int) -> tuple[Corners, Faces]:
     for height, radius in ((0.0, 0.56), (0.34, 0.53), (0.74, 0.36)):
         worn = radius * rng.uniform(0.82, 1.1, 8)
         rings.append(
-            np.stack([np.cos(turn) * worn, np.sin(turn) * worn, np.full(8, height) + rng.uniform(-0.05, 0.08, 8)], axis=1)
+            np.stack(
+                [
+                    np.cos(turn) * worn,
+                    np.sin(turn) * worn,
+                    np.full(8, height) + rng.uniform(-0.05, 0.08, 8),
+                ],
+                axis=1,
+            )
         )
     rings[0][:, 2] = 0.0
     top = np.array([[rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), 0.97]])
@@ -56,13 +63,17 @@ def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return sRGB 0..255 as the linear 0..255 that batched meshes and fog are drawn with."""
     share = np.clip(colour, 0, 255) / 255
     low, high = share / 12.92, ((share + 0.055) / 1.055) ** 2.4
-    colours: NDArray[np.uint8] = np.rint(255 * np.where(share <= 0.04045, low, high)).astype(np.uint8)
+    colours: NDArray[np.uint8] = np.rint(255 * np.where(share <= 0.04045, low, high)).astype(
+        np.uint8
+    )
     return colours
 
 
 def shape_of(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return which shape, 0 .. ROCK_SHAPES - 1, the rock on each of cells[n, 2] has."""
-    shapes: NDArray[np.int64] = (cells[:, 0] * 5 + cells[:, 1] * 3 + cells[:, 0] * cells[:, 1]) % ROCK_SHAPES
+    shapes: NDArray[np.int64] = (
+        cells[:, 0] * 5 + cells[:, 1] * 3 + cells[:, 0] * cells[:, 1]
+    ) % ROCK_SHAPES
     return shapes
 
 
@@ -89,7 +100,9 @@ def add_rocks(
     )
 
 
-def add_rover(scene: viser.SceneApi, accent: tuple[int, int, int], has_shadows: bool) -> viser.FrameHandle:
+def add_rover(
+    scene: viser.SceneApi, accent: tuple[int, int, int], has_shadows: bool
+) -> viser.FrameHandle:
     """Add the rover, facing east (+x), and return the frame that all of its parts hang on."""
     rover = scene.add_frame("/rover", show_axes=False)
     common: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": False}
@@ -103,17 +116,29 @@ def add_rover(scene: viser.SceneApi, accent: tuple[int, int, int], has_shadows: 
         ("eyes", DARK, (0.03, 0.26, 0.08), (0.39, 0.0, 1.0)),
         ("arm", PALE, (0.3, 0.06, 0.06), (0.48, 0.12, 0.34)),
     ):
-        scene.add_box(f"/rover/{name}", color=colour, dimensions=dimensions, position=position, **common)
-    wheel: dict[str, Any] = {"color": DARK, "radius": 0.16, "height": 0.14, "radial_segments": 12, **common}
+        scene.add_box(
+            f"/rover/{name}", color=colour, dimensions=dimensions, position=position, **common
+        )
+    wheel: dict[str, Any] = {
+        "color": DARK,
+        "radius": 0.16,
+        "height": 0.14,
+        "radial_segments": 12,
+        **common,
+    }
     for number, (x, y) in enumerate((x, y) for x in (-0.33, 0.0, 0.33) for y in (-0.36, 0.36)):
-        scene.add_cylinder(f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel)
+        scene.add_cylinder(
+            f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel
+        )
     return rover
 
 
 def circle(radius: float, pieces: int, height: float) -> Corners:
     """Return segments[pieces, 2, 3] of a level circle around the origin, metres."""
     turn = np.linspace(0, 2 * np.pi, pieces + 1)
-    points = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, height)], axis=1)
+    points = np.stack(
+        [np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, height)], axis=1
+    )
     return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
 
 
@@ -158,7 +183,9 @@ def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
 def ring() -> tuple[Corners, Faces]:
     """Return corners[8, 3] and faces[8, 3] of a flat square ring along the edge of a cell, about the origin."""
     around = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))]).astype(np.float32)
+    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))]).astype(
+        np.float32
+    )
     pieces = [[(n, (n + 1) % 4, 4 + n), ((n + 1) % 4, 4 + (n + 1) % 4, 4 + n)] for n in range(4)]
     return corners, np.array(pieces, np.uint32).reshape(-1, 3)
 
@@ -170,7 +197,9 @@ def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
     places = np.stack([cells[..., 1], -cells[..., 0]], axis=-1)
     middle, ahead = places.mean(axis=1), places[:, 1] - places[:, 0]
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-    return flat(np.stack([middle + long * ahead + wide * aside for long, wide in DASH], axis=1), 0.05)
+    return flat(
+        np.stack([middle + long * ahead + wide * aside for long, wide in DASH], axis=1), 0.05
+    )
 
 
 def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:

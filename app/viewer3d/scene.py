@@ -46,7 +46,13 @@ class Scene:
     name in one batch would keep its old place: viser sends the later of two messages about a name.)
     """
 
-    def __init__(self, scene: viser.SceneApi, episode: Episode, is_rival: bool, options: ViewOptions = DEFAULT_OPTIONS) -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        episode: Episode,
+        is_rival: bool,
+        options: ViewOptions = DEFAULT_OPTIONS,
+    ) -> None:
         self._scene, self._options = scene, options
         self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
         self._board, self._drawn = (0, 0), -1
@@ -128,16 +134,22 @@ class Scene:
     def show_paired_path(self, paired: Episode | None) -> None:
         """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
         if paired is not self._paired:
-            for node in [node for node in self._episode_nodes if node.name.startswith("/paired_path/")]:
+            for node in [
+                node for node in self._episode_nodes if node.name.startswith("/paired_path/")
+            ]:
                 node.remove()
                 self._episode_nodes.remove(node)
             self._paired, self._paired_steps = paired, 0
         if paired is None or paired.steps == self._paired_steps:
             return
-        for start in range(self._paired_steps // ITEMS_PER_NODE * ITEMS_PER_NODE, paired.steps, ITEMS_PER_NODE):
+        for start in range(
+            self._paired_steps // ITEMS_PER_NODE * ITEMS_PER_NODE, paired.steps, ITEMS_PER_NODE
+        ):
             corners, faces = models.dashes(paired.path[start : start + ITEMS_PER_NODE + 1])
             if len(faces):
-                self._add_episode_node(self._add_mark(f"/paired_path/{start}", corners, faces, self._other))
+                self._add_episode_node(
+                    self._add_mark(f"/paired_path/{start}", corners, faces, self._other)
+                )
         self._paired_steps = paired.steps
 
     def _begin(self, episode: Episode) -> None:
@@ -160,7 +172,11 @@ class Scene:
         """Light the scene by the sky and a low sun, and draw the sky behind the board."""
         self._scene.add_light_ambient("/sky", intensity=1.3)
         self._scene.add_light_directional(
-            "/sun", color=SUN, intensity=2.6, position=(-30, -8, 34), cast_shadow=self._options.has_effects
+            "/sun",
+            color=SUN,
+            intensity=2.6,
+            position=(-30, -8, 34),
+            cast_shadow=self._options.has_effects,
         )
         self._scene.set_background_image(sky(), format="png")
 
@@ -170,7 +186,11 @@ class Scene:
         self._soil = self._scene.add_image("/soil", night[..., :3], 1, 1, format="jpeg", **flat)
         self._fog = self._scene.add_image("/fog", night, 1, 1, format="png", **flat)
         self._border = self._scene.add_line_segments(
-            "/border", np.zeros((4, 2, 3), np.float32), colors=(150, 104, 78), thickness=1.5, thickness_units="screen"
+            "/border",
+            np.zeros((4, 2, 3), np.float32),
+            colors=(150, 104, 78),
+            thickness=1.5,
+            thickness_units="screen",
         )
 
     def _resize_ground(self, rows: int, cols: int) -> None:
@@ -182,13 +202,28 @@ class Scene:
             picture.position = ((cols - 1) / 2, -(rows - 1) / 2, height)
         if self._options.has_effects:
             x, y = (cols - 1) / 2, (1 - rows) / 2
-            around = np.array([[(-cols / 2, -rows / 2), (cols / 2, -rows / 2), (cols / 2, rows / 2), (-cols / 2, rows / 2)]])
+            around = np.array(
+                [
+                    [
+                        (-cols / 2, -rows / 2),
+                        (cols / 2, -rows / 2),
+                        (cols / 2, rows / 2),
+                        (-cols / 2, rows / 2),
+                    ]
+                ]
+            )
             shade = self._scene.add_mesh_simple(
-                "/shade", *models.flat(around, 0.0), opacity=0.0, receive_shadow=0.6, cast_shadow=False
+                "/shade",
+                *models.flat(around, 0.0),
+                opacity=0.0,
+                receive_shadow=0.6,
+                cast_shadow=False,
             )
             shade.position = (x, y, 0.04)
         x, y = cols - 0.5, 0.5 - rows
-        corners = np.array([[-0.5, 0.5, 0.03], [x, 0.5, 0.03], [x, y, 0.03], [-0.5, y, 0.03]], np.float32)
+        corners = np.array(
+            [[-0.5, 0.5, 0.03], [x, 0.5, 0.03], [x, y, 0.03], [-0.5, y, 0.03]], np.float32
+        )
         self._border.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
     def _add_lidar_range(self, radius: int) -> None:
@@ -196,7 +231,11 @@ class Scene:
         dashes, ring = models.circle(radius, 72, 0.06)[::2], models.circle(0.66, 24, 0.1)
         for name, segments, thickness in (("reach", dashes, 1.5), ("ring", ring, 2.0)):
             self._scene.add_line_segments(
-                f"/rover/{name}", segments, colors=self._accent, thickness=thickness, thickness_units="screen"
+                f"/rover/{name}",
+                segments,
+                colors=self._accent,
+                thickness=thickness,
+                thickness_units="screen",
             )
 
     def _add_marks(self, radius: int) -> None:
@@ -205,23 +244,44 @@ class Scene:
         self._thought = self._add_mark("/thought", corners, faces, self._accent, visible=False)
         self._goal = self._add_mark("/goal", *models.ring(), PALE, visible=False)
         burst = np.array(
-            [(0.95 if n % 2 else 0.55) * np.array([np.cos(n * np.pi / 8), np.sin(n * np.pi / 8)]) for n in range(16)]
+            [
+                (0.95 if n % 2 else 0.55) * np.array([np.cos(n * np.pi / 8), np.sin(n * np.pi / 8)])
+                for n in range(16)
+            ]
         )
         ring = np.array([[n, (n + 1) % 16, 16] for n in range(16)], np.uint32)
-        star = np.hstack([np.vstack([burst, [[0.0, 0.0]]]), np.full((17, 1), 0.0)]).astype(np.float32)
+        star = np.hstack([np.vstack([burst, [[0.0, 0.0]]]), np.full((17, 1), 0.0)]).astype(
+            np.float32
+        )
         self._crash = self._add_mark("/crash", star, ring, ALARM, visible=False)
         if self._options.has_effects:
-            self._found = self._add_mark("/found", *models.squares(np.zeros((1, 2), np.int64)), self._accent, visible=False)
+            self._found = self._add_mark(
+                "/found", *models.squares(np.zeros((1, 2), np.int64)), self._accent, visible=False
+            )
             self._found.opacity = 0.5
-            self._sweep = self._add_mark("/sweep", *models.sector(radius, SWEEP_WIDTH, 12), self._accent, visible=False)
+            self._sweep = self._add_mark(
+                "/sweep", *models.sector(radius, SWEEP_WIDTH, 12), self._accent, visible=False
+            )
             self._sweep.opacity = 0.22
 
     def _add_mark(
-        self, name: str, corners: models.Corners, faces: models.Faces, colour: tuple[int, int, int], visible: bool = True
+        self,
+        name: str,
+        corners: models.Corners,
+        faces: models.Faces,
+        colour: tuple[int, int, int],
+        visible: bool = True,
     ) -> viser.MeshHandle:
         """Add a flat, translucent mark on the ground and return its node."""
-        plain: dict[str, Any] = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_shadow": False}
-        return self._scene.add_mesh_simple(name, corners, faces, color=colour, opacity=0.85, visible=visible, **plain)
+        plain: dict[str, Any] = {
+            "side": "double",
+            "flat_shading": True,
+            "cast_shadow": False,
+            "receive_shadow": False,
+        }
+        return self._scene.add_mesh_simple(
+            name, corners, faces, color=colour, opacity=0.85, visible=visible, **plain
+        )
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
         """Add newly discovered rocks to the last node of their shape, and begin another node when it is full."""
@@ -235,7 +295,9 @@ class Scene:
             self._open_rocks[shape] += [(int(row), int(col)) for row, col in cells[shapes == shape]]
             name = f"/rocks/{shape}/{self._rock_nodes[shape]}"
             rocks = np.array(self._open_rocks[shape])
-            self._add_episode_node(models.add_rocks(self._scene, name, shape, rocks, self._options.has_effects))
+            self._add_episode_node(
+                models.add_rocks(self._scene, name, shape, rocks, self._options.has_effects)
+            )
             if len(rocks) >= ITEMS_PER_NODE:
                 self._open_rocks[shape], self._rock_nodes[shape] = [], self._rock_nodes[shape] + 1
 
@@ -257,17 +319,25 @@ class Scene:
 
     def _add_episode_node(self, node: viser.SceneNodeHandle) -> None:
         """Keep a node that is removed with the episode, in the place of one of the same name."""
-        self._episode_nodes = [other for other in self._episode_nodes if other.name != node.name] + [node]
+        self._episode_nodes = [
+            other for other in self._episode_nodes if other.name != node.name
+        ] + [node]
 
     def _show_trail(self, since: int) -> None:
         """Draw the path from step `since` on, in chunks, so that a move sends only the last one."""
         path = self.episode.path
         for start in range(since // ITEMS_PER_NODE * ITEMS_PER_NODE, len(path) - 1, ITEMS_PER_NODE):
             cells = np.array(path[start : start + ITEMS_PER_NODE + 1], np.float32)
-            points = np.stack([cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)], axis=1).astype(np.float32)
+            points = np.stack(
+                [cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)], axis=1
+            ).astype(np.float32)
             segments = np.stack([points[:-1], points[1:]], axis=1)
             self._add_episode_node(
                 self._scene.add_line_segments(
-                    f"/trail/{start}", segments, colors=self._accent, thickness=0.26, thickness_units="world"
+                    f"/trail/{start}",
+                    segments,
+                    colors=self._accent,
+                    thickness=0.26,
+                    thickness_units="world",
                 )
             )

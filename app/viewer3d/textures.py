@@ -34,15 +34,28 @@ def soil(rows: int, cols: int) -> bytes:
     height, width = rows * scale, cols * scale
     rng = np.random.default_rng(rows * 1009 + cols)
     noise = np.zeros((height, width))
-    for cells, weight in ((max(rows, cols) / 9, 0.5), (max(rows, cols) / 3, 0.3), (max(rows, cols) * 1.5, 0.2)):
-        coarse = rng.random((max(2, round(cells * rows / max(rows, cols))), max(2, round(cells * cols / max(rows, cols)))))
-        blurred = Image.fromarray(coarse.astype(np.float32)).resize((width, height), Image.Resampling.BICUBIC)
+    for cells, weight in (
+        (max(rows, cols) / 9, 0.5),
+        (max(rows, cols) / 3, 0.3),
+        (max(rows, cols) * 1.5, 0.2),
+    ):
+        coarse = rng.random(
+            (
+                max(2, round(cells * rows / max(rows, cols))),
+                max(2, round(cells * cols / max(rows, cols))),
+            )
+        )
+        blurred = Image.fromarray(coarse.astype(np.float32)).resize(
+            (width, height), Image.Resampling.BICUBIC
+        )
         noise += weight * np.asarray(blurred)
     ground = np.array(SOIL) * (0.74 + 0.5 * noise[..., None])
     lines = (np.arange(height)[:, None] % scale == 0) | (np.arange(width)[None] % scale == 0)
     ground[lines] *= 0.86
     ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
-    return encoded(Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8)), format="JPEG", quality=80)
+    return encoded(
+        Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8)), format="JPEG", quality=80
+    )
 
 
 @lru_cache(maxsize=1)
@@ -52,7 +65,9 @@ def sky() -> NDArray[np.uint8]:
     dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
     away = np.hypot((across - 0.24) * 1.6, down - 0.07)
     glow = (0.5 * np.exp(-((away / 0.22) ** 2)) + 0.9 * np.exp(-((away / 0.025) ** 4)))[..., None]
-    colours = np.array(NIGHT) * (1 - 0.85 * dust) + np.array(DUST) * 0.85 * dust + np.array(GLOW) * glow
+    colours = (
+        np.array(NIGHT) * (1 - 0.85 * dust) + np.array(DUST) * 0.85 * dust + np.array(GLOW) * glow
+    )
     picture: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8)
     return picture
 
@@ -69,7 +84,9 @@ def fog(codes: NDArray[np.uint8]) -> bytes:
     unknown = codes == UNKNOWN
     near = np.pad(unknown, 1)
     borders = near[:-2, 1:-1] | near[2:, 1:-1] | near[1:-1, :-2] | near[1:-1, 2:]
-    picture = np.where(unknown, FOG, np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))).astype(np.uint8)
+    picture = np.where(
+        unknown, FOG, np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))
+    ).astype(np.uint8)
     scale = pixels_a_cell(max(codes.shape), 400, 4)
     picture = picture.repeat(scale, 0).repeat(scale, 1)
     if scale > 2:

@@ -42,7 +42,9 @@ class Viewer:
         ):
             self._server = viser.ViserServer(host="asgi", port=0, verbose=False)
         transport = self._server._websock_server
-        assert isinstance(transport, Transport), "this viser builds its transport another way; see viser_transport.py"
+        assert isinstance(transport, Transport), (
+            "this viser builds its transport another way; see viser_transport.py"
+        )
         self._transport = transport
         self._tasks: dict[int, asyncio.Task[None]] = {}
         self._set_up_scene()
@@ -81,7 +83,9 @@ class Viewer:
     async def _on_connect(self, client: viser.ClientHandle) -> None:
         board = self._transport.boards.get(client.client_id)
         if board is not None:
-            task = self._tasks[client.client_id] = asyncio.create_task(keep_scene(client, board.session, board.options))
+            task = self._tasks[client.client_id] = asyncio.create_task(
+                keep_scene(client, board.session, board.options)
+            )
             task.add_done_callback(lambda task: self._report(client.client_id, task))
 
     def _report(self, client_id: int, task: asyncio.Task[None]) -> None:
@@ -89,7 +93,9 @@ class Viewer:
         error = None if task.cancelled() else task.exception()
         if error is None:
             return
-        _log.error("the 3-D view of a session broke; its browser will connect again", exc_info=error)
+        _log.error(
+            "the 3-D view of a session broke; its browser will connect again", exc_info=error
+        )
         state = self._transport._client_state_from_id.get(client_id)
         if state is not None:
             state.message_buffer.set_done()
@@ -104,7 +110,10 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
     """Keep one browser's scene up to date with the session's board, until cancelled."""
     scene: Scene | None = None
     camera = BoardCamera(client, options)
-    with session.channel.subscribe() as subscriber, PairedBoardListener(session, subscriber.wake) as paired_board:
+    with (
+        session.channel.subscribe() as subscriber,
+        PairedBoardListener(session, subscriber.wake) as paired_board,
+    ):
         async for _ in subscriber:
             paired_board.update()
             episode = session.episode

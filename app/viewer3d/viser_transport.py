@@ -75,9 +75,13 @@ class Connection:
             raise ConnectionClosedOK(None, None)
         data = message.get("bytes")
         if data is None:
-            raise ViewerMessageError(UNSUPPORTED, "expected a binary message of viser's client, got text")
+            raise ViewerMessageError(
+                UNSUPPORTED, "expected a binary message of viser's client, got text"
+            )
         if len(data) > MAX_VIEWER_MESSAGE_BYTES:
-            raise ViewerMessageError(TOO_BIG, f"expected at most {MAX_VIEWER_MESSAGE_BYTES} bytes, got {len(data)}")
+            raise ViewerMessageError(
+                TOO_BIG, f"expected at most {MAX_VIEWER_MESSAGE_BYTES} bytes, got {len(data)}"
+            )
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
@@ -86,7 +90,9 @@ class Connection:
             await self._websocket.close(code, reason)
 
 
-async def produce(connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Any = None) -> None:
+async def produce(
+    connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Any = None
+) -> None:
     """Send batches of messages in viser's wire format as they come; ConnectionClosedOK once the buffer is done.
 
     Stamped a second apart, so that the browser shows each on arrival: it paces batches stamped less than 100 ms apart.
@@ -103,9 +109,15 @@ async def produce(connection: Connection, buffer: AsyncMessageBuffer, client_id:
             messages = tuple(message.as_serializable_dict(blobs) for message in batch)
             lengths = tuple(blob.nbytes for blob in blobs)
             stamp = next(connection.stamps)
-            body = msgspec.msgpack.encode({"messages": messages, "timestampSec": stamp, "binaryBufferLengths": lengths})
+            body = msgspec.msgpack.encode(
+                {"messages": messages, "timestampSec": stamp, "binaryBufferLengths": lengths}
+            )
             packed = compressor.compress(body)
-            parts: list[bytes | memoryview] = [len(body).to_bytes(8, "little"), len(packed).to_bytes(8, "little"), packed]
+            parts: list[bytes | memoryview] = [
+                len(body).to_bytes(8, "little"),
+                len(packed).to_bytes(8, "little"),
+                packed,
+            ]
             _infra._append_aligned_buffers(parts, blobs, 16 + len(packed))
             await connection.send(b"".join(parts))
         raise ConnectionClosedOK(None, None)
@@ -147,7 +159,11 @@ class Transport(_infra.WebsockServer):
             await _call(self._client_connect_cb, client)
             tasks = [
                 asyncio.create_task(produce(connection, state.message_buffer, client_id)),
-                asyncio.create_task(produce(connection, self._broadcast_buffer, client_id, self._backlog_done_message)),
+                asyncio.create_task(
+                    produce(
+                        connection, self._broadcast_buffer, client_id, self._backlog_done_message
+                    )
+                ),
                 asyncio.create_task(self._consume(connection, client, client_id)),
             ]
             await asyncio.gather(*tasks)
@@ -160,7 +176,10 @@ class Transport(_infra.WebsockServer):
             await connection.close()
 
     async def _consume(
-        self, connection: Connection, client: _infra.WebsockClientConnection, client_id: _infra.ClientId
+        self,
+        connection: Connection,
+        client: _infra.WebsockClientConnection,
+        client_id: _infra.ClientId,
     ) -> None:
         """Hand each accepted message to viser; ViewerMessageError for one that viser cannot read or use."""
         while True:
@@ -173,10 +192,15 @@ class Transport(_infra.WebsockServer):
             except ConnectionClosedOK:
                 raise
             except Exception as error:  # whatever the bytes cause, it ends this connection alone
-                raise ViewerMessageError(INVALID, "expected a message of viser's client; reload the page") from error
+                raise ViewerMessageError(
+                    INVALID, "expected a message of viser's client; reload the page"
+                ) from error
 
     async def _forget(
-        self, client: _infra.WebsockClientConnection, state: _infra._ClientHandleState, tasks: list[asyncio.Task[None]]
+        self,
+        client: _infra.WebsockClientConnection,
+        state: _infra._ClientHandleState,
+        tasks: list[asyncio.Task[None]],
     ) -> None:
         for task in tasks:
             task.cancel()

@@ -35,13 +35,18 @@ def asker_of(connection: HTTPConnection) -> Asker:
 
 def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:
     """Set the player's cookie."""
-    cookies.set_player_token(response, connection, services_of(connection).player_tokens.sign(player_id))
+    cookies.set_player_token(
+        response, connection, services_of(connection).player_tokens.sign(player_id)
+    )
 
 
 async def is_operator(connection: HTTPConnection) -> bool:
     """Return whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
-    return admin is not None and await admin.login.operator_of(cookies.admin_token(connection)) is not None
+    return (
+        admin is not None
+        and await admin.login.operator_of(cookies.admin_token(connection)) is not None
+    )
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:

@@ -13,7 +13,15 @@ from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import closing
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import (
+    APIRouter,
+    Depends,
+    HTTPException,
+    Request,
+    Response,
+    WebSocket,
+    WebSocketDisconnect,
+)
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
@@ -64,7 +72,9 @@ class NewInvitations(Message):
 class RevokedInvitations(Message):
     """Which invitations are taken back, by their ids."""
 
-    ids: list[Annotated[str, Field(max_length=40)]] = Field(min_length=1, max_length=MAX_INVITATIONS)
+    ids: list[Annotated[str, Field(max_length=40)]] = Field(
+        min_length=1, max_length=MAX_INVITATIONS
+    )
 
 
 class EmergencyLook(Message):
@@ -76,14 +86,18 @@ class EmergencyLook(Message):
 class ReleaseOptions(Message):
     """Who is to be cited."""
 
-    authors: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(default_factory=list, max_length=50)
+    authors: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(
+        default_factory=list, max_length=50
+    )
 
 
 def check_page(request: Request) -> None:
     """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
     own = has_own_origin(request)
     if own is False or (own is None and request.method not in ("GET", "HEAD")):
-        raise HTTPException(403, "this call must come from the operator's own page, at /admin of this server")
+        raise HTTPException(
+            403, "this call must come from the operator's own page, at /admin of this server"
+        )
 
 
 async def check_operator(request: Request, response: Response) -> AdminServices:
@@ -123,7 +137,9 @@ class LoggedRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler with its entry in the log around it."""
         handler = super().get_route_handler()
-        if self.name == "login" or ((self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"):
+        if self.name == "login" or (
+            (self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"
+        ):
             return handler
 
         async def logged(request: Request) -> Response:
@@ -131,7 +147,10 @@ class LoggedRoute(APIRoute):
             who = await admin.login.operator_of(cookies.admin_token(request))
             if who is None:
                 return await handler(request)
-            number, status = await admin.actions.begin(who, self.name, request.path_params.get("name")), 500
+            number, status = (
+                await admin.actions.begin(who, self.name, request.path_params.get("name")),
+                500,
+            )
             try:
                 response = await handler(request)
                 status = response.status_code
@@ -155,7 +174,9 @@ router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
     """Log in: set the operator's cookie for the right password."""
     try:
-        token = await _admin_of(request).login.issue(client_address(request), given.name.strip(), given.password, given.code)
+        token = await _admin_of(request).login.issue(
+            client_address(request), given.name.strip(), given.password, given.code
+        )
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -245,7 +266,9 @@ async def emergency_look(admin: Operator, name: str, given: EmergencyLook) -> di
 async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
     """Close the study for good; 422 unless its name was typed."""
     if given.name != name:
-        raise HTTPException(422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}")
+        raise HTTPException(
+            422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
+        )
     _study(admin, name)
     try:
         closed = await asyncio.to_thread(admin.progress.folder.close, name)
@@ -260,25 +283,33 @@ async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) 
     """Issue invitations and return their tokens."""
     found = _study(admin, name)
     try:
-        issued = await asyncio.to_thread(admin.progress.recruitment.invitations.issue, name, wanted.count)
+        issued = await asyncio.to_thread(
+            admin.progress.recruitment.invitations.issue, name, wanted.count
+        )
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
     return {"tokens": [token_of(found, each.id) for each in issued]}
 
 
 @router.post("/api/admin/studies/{name}/invitations/revoke")
-async def revoke_invitations(admin: Operator, name: str, given: RevokedInvitations) -> dict[str, Any]:
+async def revoke_invitations(
+    admin: Operator, name: str, given: RevokedInvitations
+) -> dict[str, Any]:
     """Take invitations back; whoever has agreed with one goes on."""
     _study(admin, name)
     try:
-        revoked = await asyncio.to_thread(admin.progress.recruitment.invitations.revoke, name, given.ids)
+        revoked = await asyncio.to_thread(
+            admin.progress.recruitment.invitations.revoke, name, given.ids
+        )
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
     return {"revoked": [each.id for each in revoked]}
 
 
 @router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
-async def begin_export(admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None) -> dict[str, Any]:
+async def begin_export(
+    admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
+) -> dict[str, Any]:
     """Begin to make the report or the release; a release needs a closed study."""
     found = _study(admin, name)
     if what == "release" and found.is_open:
@@ -295,7 +326,9 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
     """Send a file that was made."""
     path = admin.exports.file(name, file)
     if path is None:
-        raise HTTPException(404, f"no file {file!r} has been made; make the report or the release first")
+        raise HTTPException(
+            404, f"no file {file!r} has been made; make the report or the release first"
+        )
     return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
 
 

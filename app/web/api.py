@@ -11,7 +11,17 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from app.play.lobby import Lobby
-from app.play.messages import DRAWN_LEVELS, Act, ChangePace, Frame, History, NewEpisode, NewSession, Pace, encode_history
+from app.play.messages import (
+    DRAWN_LEVELS,
+    Act,
+    ChangePace,
+    Frame,
+    History,
+    NewEpisode,
+    NewSession,
+    Pace,
+    encode_history,
+)
 from app.play.ranked import as_new_session
 from app.play.session import SCRIPT, RefusedError, Session
 from app.protection import has_own_origin
@@ -38,7 +48,9 @@ def _lobby(request: Request) -> Lobby:
 
 
 def _json(text: str, status: int = 200) -> Response:
-    return Response(text, status, media_type="application/json", headers={"Cache-Control": "no-store"})
+    return Response(
+        text, status, media_type="application/json", headers={"Cache-Control": "no-store"}
+    )
 
 
 @contextmanager
@@ -60,7 +72,9 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, config = lobby.rival_of(session), session.current.config
     current, store = session.current, lobby.store
-    finished = await store.read(lambda: store.episode(current.id)) if session.episode.ended else None
+    finished = (
+        await store.read(lambda: store.episode(current.id)) if session.episode.ended else None
+    )
     return {
         "session": session.id,
         "player": session.row.driver_name,
@@ -90,9 +104,17 @@ async def health(request: Request) -> dict[str, Any]:
     is "failing", with the reason under `detail`, while the database is not where it was opened.
     """
     store = services_of(request).store
-    known = {"core_version": CORE_VERSION, "sessions": len(_lobby(request)), "database": store.path.name}
+    known = {
+        "core_version": CORE_VERSION,
+        "sessions": len(_lobby(request)),
+        "database": store.path.name,
+    }
     fault = store.fault
-    return {"status": "ok", **known} if fault is None else {"status": "failing", "detail": fault, **known}
+    return (
+        {"status": "ok", **known}
+        if fault is None
+        else {"status": "failing", "detail": fault, **known}
+    )
 
 
 @probes.get("/healthz", summary="Is the server alive?")
@@ -101,7 +123,11 @@ async def healthz() -> dict[str, str]:
     return {"status": "ok"}
 
 
-@probes.get("/readyz", summary="Can the server record a move?", responses={503: {"description": "no: `detail` says why"}})
+@probes.get(
+    "/readyz",
+    summary="Can the server record a move?",
+    responses={503: {"description": "no: `detail` says why"}},
+)
 async def readyz(request: Request) -> dict[str, str]:
     """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second."""
     services_of(request).store.check_recording()
@@ -128,17 +154,27 @@ async def levels() -> list[dict[str, Any]]:
 async def maps(request: Request) -> list[dict[str, Any]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
     offers = [(each, each.terrain.config) for each in _lobby(request).maps.offers()]
-    return [{"name": each.name, "summary": each.summary, "size": [config.rows, config.cols]} for each, config in offers]
+    return [
+        {"name": each.name, "summary": each.summary, "size": [config.rows, config.cols]}
+        for each, config in offers
+    ]
 
 
-@router.get("/policies", tags=["server"], summary="The policies that can be watched or played against")
+@router.get(
+    "/policies", tags=["server"], summary="The policies that can be watched or played against"
+)
 async def policies(request: Request) -> list[dict[str, str]]:
     """List the policies; each name can be given as `player` or as `rival`."""
-    return [{"name": offer.name, "summary": offer.summary} for offer in _lobby(request).policies.offers()]
+    return [
+        {"name": offer.name, "summary": offer.summary}
+        for offer in _lobby(request).policies.offers()
+    ]
 
 
 @router.post("/sessions", status_code=201, tags=["play"], summary="Begin a session")
-async def create_session(request: Request, response: Response, wanted: NewSession | None = None) -> dict[str, Any]:
+async def create_session(
+    request: Request, response: Response, wanted: NewSession | None = None
+) -> dict[str, Any]:
     """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
 
     `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
@@ -166,7 +202,9 @@ async def create_session(request: Request, response: Response, wanted: NewSessio
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
-async def get_my_session(request: Request, watch: Id = None, episode: Id = None, session: Id = None) -> dict[str, Any] | None:
+async def get_my_session(
+    request: Request, watch: Id = None, episode: Id = None, session: Id = None
+) -> dict[str, Any] | None:
     """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
 
     `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one, and
@@ -179,7 +217,11 @@ async def get_my_session(request: Request, watch: Id = None, episode: Id = None,
     if link := watch or episode:
         found = await page_boards.with_link(player_id, link)
     else:
-        found = await (page_boards.newest(player_id) if session is None else page_boards.with_id(player_id, session))
+        found = await (
+            page_boards.newest(player_id)
+            if session is None
+            else page_boards.with_id(player_id, session)
+        )
     return None if found is None else await session_summary(_lobby(request), found)
 
 
@@ -196,7 +238,12 @@ async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     return await session_summary(_lobby(request), session)
 
 
-@router.get("/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses={200: {"model": History}})
+@router.get(
+    "/sessions/{session_id}/history",
+    tags=["play"],
+    summary="The path so far",
+    responses={200: {"model": History}},
+)
 async def get_history(request: Request, session_id: str) -> Response:
     """Return the position and the number of discovered cells after each step, the start first."""
     session = await visible_session(request, session_id)
@@ -209,7 +256,9 @@ _ACT_ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.post("/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=_ACT_ANSWERS)
+@router.post(
+    "/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=_ACT_ANSWERS
+)
 async def act(request: Request, session_id: str, wanted: Act) -> Response:
     """Make a move that answers the current frame: its `episode` and its `step`.
 
@@ -224,27 +273,54 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
     return _json(session.frame)
 
 
-@router.post("/sessions/{session_id}/episodes", status_code=201, tags=["play"], summary="Begin the next episode")
-async def create_episode(request: Request, session_id: str, wanted: NewEpisode | None = None) -> dict[str, Any]:
+@router.post(
+    "/sessions/{session_id}/episodes",
+    status_code=201,
+    tags=["play"],
+    summary="Begin the next episode",
+)
+async def create_episode(
+    request: Request, session_id: str, wanted: NewEpisode | None = None
+) -> dict[str, Any]:
     """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
 
     On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
     which it waits, or a new board, with a `session` of its own.
     """
-    lobby, page_boards, wanted = _lobby(request), services_of(request).page_boards, wanted or NewEpisode()
+    lobby, page_boards, wanted = (
+        _lobby(request),
+        services_of(request).page_boards,
+        wanted or NewEpisode(),
+    )
     session = await controlled_session(request, session_id)
-    _check_no_study(session, "its terrains are the study's", "POST /api/studies/{name}/next begins the next episode")
+    _check_no_study(
+        session,
+        "its terrains are the study's",
+        "POST /api/studies/{name}/next begins the next episode",
+    )
     if session.current.daily is not None:
-        raise HTTPException(409, "this board is of a daily terrain, which is played once; POST /api/sessions begins another")
+        raise HTTPException(
+            409,
+            "this board is of a daily terrain, which is played once; POST /api/sessions begins another",
+        )
     with _bad_input():
         terrain = lobby.maps.next_terrain(session.current, wanted)
         await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
-        elif has_own_origin(request) and is_owner(request, session) and session.row.player_id is not None:
+        elif (
+            has_own_origin(request)
+            and is_owner(request, session)
+            and session.row.player_id is not None
+        ):
             rival = lobby.rival_of(session)
-            drivers = {"player": session.row.driver_name, "rival": None if rival is None else rival.row.driver_name}
-            session, _ = await page_boards.begin(as_new_session(terrain.config, wanted, **drivers), session.row.player_id)
+            drivers = {
+                "player": session.row.driver_name,
+                "rival": None if rival is None else rival.row.driver_name,
+            }
+            session, _ = await page_boards.begin(
+                as_new_session(terrain.config, wanted, **drivers), session.row.player_id
+            )
         else:
             await lobby.restart(session, wanted)
     return await session_summary(lobby, session)

@@ -48,12 +48,17 @@ def render_docs(schema: dict[str, Any]) -> str:
         example=EXAMPLE,
         socket=SOCKET,
         groups=_groups(schema["paths"], models),
-        models=[(name, models[name].get("description", ""), _fields(models[name])) for name in SHOWN_MODELS],
+        models=[
+            (name, models[name].get("description", ""), _fields(models[name]))
+            for name in SHOWN_MODELS
+        ],
     )
     return page
 
 
-def _groups(paths: dict[str, Any], models: dict[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:
+def _groups(
+    paths: dict[str, Any], models: dict[str, Any]
+) -> list[tuple[str, list[dict[str, Any]]]]:
     """Return the calls in the schema's order, grouped under one heading for each tag."""
     groups: dict[str, list[dict[str, Any]]] = {}
     for path, verbs in paths.items():
@@ -73,9 +78,17 @@ def _groups(paths: dict[str, Any], models: dict[str, Any]) -> list[tuple[str, li
 
 def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
     """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
-    query = [(each["name"], each["schema"]) for each in call.get("parameters", []) if each["in"] == "query"]
-    body = call.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
-    reference = next((each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each), None)
+    query = [
+        (each["name"], each["schema"])
+        for each in call.get("parameters", [])
+        if each["in"] == "query"
+    ]
+    body = (
+        call.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
+    )
+    reference = next(
+        (each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each), None
+    )
     fields = [] if reference is None else _fields(models[reference.rsplit("/", 1)[1]])
     return [table for table in (query, fields) if table]
 
@@ -88,7 +101,8 @@ def _with_code(text: str) -> Markup:
     """Return text as HTML, with what stands between backquotes as code."""
     pieces = text.split("`")
     return Markup("").join(
-        Markup("<code>{}</code>").format(piece) if number % 2 else escape(piece) for number, piece in enumerate(pieces)
+        Markup("<code>{}</code>").format(piece) if number % 2 else escape(piece)
+        for number, piece in enumerate(pieces)
     )
 
 
@@ -100,7 +114,10 @@ def _type_of(field: dict[str, Any]) -> str:
         return " | ".join(f"`{each}`" for each in field["enum"])
     if "const" in field:
         return f"`{str(field['const']).lower() if isinstance(field['const'], bool) else field['const']}`"
-    bounds = [f"from {field['minimum']}" if "minimum" in field else "", f"to {field['maximum']}" if "maximum" in field else ""]
+    bounds = [
+        f"from {field['minimum']}" if "minimum" in field else "",
+        f"to {field['maximum']}" if "maximum" in field else "",
+    ]
     return " ".join([str(field.get("type", "")), *filter(None, bounds)])
 
 

@@ -51,4 +51,6 @@ def set_admin_token(response: Response, connection: HTTPConnection, token: str) 
 
 def delete_admin_token(response: Response, connection: HTTPConnection) -> None:
     """Delete the operator's cookie."""
-    response.delete_cookie(ADMIN_COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection))
+    response.delete_cookie(
+        ADMIN_COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection)
+    )

@@ -19,7 +19,9 @@ from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 
 router = APIRouter(prefix="/api/daily", tags=["daily"])
-Day = Annotated[str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])]
+Day = Annotated[
+    str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
+]
 
 
 @router.get("", summary="Today's terrain, and my attempt at it")
@@ -52,7 +54,8 @@ async def begin_today(request: Request, response: Response) -> dict[str, Any]:
     """
     if not has_own_origin(request):
         raise HTTPException(
-            403, "the daily terrain is played on this server's page /daily; for a script there is POST /api/sessions"
+            403,
+            "the daily terrain is played on this server's page /daily; for a script there is POST /api/sessions",
         )
     services = services_of(request)
     player_id = player_of(request) or services.lobby.sources.player_id()
@@ -87,7 +90,12 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
         raise HTTPException(403, "the results of today are shown when your own attempt is over")
     people = await asyncio.to_thread(_people, services, terrain, player_id, is_over)
     attempt = describe_attempt(mine, terrain)
-    return {"day": day, "attempt": attempt, "people": people, "policies": services.daily_policies.results(terrain)}
+    return {
+        "day": day,
+        "attempt": attempt,
+        "people": people,
+        "policies": services.daily_policies.results(terrain),
+    }
 
 
 def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any]:
@@ -112,10 +120,14 @@ async def _terrain_on(services: Services, day: str) -> DailyTerrain:
     """Return the terrain of a day; HTTPException 404 where there was none, or is none yet."""
     terrain = await services.daily_boards.on(day)
     if terrain is None:
-        raise HTTPException(404, f"this server has shown no daily terrain on {day}; GET /api/daily has today's")
+        raise HTTPException(
+            404, f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
+        )
     return terrain
 
 
-def _people(services: Services, terrain: DailyTerrain, player_id: str | None, is_over: bool) -> dict[str, Any]:
+def _people(
+    services: Services, terrain: DailyTerrain, player_id: str | None, is_over: bool
+) -> dict[str, Any]:
     with closing(Reader.open(services.store.path)) as reader:
         return people_on(reader, terrain, player_id, is_over)

@@ -48,16 +48,24 @@ def add_error_handlers(app: FastAPI) -> None:
 
 def wants_page(request: Request) -> bool:
     """Return whether a browser asks for a page to show: it names HTML, as it does not for `fetch`, and the API has no pages."""
-    return "text/html" in request.headers.get("accept", "") and not path_of(request).startswith("/api/")
+    return "text/html" in request.headers.get("accept", "") and not path_of(request).startswith(
+        "/api/"
+    )
 
 
-def answer(request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None) -> Response:
+def answer(
+    request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None
+) -> Response:
     """Return the answer for a status: a page for a browser, else {"detail": ...}."""
     if not wants_page(request):
         return JSONResponse({"detail": detail}, status, headers)
     title = TITLES.get(status, "That did not work")
     return HTMLResponse(
-        _PAGE.render(root=root_of(request), status=status, title=title, detail=_sentence(str(detail))), status, headers
+        _PAGE.render(
+            root=root_of(request), status=status, title=title, detail=_sentence(str(detail))
+        ),
+        status,
+        headers,
     )
 
 
@@ -89,7 +97,12 @@ def _answer_database_error(request: Request, error: Exception) -> Response:
 
 def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
-    return answer(request, 500, FAILED, {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")})
+    return answer(
+        request,
+        500,
+        FAILED,
+        {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")},
+    )
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:

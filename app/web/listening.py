@@ -40,7 +40,9 @@ def listen(host: str, port: int) -> socket.socket:
         sock.close()
         reason = (error.strerror or str(error)).lower()
         option = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
-        raise ServerError(f"cannot listen on {host} port {port}: {reason}; choose another with {option}") from error
+        raise ServerError(
+            f"cannot listen on {host} port {port}: {reason}; choose another with {option}"
+        ) from error
     sock.set_inheritable(True)
     return sock
 
@@ -63,7 +65,9 @@ def inherited_socket() -> socket.socket | None:
     sock = socket.socket(fileno=FIRST_INHERITED_FD)
     if sock.family not in (socket.AF_INET, socket.AF_INET6):
         sock.close()
-        raise ServerError("expected a TCP socket from systemd, got another kind: give ListenStream an address and a port")
+        raise ServerError(
+            "expected a TCP socket from systemd, got another kind: give ListenStream an address and a port"
+        )
     return sock
 
 
@@ -98,4 +102,6 @@ class AnnouncingServer(uvicorn.Server):
         for sock in sockets or ():
             sock.listen(BACKLOG)  # asyncio has made it as small as what it accepts at once
         if self.started:
-            print(f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True)
+            print(
+                f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True
+            )

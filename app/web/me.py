@@ -32,15 +32,30 @@ def get_history(
     with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
         rows = reader.played_by(player_id)
         bests = personal_bests(reader, rows)
-    return {"total": len(rows), "episodes": [describe_own(row) for row in rows[offset : offset + limit]], "bests": bests}
+    return {
+        "total": len(rows),
+        "episodes": [describe_own(row) for row in rows[offset : offset + limit]],
+        "bests": bests,
+    }
 
 
 @router.get("/export/{table}.{fmt}", summary="My own episodes, as CSV or JSON Lines")
-def export(request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"]) -> StreamingResponse:
+def export(
+    request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"]
+) -> StreamingResponse:
     """Export what you have driven, by your cookie alone; 404 without one."""
     player_id = player_of(request)
     if player_id is None:
-        raise HTTPException(404, "this browser has no player's cookie: nothing was played with it; play at / first")
+        raise HTTPException(
+            404, "this browser has no player's cookie: nothing was played with it; play at / first"
+        )
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
-    headers = {"Content-Disposition": f'attachment; filename="my-{table}.{fmt}"', "Cache-Control": "no-store"}
-    return StreamingResponse(export_own(services_of(request).store, table, fmt, player_id), media_type=kind, headers=headers)
+    headers = {
+        "Content-Disposition": f'attachment; filename="my-{table}.{fmt}"',
+        "Cache-Control": "no-store",
+    }
+    return StreamingResponse(
+        export_own(services_of(request).store, table, fmt, player_id),
+        media_type=kind,
+        headers=headers,
+    )

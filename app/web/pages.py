@@ -55,7 +55,11 @@ class PageFiles(StaticFiles):
                 self._kept[path] = await asyncio.to_thread(KeptFile, response)
             response.headers.update(NO_CACHE)
             return response
-        return NotModifiedResponse(kept.headers) if self.is_not_modified(kept.headers, headers) else kept.response()
+        return (
+            NotModifiedResponse(kept.headers)
+            if self.is_not_modified(kept.headers, headers)
+            else kept.response()
+        )
 
 
 class KeptFile:

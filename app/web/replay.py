@@ -38,28 +38,44 @@ def _replay_errors() -> Iterator[None]:
         raise HTTPException(422, str(error)) from error
 
 
-@router.get("/api/episodes/{episode_id}/replay", tags=["results"], summary="The course of a finished episode")
+@router.get(
+    "/api/episodes/{episode_id}/replay",
+    tags=["results"],
+    summary="The course of a finished episode",
+)
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with _replay_errors():
         return (await services_of(request).replays.replay(episode_id, asker_of(request))).document()
 
 
-@router.get("/api/episodes/{episode_id}/ghost", tags=["results"], summary="A policy on the terrain of a finished episode")
-async def get_ghost(request: Request, episode_id: str, policy: PolicyName | None = None) -> dict[str, Any]:
+@router.get(
+    "/api/episodes/{episode_id}/ghost",
+    tags=["results"],
+    summary="A policy on the terrain of a finished episode",
+)
+async def get_ghost(
+    request: Request, episode_id: str, policy: PolicyName | None = None
+) -> dict[str, Any]:
     """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
     asker, replays = asker_of(request), services_of(request).replays
     with _replay_errors():
         chosen = policy or (await replays.replay(episode_id, asker)).preferred
         if chosen is None:
-            raise HTTPException(404, "no policy on offer plays boards of this size; GET /api/policies lists them")
+            raise HTTPException(
+                404, "no policy on offer plays boards of this size; GET /api/policies lists them"
+            )
         return (await replays.ghost(episode_id, chosen, asker)).to_dict()
 
 
 @router.get(
-    "/replay/{episode_id}.{form}", tags=["results"], summary="A replay as a page in one file, a GIF, an MP4 or a picture"
+    "/replay/{episode_id}.{form}",
+    tags=["results"],
+    summary="A replay as a page in one file, a GIF, an MP4 or a picture",
 )
-async def replay_file(request: Request, episode_id: str, form: Format, ghost: PolicyName | None = None) -> Response:
+async def replay_file(
+    request: Request, episode_id: str, form: Format, ghost: PolicyName | None = None
+) -> Response:
     """Return a replay as a file, with the policy that `ghost` names beside it; the usual one by default, none for "none".
 
     The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
@@ -68,10 +84,15 @@ async def replay_file(request: Request, episode_id: str, form: Format, ghost: Po
     asker, replays = asker_of(request), services_of(request).replays
     with _replay_errors():
         chosen = ghost or (await replays.replay(episode_id, asker)).preferred
-        content = await replays.file(episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker)
+        content = await replays.file(
+            episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker
+        )
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
-    headers = {"Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"', **SHARED}
+    headers = {
+        "Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"',
+        **SHARED,
+    }
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 
 
@@ -85,12 +106,16 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     except HTTPException as error:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
-        watchable = await store.read(lambda: watchable_session(store, episode_id, now, asker.player_id))
+        watchable = await store.read(
+            lambda: watchable_session(store, episode_id, now, asker.player_id)
+        )
         if error.status_code == 404 and watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
     page = absolute_address(request)
-    return HTMLResponse(render(replay.document(), replay.course, offered(), Addresses(page, f"{page}.png")))
+    return HTMLResponse(
+        render(replay.document(), replay.course, offered(), Addresses(page, f"{page}.png"))
+    )
 
 
 def absolute_address(request: Request) -> str:

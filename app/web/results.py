@@ -25,7 +25,9 @@ Who = Literal["all", "human"]
 def _reader(request: Request) -> Iterator[Reader]:
     """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
     services = services_of(request)
-    with closing(Reader.open(services.store.path, public=True, at_ms=services.lobby.sources.clock_ms())) as reader:
+    with closing(
+        Reader.open(services.store.path, public=True, at_ms=services.lobby.sources.clock_ms())
+    ) as reader:
         yield reader
 
 
@@ -52,7 +54,9 @@ def get_episodes(
         return reader.episodes(limit, offset, who)
 
 
-@router.get("/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times")
+@router.get(
+    "/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times"
+)
 def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
 
@@ -61,11 +65,17 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     with _reader(request) as reader:
         found = reader.episode(episode_id, player_of(request))
     if found is None:
-        raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
+        raise HTTPException(
+            404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
+        )
     return found
 
 
-@router.get("/episodes/{episode_id}/regret", tags=["results"], summary="Where moves were lost in a finished episode")
+@router.get(
+    "/episodes/{episode_id}/regret",
+    tags=["results"],
+    summary="Where moves were lost in a finished episode",
+)
 async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
     """Return how many moves the episode lost, and its biggest losses; docs/evaluation.md says what a regret is.
 
@@ -91,17 +101,29 @@ def _public_record(request: Request, episode_id: str) -> Record:
     """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
     with _reader(request) as reader:
         if reader.episode(episode_id, player_of(request)) is None:
-            raise HTTPException(404, f"no finished episode {episode_id!r}; GET /api/episodes lists them")
+            raise HTTPException(
+                404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
+            )
         return reader.load_record(episode_id)
 
 
-@router.get("/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines")
+@router.get(
+    "/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines"
+)
 def export(
-    request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"], who: Who = "all"
+    request: Request,
+    table: Literal["episodes", "steps"],
+    fmt: Literal["csv", "jsonl"],
+    who: Who = "all",
 ) -> StreamingResponse:
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""
     kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
-    headers = {"Content-Disposition": f'attachment; filename="{table}.{fmt}"', "Cache-Control": "no-store"}
+    headers = {
+        "Content-Disposition": f'attachment; filename="{table}.{fmt}"',
+        "Cache-Control": "no-store",
+    }
     services = services_of(request)
-    pieces = export_table(services.store, table, fmt, who, public=True, at_ms=services.lobby.sources.clock_ms())
+    pieces = export_table(
+        services.store, table, fmt, who, public=True, at_ms=services.lobby.sources.clock_ms()
+    )
     return StreamingResponse(pieces, media_type=kind, headers=headers)

@@ -59,7 +59,10 @@ class PlaySocket:
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
-        self._is_owner, self._is_page = is_owner(websocket, session), has_own_origin(websocket) is True
+        self._is_owner, self._is_page = (
+            is_owner(websocket, session),
+            has_own_origin(websocket) is True,
+        )
         self._may_control = may_control(websocket, session)
         self._expected = ExpectedDiscoveries()
         protection = services_of(websocket).protection
@@ -116,7 +119,9 @@ class PlaySocket:
             if text is None:
                 size = len(message.get("bytes") or b"")
                 self._budget.spend("bad")
-                answer: str | None = encode_error(f"a message must be JSON in a text frame, got {size} binary bytes")
+                answer: str | None = encode_error(
+                    f"a message must be JSON in a text frame, got {size} binary bytes"
+                )
             else:
                 answer = await self._answer(text)
             if answer is not None:
@@ -124,7 +129,9 @@ class PlaySocket:
                     WebSocketDisconnect, RuntimeError
                 ):  # whoever has gone: what they had sent counts still
                     await self._websocket.send_text(answer)
-            await asyncio.sleep(self._budget.take_delay_s())  # at least a turn of the event loop: others have messages too
+            await asyncio.sleep(
+                self._budget.take_delay_s()
+            )  # at least a turn of the event loop: others have messages too
 
     async def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer, and for events.
@@ -177,7 +184,9 @@ class PlaySocket:
 
     async def _tell_kept(self, events: Events) -> None:
         kept = await self._keep(events)
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # whoever has gone: their events count still
+        with contextlib.suppress(
+            WebSocketDisconnect, RuntimeError
+        ):  # whoever has gone: their events count still
             await self._websocket.send_text(kept.model_dump_json())
 
     async def _keep(self, events: Events) -> Kept:
@@ -185,7 +194,9 @@ class PlaySocket:
         try:
             self._check_control()
             if not (self._is_owner and self._is_page):
-                raise RefusedError("input events are kept of the board's own player, on this server's page, and of nobody else")
+                raise RefusedError(
+                    "input events are kept of the board's own player, on this server's page, and of nobody else"
+                )
             await self._session.keep_events(events)
         except (StudyUnavailableError, StoreError):
             return Kept(episode=events.episode, count=0)

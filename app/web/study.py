@@ -22,7 +22,15 @@ from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 from app.web.results import regret_of
-from app.web.study_messages import AbandonEpisode, Advance, Answers, ConsentAnswer, Join, OperatorCode, ParticipantSettings
+from app.web.study_messages import (
+    AbandonEpisode,
+    Advance,
+    Answers,
+    ConsentAnswer,
+    Join,
+    OperatorCode,
+    ParticipantSettings,
+)
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
@@ -62,11 +70,15 @@ ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
 Player = Annotated[str | None, Depends(player_of)]
 
 
-async def participant_state(request: Request, study: Study, participant: Participant) -> dict[str, Any]:
+async def participant_state(
+    request: Request, study: Study, participant: Participant
+) -> dict[str, Any]:
     """Return where a participant stands: all that the page needs."""
     progress, protocol = _progress(request), study.protocol
     store = progress.lobby.store
-    trials, note = await store.read(lambda: (progress.study_store.trials(participant.id), _note(progress, study, participant)))
+    trials, note = await store.read(
+        lambda: (progress.study_store.trials(participant.id), _note(progress, study, participant))
+    )
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session = await progress.session(participant)
     is_over = participant.stage in ("debrief", "complete")
@@ -77,7 +89,10 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
-        "questions": [{"question": each.question, "choices": list(each.choices)} for each in protocol.questions],
+        "questions": [
+            {"question": each.question, "choices": list(each.choices)}
+            for each in protocol.questions
+        ],
         "right": None,
         "why": None,
         "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
@@ -89,8 +104,15 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "session": participant.session_id,
         "about": None if session is None else await session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
-        "settings": {"modality": None, "palette": "mars", "keys": None, **json.loads(participant.settings)},
-        "debrief": await services_of(request).debriefs.summary(study, participant, trials) if is_over else None,
+        "settings": {
+            "modality": None,
+            "palette": "mars",
+            "keys": None,
+            **json.loads(participant.settings),
+        },
+        "debrief": await services_of(request).debriefs.summary(study, participant, trials)
+        if is_over
+        else None,
         "note": note,
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
@@ -117,7 +139,9 @@ async def _asking(request: Request, name: str) -> tuple[Study, Participant]:
     progress = _progress(request)
     study = progress.study(name)
     await progress.note_if_closed(study)
-    return study, await progress.lobby.store.read(lambda: progress.participant(name, player_of(request)))
+    return study, await progress.lobby.store.read(
+        lambda: progress.participant(name, player_of(request))
+    )
 
 
 @router.get("", summary="The studies of this server")
@@ -168,7 +192,11 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
 
 @router.post("/{name}/join", status_code=201, summary="Take part, or go on")
 async def join(
-    request: Request, response: Response, progress: ProgressOf, name: Name, wanted: Join | None = None
+    request: Request,
+    response: Response,
+    progress: ProgressOf,
+    name: Name,
+    wanted: Join | None = None,
 ) -> dict[str, Any]:
     """Join, or resume: 201 for a new participant, 200 for one who returns. The player cookie that is set identifies them.
 
@@ -179,7 +207,9 @@ async def join(
     player_id = player_of(request) or progress.lobby.sources.player_id()
     with answering_study_errors():
         comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
-        participant, is_new = await progress.lobby.store.write(lambda: progress.join(name, player_id, comes))
+        participant, is_new = await progress.lobby.store.write(
+            lambda: progress.join(name, player_id, comes)
+        )
         answer = await participant_state(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
     remember_player(response, request, player_id)
@@ -193,15 +223,21 @@ async def me(request: Request, name: Name) -> dict[str, Any]:
 
 
 @router.post("/{name}/consent", summary="Agree to take part, or not")
-async def consent(request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer) -> dict[str, Any]:
+async def consent(
+    request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer
+) -> dict[str, Any]:
     """Answer the consent text; `agree` false leaves the study."""
     with answering_study_errors():
-        await progress.lobby.store.write(lambda: progress.consent(name, player, given.version, given.agree))
+        await progress.lobby.store.write(
+            lambda: progress.consent(name, player, given.version, given.agree)
+        )
     return await _present_state(request, name)
 
 
 @router.post("/{name}/advance", summary="Go on to the next stage")
-async def advance(request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance) -> dict[str, Any]:
+async def advance(
+    request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance
+) -> dict[str, Any]:
     """Leave the instructions, the tutorial once it was played, or the debrief."""
     with answering_study_errors():
         await progress.lobby.store.write(lambda: progress.advance(name, player, left.from_))
@@ -209,20 +245,26 @@ async def advance(request: Request, progress: ProgressOf, player: Player, name: 
 
 
 @router.post("/{name}/answers", summary="Answer the questions")
-async def answers(request: Request, progress: ProgressOf, player: Player, name: Name, given: Answers) -> dict[str, Any]:
+async def answers(
+    request: Request, progress: ProgressOf, player: Player, name: Name, given: Answers
+) -> dict[str, Any]:
     """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
 
     Every attempt is recorded.
     """
     with answering_study_errors():
-        right = await progress.lobby.store.write(lambda: progress.answer(name, player, given.answers))
+        right = await progress.lobby.store.write(
+            lambda: progress.answer(name, player, given.answers)
+        )
     questions = progress.study(name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
     return {**await _present_state(request, name), "right": right, "why": why}
 
 
 @router.post("/{name}/next", summary="Begin the next episode")
-async def begin_next(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
+async def begin_next(
+    request: Request, progress: ProgressOf, player: Player, name: Name
+) -> dict[str, Any]:
     """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
     with answering_study_errors():
         await progress.begin_next(name, player)
@@ -230,7 +272,9 @@ async def begin_next(request: Request, progress: ProgressOf, player: Player, nam
 
 
 @router.post("/{name}/give-up", summary="Give the running episode up")
-async def abandon(request: Request, progress: ProgressOf, player: Player, name: Name, given: AbandonEpisode) -> dict[str, Any]:
+async def abandon(
+    request: Request, progress: ProgressOf, player: Player, name: Name, given: AbandonEpisode
+) -> dict[str, Any]:
     """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
     with answering_study_errors():
         await progress.abandon(name, player, given.episode, given.step)
@@ -249,7 +293,9 @@ async def settings(
 
 
 @router.post("/{name}/supervise", summary="The operator's code")
-async def supervise(request: Request, progress: ProgressOf, player: Player, name: Name, typed: OperatorCode) -> dict[str, Any]:
+async def supervise(
+    request: Request, progress: ProgressOf, player: Player, name: Name, typed: OperatorCode
+) -> dict[str, Any]:
     """Check the operator's code of the day, which `marsexplorer study supervise` prints: the session is supervised from now.
 
     A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
@@ -260,7 +306,9 @@ async def supervise(request: Request, progress: ProgressOf, player: Player, name
 
 
 @router.post("/{name}/withdraw", summary="Leave the study")
-async def withdraw(request: Request, progress: ProgressOf, player: Player, name: Name) -> dict[str, Any]:
+async def withdraw(
+    request: Request, progress: ProgressOf, player: Player, name: Name
+) -> dict[str, Any]:
     """Withdraw and abandon the running episode; `note` says what is kept and how to have it erased."""
     with answering_study_errors():
         await progress.withdraw(name, player)
@@ -269,7 +317,12 @@ async def withdraw(request: Request, progress: ProgressOf, player: Player, name:
 
 @router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")
 async def debrief(
-    request: Request, progress: ProgressOf, player: Player, name: Name, index: Index, phase: Shown = "warm_up"
+    request: Request,
+    progress: ProgressOf,
+    player: Player,
+    name: Name,
+    index: Index,
+    phase: Shown = "warm_up",
 ) -> dict[str, Any]:
     """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
 
@@ -277,13 +330,20 @@ async def debrief(
     """
     study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
     with answering_study_errors():
-        replays: dict[str, Any] = await services_of(request).debriefs.replays(study, trials, phase, index)
+        replays: dict[str, Any] = await services_of(request).debriefs.replays(
+            study, trials, phase, index
+        )
     return replays
 
 
 @router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a terrain")
 async def debrief_regret(
-    request: Request, progress: ProgressOf, player: Player, name: Name, index: Index, phase: Shown = "warm_up"
+    request: Request,
+    progress: ProgressOf,
+    player: Player,
+    name: Name,
+    index: Index,
+    phase: Shown = "warm_up",
 ) -> dict[str, Any]:
     """Return the biggest losses of your own episode, once you are at the debrief; of a ranked one once the study is closed."""
     study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
@@ -294,7 +354,9 @@ async def debrief_regret(
     return {"policy": POLICY, **await regret_of(request, record)}
 
 
-def _at_debrief(progress: ParticipantProgress, player: str | None, name: str) -> tuple[Study, list[TrialRow]]:
+def _at_debrief(
+    progress: ParticipantProgress, player: str | None, name: str
+) -> tuple[Study, list[TrialRow]]:
     """Return a participant's study and trials, once they are at the debrief."""
     with answering_study_errors():
         study, participant = progress.study(name), progress.participant(name, player)

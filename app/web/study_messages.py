@@ -12,9 +12,13 @@ from app.play.messages import Message
 class Join(Message):
     """Who joins: what the link that brought them holds, and the name of the script if it is no person."""
 
-    outside_ids: dict[str, Annotated[str, Field(max_length=200)]] = Field(default_factory=dict, max_length=50)
+    outside_ids: dict[str, Annotated[str, Field(max_length=200)]] = Field(
+        default_factory=dict, max_length=50
+    )
     script: Annotated[str, Field(min_length=1, max_length=80)] | None = Field(
-        default=None, description='what plays, for example "noisy-frontier"; a script for ever', examples=[None]
+        default=None,
+        description='what plays, for example "noisy-frontier"; a script for ever',
+        examples=[None],
     )
     invitation: Annotated[str, Field(max_length=100)] | None = Field(
         default=None, description="the token of the link, in a study by invitation", examples=[None]
@@ -58,7 +62,10 @@ class ParticipantSettings(Message):
 
     modality: Literal["keyboard", "touch"] | None = None
     palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
-    keys: dict[Literal["north", "east", "south", "west"], list[Annotated[str, Field(max_length=64)]]] | None = None
+    keys: (
+        dict[Literal["north", "east", "south", "west"], list[Annotated[str, Field(max_length=64)]]]
+        | None
+    ) = None
 
     @field_validator("keys")
     @classmethod

@@ -26,4 +26,6 @@ def root_of(connection: HTTPConnection) -> str:
 def path_of(connection: HTTPConnection) -> str:
     """Return the path that was asked for, below the app's own prefix."""
     scope = connection.scope
-    return str(scope["path"]).removeprefix(str(scope.get("app_root_path", scope.get("root_path", ""))))
+    return str(scope["path"]).removeprefix(
+        str(scope.get("app_root_path", scope.get("root_path", "")))
+    )

@@ -19,7 +19,9 @@ router = APIRouter(include_in_schema=False)
 async def newest_client(request: Request) -> Response:
     """Send a browser to the client's address of this version, where it keeps it for as long as it likes."""
     query = f"?{request.url.query}" if request.url.query else ""
-    return RedirectResponse(f"{services_of(request).viewer.page.version}/{query}", 307, {"Cache-Control": "no-cache"})
+    return RedirectResponse(
+        f"{services_of(request).viewer.page.version}/{query}", 307, {"Cache-Control": "no-cache"}
+    )
 
 
 @router.get("/viewer/client/{version}/")
@@ -49,7 +51,9 @@ def client_response(request: Request, page: ClientPage, cache_control: str) -> R
     if request.headers.get("if-none-match") == page.etag:
         return Response(status_code=304, headers=headers)
     if "gzip" in request.headers.get("accept-encoding", ""):
-        return Response(page.zipped, media_type="text/html", headers={**headers, "Content-Encoding": "gzip"})
+        return Response(
+            page.zipped, media_type="text/html", headers={**headers, "Content-Encoding": "gzip"}
+        )
     return Response(page.html, media_type="text/html", headers=headers)
 
 
@@ -62,4 +66,6 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         await websocket.accept()
         await websocket.close(UNKNOWN_SESSION, "unknown session")
         return
-    await services_of(websocket).viewer.serve(websocket, session, ViewOptions.from_query(websocket.query_params))
+    await services_of(websocket).viewer.serve(
+        websocket, session, ViewOptions.from_query(websocket.query_params)
+    )

@@ -54,7 +54,9 @@ async def watch_page(request: Request, watch_id: str) -> Response:
 async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
     """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
     await websocket.accept()
-    sender = asyncio.create_task(_send(websocket, services_of(websocket).spectators.messages(watch_id, player_of(websocket))))
+    sender = asyncio.create_task(
+        _send(websocket, services_of(websocket).spectators.messages(watch_id, player_of(websocket)))
+    )
     try:
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass

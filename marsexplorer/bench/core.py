@@ -81,7 +81,9 @@ def play(worlds: Worlds, moves: NDArray[np.int64]) -> None:
         step(row)
 
 
-def steps_per_cpu_second(config: EnvConfig, num: int, steps: int = STEPS, blind: bool = False, repeats: int = 3) -> float:
+def steps_per_cpu_second(
+    config: EnvConfig, num: int, steps: int = STEPS, blind: bool = False, repeats: int = 3
+) -> float:
     """Return the rate of a stack with reset, terrain and observation codes included; `steps` moves a repeat in all."""
     rounds = max(ROUNDS, min(steps // num, 200_000))
     moves = moves_of(config, num, rounds, blind)
@@ -119,14 +121,21 @@ def gymnasium_rate(observation: str, steps: int = 100_000, repeats: int = 3) -> 
     return median(rates)
 
 
-def vector_share(num: int = 1024, blind: bool = False, rounds: int = ROUNDS, repeats: int = 5) -> tuple[float, float]:
+def vector_share(
+    num: int = 1024, blind: bool = False, rounds: int = ROUNDS, repeats: int = 5
+) -> tuple[float, float]:
     """Return steps per CPU second through gymnasium.make_vec, uint8 codes, and the share of the bare stack's in the same run.
 
     Both make the same moves in turn, 21x21.
     """
     import gymnasium
 
-    moves, worlds, shares, rates = moves_of(EnvConfig(), num, rounds, blind), started(EnvConfig(), num), [], []
+    moves, worlds, shares, rates = (
+        moves_of(EnvConfig(), num, rounds, blind),
+        started(EnvConfig(), num),
+        [],
+        [],
+    )
     envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
     for _ in range(repeats):
         worlds.start(np.arange(num))
@@ -148,7 +157,10 @@ def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple
 
     Each thread has worlds of its own. The second number is 1 on an idle machine; well below, the first says little.
     """
-    moves, stacks = moves_of(EnvConfig(), num, rounds), [started(EnvConfig(), num) for _ in range(2)]
+    moves, stacks = (
+        moves_of(EnvConfig(), num, rounds),
+        [started(EnvConfig(), num) for _ in range(2)],
+    )
     ratios, shares = [], []
     for _ in range(repeats):
         for worlds in stacks:
@@ -177,7 +189,9 @@ def shared_step_ratio(num: int = 8192, rounds: int = 120, repeats: int = 7) -> t
 
     moves = moves_of(EnvConfig(), num, rounds)
     stacks = [
-        gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8", num_threads=count)
+        gymnasium.make_vec(
+            "MarsExplorer-v0", num, "vector_entry_point", observation="uint8", num_threads=count
+        )
         for count in (1, 2)
     ]
     ratios, costs = [], []
@@ -206,13 +220,22 @@ def bytes_of_a_world(config: EnvConfig) -> float:
 def stack(num: int, side: int, steps: int, repeats: int) -> Figure:
     """Return the rate of `num` worlds of level random, `side` cells a side."""
     rate = steps_per_cpu_second(EnvConfig.of("random", side), num, steps, repeats=repeats)
-    return Figure("core", f"{num:,}", rate, "steps/CPU s", f"{side}x{side}", TARGETS.get((num, side)))
+    return Figure(
+        "core", f"{num:,}", rate, "steps/CPU s", f"{side}x{side}", TARGETS.get((num, side))
+    )
 
 
 def blind(steps: int, repeats: int) -> Figure:
     """Return the rate of blind random moves."""
     rate = steps_per_cpu_second(EnvConfig(), 1024, steps, blind=True, repeats=repeats)
-    return Figure("core", "1,024, blind moves", rate, "steps/CPU s", "21x21", note="an episode ends after about four moves")
+    return Figure(
+        "core",
+        "1,024, blind moves",
+        rate,
+        "steps/CPU s",
+        "21x21",
+        note="an episode ends after about four moves",
+    )
 
 
 def made(observation: str, steps: int, repeats: int) -> Figure:
@@ -224,33 +247,50 @@ def made(observation: str, steps: int, repeats: int) -> Figure:
 
 def made_vector(is_blind: bool, repeats: int) -> Figure:
     """Return the rate through gymnasium.make_vec, with the share of the bare stack's rate as its note."""
-    rate, share = vector_share(blind=is_blind, rounds=ROUNDS // 3 if is_blind else ROUNDS, repeats=repeats)
+    rate, share = vector_share(
+        blind=is_blind, rounds=ROUNDS // 3 if is_blind else ROUNDS, repeats=repeats
+    )
     name = "gymnasium.make_vec, 1,024, uint8" + (", blind moves" if is_blind else "")
     note = f"{share:.2f} of the bare stack in the same run"
-    return Figure("gymnasium", name, rate, "steps/CPU s", target=2.5e6 if is_blind else None, note=note)
+    return Figure(
+        "gymnasium", name, rate, "steps/CPU s", target=2.5e6 if is_blind else None, note=note
+    )
 
 
 def threads(repeats: int) -> Figure:
     """Return what a second thread brings, with a note on how idle the machine was."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     others = os.getloadavg()[0] - 1 if hasattr(os, "getloadavg") else 0.0
     ratio, share = threads_ratio(repeats=repeats)
     busy = share < 0.95 or others > 0.5
     note = f"{cores} cores, {'BUSY: measure again when idle' if busy else 'idle'}"
-    return Figure("threads", "two threads over one, 8,192 worlds each", ratio, "times", target=1.6, note=note)
+    return Figure(
+        "threads", "two threads over one, 8,192 worlds each", ratio, "times", target=1.6, note=note
+    )
 
 
 def shared_step(repeats: int) -> Figure:
     """Return what num_threads=2 brings, which says little unless two cores are idle."""
     ratio, cost = shared_step_ratio(repeats=repeats)
     note = f"{cost:.2f} of the CPU time; two idle cores are needed"
-    return Figure("threads", "make_vec, 8,192, num_threads=2 over 1", ratio, "times", target=1.7, note=note)
+    return Figure(
+        "threads", "make_vec, 8,192, num_threads=2 over 1", ratio, "times", target=1.7, note=note
+    )
 
 
 def memory(side: int) -> Figure:
     """Return the bytes a world takes without its observation."""
     taken, limit = bytes_of_a_world(EnvConfig.of("random", side)), 1500.0 if side == 21 else None
-    return Figure("memory", f"a world at {side}x{side}, without its observation", taken, "bytes", target=limit, at_most=True)
+    return Figure(
+        "memory",
+        f"a world at {side}x{side}, without its observation",
+        taken,
+        "bytes",
+        target=limit,
+        at_most=True,
+    )
 
 
 def measures(quick: bool = False) -> list[Callable[[], Figure]]:

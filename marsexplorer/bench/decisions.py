@@ -56,10 +56,14 @@ def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
 def decide(name: str, side: int) -> list[Figure]:
     """Return the figures of one policy on level random, `side` cells a side."""
     config, at = EnvConfig.of("random", side), f"{side}x{side}"
-    figures = [Figure("decisions", f"{name}, a move alone, {at}", time_alone(name, config), "CPU ms")]
+    figures = [
+        Figure("decisions", f"{name}, a move alone, {at}", time_alone(name, config), "CPU ms")
+    ]
     in_stack = time_in_stack(name, config)
     if in_stack is not None:
-        figures.append(Figure("decisions", f"{name}, a move of {STACK} together, {at}", in_stack, "CPU ms"))
+        figures.append(
+            Figure("decisions", f"{name}, a move of {STACK} together, {at}", in_stack, "CPU ms")
+        )
     return figures
 
 

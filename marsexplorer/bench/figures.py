@@ -35,7 +35,11 @@ class Figure:
         """Return `reached`, `missed`, or nothing where there is no target or no value."""
         if self.target is None or self.value is None:
             return ""
-        return "reached" if (self.value <= self.target if self.at_most else self.value >= self.target) else "missed"
+        return (
+            "reached"
+            if (self.value <= self.target if self.at_most else self.value >= self.target)
+            else "missed"
+        )
 
 
 def to_json(figures: Iterable[Figure]) -> str:

@@ -106,7 +106,11 @@ def pufferlib(module: str, name: str, num_envs: int) -> Callable[[], int]:
 
     envs = getattr(import_module(module), name)(num_envs=num_envs)
     envs.reset()
-    moves = np.random.default_rng(0).integers(0, envs.single_action_space.n, (20, envs.num_agents)).astype(np.int32)
+    moves = (
+        np.random.default_rng(0)
+        .integers(0, envs.single_action_space.n, (20, envs.num_agents))
+        .astype(np.int32)
+    )
 
     def play_some() -> int:
         for row in moves:
@@ -142,22 +146,50 @@ PEERS = (
     Peer("MiniGrid FourRooms", "minigrid", "minigrid", minigrid),
     Peer("Crafter", "crafter", "crafter", crafter),
     Peer("EnvPool FrozenLake, 1,024", "envpool", "envpool", envpool),
-    Peer("PufferLib snake, 4,096", "pufferlib", "pufferlib", lambda: pufferlib("pufferlib.ocean.snake.snake", "Snake", 16)),
-    Peer("PufferLib grid, 1,024", "pufferlib", "pufferlib", lambda: pufferlib("pufferlib.ocean.grid.grid", "Grid", 1024)),
+    Peer(
+        "PufferLib snake, 4,096",
+        "pufferlib",
+        "pufferlib",
+        lambda: pufferlib("pufferlib.ocean.snake.snake", "Snake", 16),
+    ),
+    Peer(
+        "PufferLib grid, 1,024",
+        "pufferlib",
+        "pufferlib",
+        lambda: pufferlib("pufferlib.ocean.grid.grid", "Grid", 1024),
+    ),
 )
 
 
 def measure(peer: Peer, seconds: float) -> Figure:
     """Return a peer's steps per CPU second; one that is not installed says how to install it, one that fails says why."""
     if find_spec(peer.module) is None:
-        return Figure("peers", peer.name, None, "steps/CPU s", note=f"not installed: pip install {peer.package}")
-    command = [sys.executable, "-W", "ignore", "-m", "marsexplorer.bench.peers", peer.name, str(seconds)]
+        return Figure(
+            "peers",
+            peer.name,
+            None,
+            "steps/CPU s",
+            note=f"not installed: pip install {peer.package}",
+        )
+    command = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-m",
+        "marsexplorer.bench.peers",
+        peer.name,
+        str(seconds),
+    ]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=PATIENCE_S, check=True
+        )
         steps, spent = done.stdout.split()[-2:]
         return Figure("peers", peer.name, int(steps) / float(spent), "steps/CPU s")
     except subprocess.TimeoutExpired:
-        return Figure("peers", peer.name, None, "steps/CPU s", note=f"did not end within {PATIENCE_S:.0f} s")
+        return Figure(
+            "peers", peer.name, None, "steps/CPU s", note=f"did not end within {PATIENCE_S:.0f} s"
+        )
     except subprocess.CalledProcessError as error:
         said = (error.stderr.strip().splitlines() or ["it said nothing"])[-1]
         return Figure("peers", peer.name, None, "steps/CPU s", note=f"failed: {said[:100]}")

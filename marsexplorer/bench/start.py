@@ -36,7 +36,9 @@ COLD_S, WARM_S = 8.0, 1.0
 def seconds(code: str, cache: str) -> tuple[float, float]:
     """Return (CPU, wall) seconds of a fresh process that keeps what it compiles in the folder `cache`."""
     env = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONWARNINGS": "ignore"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
     worked, wall = done.stdout.split()
     return float(worked), float(wall)
 
@@ -51,8 +53,13 @@ def first_steps(quick: bool = False) -> list[Figure]:
         with tempfile.TemporaryDirectory() as cache:
             cold = seconds(code, cache)
             warm = sorted(seconds(code, cache) for _ in range(1 if quick else 3))
-        for state, target, (worked, wall) in (("cold", COLD_S, cold), ("warm", WARM_S, warm[len(warm) // 2])):
+        for state, target, (worked, wall) in (
+            ("cold", COLD_S, cold),
+            ("warm", WARM_S, warm[len(warm) // 2]),
+        ):
             note = f"{wall:.2f} s by the clock"
             what = f"import to first step, {name}, {state}"
-            figures.append(Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note))
+            figures.append(
+                Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note)
+            )
     return figures

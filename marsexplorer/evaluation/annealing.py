@@ -17,7 +17,14 @@ from __future__ import annotations
 import numpy as np
 
 from marsexplorer.compiled import kernel
-from marsexplorer.evaluation.tours import FIRST_ACTION, INFINITE, change_tour, copy_tour, count_covered, step_toward
+from marsexplorer.evaluation.tours import (
+    FIRST_ACTION,
+    INFINITE,
+    change_tour,
+    copy_tour,
+    count_covered,
+    step_toward,
+)
 from marsexplorer.random_numbers import uniform
 
 MISSING_CELL_COST = 1.5
@@ -57,7 +64,11 @@ def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, 
     # 1. Count the viewpoints that both tours have in common at the beginning, and at the end.
     fewest = min(count, new_count)
     first = 0
-    while first < fewest and points[0, first] == points[1, first] and tie_breaks[0, first] == tie_breaks[1, first]:
+    while (
+        first < fewest
+        and points[0, first] == points[1, first]
+        and tie_breaks[0, first] == tie_breaks[1, first]
+    ):
         first += 1
     same = 0
     while same < fewest - first:
@@ -74,7 +85,9 @@ def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, 
     longer = 0
     end = first
     while end < new_count and not (end > new_count - same and last == lasts[end - 1 - shift]):
-        length, last = walk_leg(cell, points[1, end], tie_breaks[1, end], last, known, proposed[2][end])
+        length, last = walk_leg(
+            cell, points[1, end], tie_breaks[1, end], last, known, proposed[2][end]
+        )
         proposed[0][end], proposed[1][end] = length, last
         cell = points[1, end]
         longer += length
@@ -155,11 +168,15 @@ def anneal(start, target, schedule, known, free, cells, tours, legs, proposed, c
         temperature *= cooling
         # 2. Propose a changed copy of the present tour and work out its cost.
         copy_tour(points, tie_breaks, 0, 1, count)
-        new_count = change_tour(start, points[1], tie_breaks[1], count, covered[0], known, free, cells, state)
+        new_count = change_tour(
+            start, points[1], tie_breaks[1], count, covered[0], known, free, cells, state
+        )
         if new_count < 0:
             continue
         counts = (count, new_count)
-        first, end, longer = walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, covered[1])
+        first, end, longer = walk_changed_legs(
+            start, points, tie_breaks, counts, known, legs, proposed, covered[1]
+        )
         new_length = length + longer
         missing = max(0, target - count_covered(covered[1]))
         new_cost = new_length + MISSING_CELL_COST * missing

@@ -18,7 +18,11 @@ MIN_RUNNING_SHARE = 0.8
 
 
 def play_branches(
-    config: EnvConfig, net: ActionScorer, worlds: Snapshot, actions: NDArray[np.int64], limits: NDArray[np.int64]
+    config: EnvConfig,
+    net: ActionScorer,
+    worlds: Snapshot,
+    actions: NDArray[np.int64],
+    limits: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Return the moves of whole episodes in which `actions` are taken in the worlds of a snapshot and the policy goes on.
 
@@ -37,7 +41,10 @@ def play_branches(
         finished = (branches >= 0) & (~rollouts.running | (steps >= limits[branches]))
         lengths[branches[finished]] = steps[finished]
         branches[finished] = -1
-        if started == num_branches and (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds:
+        if (
+            started == num_branches
+            and (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds
+        ):
             kept = np.flatnonzero(branches >= 0)
             if not len(kept):
                 return lengths

@@ -41,7 +41,9 @@ def session(address: str, workers: int | None = None) -> Iterator[Any]:
     try:
         ray: Any = import_module("ray")
     except ImportError as error:
-        raise ClusterError("ray is not installed; install it with: pip install 'marsexplorer-playground[ray]'") from error
+        raise ClusterError(
+            "ray is not installed; install it with: pip install 'marsexplorer-playground[ray]'"
+        ) from error
     is_ours = not ray.is_initialized()
     if is_ours:
         _check_reachable(address)
@@ -58,7 +60,9 @@ def session(address: str, workers: int | None = None) -> Iterator[Any]:
 
 
 def _no_cluster(address: str) -> ClusterError:
-    return ClusterError(f"no Ray cluster answers at {address}; start one with `ray start --head`, or say {LOCAL}")
+    return ClusterError(
+        f"no Ray cluster answers at {address}; start one with `ray start --head`, or say {LOCAL}"
+    )
 
 
 def _check_reachable(address: str) -> None:
@@ -67,7 +71,9 @@ def _check_reachable(address: str) -> None:
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
-        raise ClusterError(f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}")
+        raise ClusterError(
+            f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}"
+        )
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:
@@ -78,14 +84,18 @@ def play_chunks_on_ray(chunks: Sequence[EpisodeChunk], address: str) -> Iterator
     """Yield the results chunk by chunk, in any order, as `episodes.play_chunks` does."""
     with session(address) as ray:
         task = ray.remote(_play_remotely)
-        files = {chunk.policy: Path(chunk.policy) for chunk in chunks if Path(chunk.policy).is_file()}
+        files = {
+            chunk.policy: Path(chunk.policy) for chunk in chunks if Path(chunk.policy).is_file()
+        }
         stored = {name: ray.put(path.read_bytes()) for name, path in files.items()}
         pending = [task.remote(chunk, stored.get(chunk.policy)) for chunk in chunks]
         while pending:
             ready, pending = ray.wait(pending)
             version, results = ray.get(ready[0])
             if version != CORE_VERSION:
-                raise ClusterError(f"a machine of the cluster has core version {version}, this one has {CORE_VERSION}")
+                raise ClusterError(
+                    f"a machine of the cluster has core version {version}, this one has {CORE_VERSION}"
+                )
             yield results
 
 

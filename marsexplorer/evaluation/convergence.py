@@ -41,7 +41,9 @@ def measure(config: EnvConfig, seeds: Sequence[int], changes: int, searches: int
         terrain = Episode.begin(config, seed=seed).terrain
         paths = informed_paths(config, terrain, seed, AnnealingConfig(changes, searches))
         lengths.append([len(path) - 1 for path in paths])
-    return Convergence(changes, np.array(lengths), (time.process_time() - began) / (len(seeds) * searches))
+    return Convergence(
+        changes, np.array(lengths), (time.process_time() - began) / (len(seeds) * searches)
+    )
 
 
 def row_of(found: Convergence, before: Convergence | None) -> str:
@@ -55,13 +57,33 @@ def row_of(found: Convergence, before: Convergence | None) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each budget as soon as it is measured."""
-    parser = argparse.ArgumentParser(prog="python -m marsexplorer.evaluation.convergence", description=__doc__)
-    parser.add_argument("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2 (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="python -m marsexplorer.evaluation.convergence", description=__doc__
+    )
+    parser.add_argument(
+        "--level",
+        default="random",
+        help="random, or t-m-b from 1-1-1 to 3-2-2 (default: %(default)s)",
+    )
     parser.add_argument("--size", type=int, default=42, help="cells a side (default: %(default)s)")
-    parser.add_argument("--episodes", type=int, default=8, help="terrains, at least 2 (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1_000_000_000, help="of the first terrain (default: %(default)s)")
-    parser.add_argument("--searches", type=int, default=3, help="seeds of the search for each terrain (default: %(default)s)")
-    parser.add_argument("--changes", type=int, nargs="+", default=[300_000, 600_000], help="budgets, one line each")
+    parser.add_argument(
+        "--episodes", type=int, default=8, help="terrains, at least 2 (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=1_000_000_000,
+        help="of the first terrain (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--searches",
+        type=int,
+        default=3,
+        help="seeds of the search for each terrain (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--changes", type=int, nargs="+", default=[300_000, 600_000], help="budgets, one line each"
+    )
     given = parser.parse_args(arguments)
     if given.episodes < 2 or given.searches < 1 or min(given.changes) < 1:
         parser.error("expected at least 2 episodes, 1 search and 1 change")
@@ -70,11 +92,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         check_size(config)
     except ValueError as error:
         parser.error(str(error))
-    measure(EnvConfig.of("random", 9), [0], 10, 1)  # compiles the search, which is no part of its time
-    print("| changes | mean of each search | best search | change of the mean | CPU s a search |\n|---|---|---|---|---|")
+    measure(
+        EnvConfig.of("random", 9), [0], 10, 1
+    )  # compiles the search, which is no part of its time
+    print(
+        "| changes | mean of each search | best search | change of the mean | CPU s a search |\n|---|---|---|---|---|"
+    )
     before = None
     for changes in given.changes:
-        found = measure(config, range(given.seed, given.seed + given.episodes), changes, given.searches)
+        found = measure(
+            config, range(given.seed, given.seed + given.episodes), changes, given.searches
+        )
         print(row_of(found, before))
         sys.stdout.flush()
         before = found

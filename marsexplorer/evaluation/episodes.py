@@ -111,7 +111,11 @@ def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int
 def play_chunk(chunk: EpisodeChunk) -> list[Result]:
     """Play the episodes of a chunk and return their results in the order of its seeds."""
     results = []
-    policy = None if chunk.policy == INFORMED else policy_files.load(chunk.policy, chunk.config.sensor_radius)
+    policy = (
+        None
+        if chunk.policy == INFORMED
+        else policy_files.load(chunk.policy, chunk.config.sensor_radius)
+    )
     for seed in chunk.seeds:
         if policy is None:
             episode = Episode.begin(chunk.config, seed=seed)
@@ -170,7 +174,11 @@ def _trace(episode: Episode) -> EpisodeTrace:
     path = (row * episode.config.cols + col for row, col in episode.path)
     obstacles = np.flatnonzero(episode.codes == OBSTACLE).tolist()
     return EpisodeTrace(
-        tuple(episode.discoveries), tuple(path), tuple(obstacles), tuple(episode.actions), episode.record().trajectory_hash
+        tuple(episode.discoveries),
+        tuple(path),
+        tuple(obstacles),
+        tuple(episode.actions),
+        episode.record().trajectory_hash,
     )
 
 
@@ -183,7 +191,8 @@ def make_chunks(
         for name in policies:
             size = 1 if name == INFORMED else EPISODES_PER_CHUNK
             chunks += [
-                EpisodeChunk(name, config, tuple(seeds[start : start + size]), traces) for start in range(0, len(seeds), size)
+                EpisodeChunk(name, config, tuple(seeds[start : start + size]), traces)
+                for start in range(0, len(seeds), size)
             ]
     return chunks
 
@@ -199,7 +208,9 @@ def play_chunks(chunks: Sequence[EpisodeChunk], workers: int | None) -> Iterator
     workers  processes; None takes one for each core, and this process alone for MAX_INLINE_EPISODES or fewer
     """
     processes = min(workers or cores(), len(chunks))
-    if processes == 1 or (workers is None and sum(len(chunk.seeds) for chunk in chunks) <= MAX_INLINE_EPISODES):
+    if processes == 1 or (
+        workers is None and sum(len(chunk.seeds) for chunk in chunks) <= MAX_INLINE_EPISODES
+    ):
         yield from map(play_chunk, chunks)
         return
     with ExitStack() as stack:
@@ -207,7 +218,10 @@ def play_chunks(chunks: Sequence[EpisodeChunk], workers: int | None) -> Iterator
         pool = stack.enter_context(ProcessPoolExecutor(processes, spawn, one_thread))
         stack.callback(pool.shutdown, cancel_futures=True)
         remaining = iter(chunks)
-        pending = {pool.submit(play_chunk, chunk) for chunk in islice(remaining, QUEUED_CHUNKS_PER_PROCESS * processes)}
+        pending = {
+            pool.submit(play_chunk, chunk)
+            for chunk in islice(remaining, QUEUED_CHUNKS_PER_PROCESS * processes)
+        }
         while pending:
             done, pending = wait(pending, return_when=FIRST_COMPLETED)
             pending |= {pool.submit(play_chunk, chunk) for chunk in islice(remaining, len(done))}

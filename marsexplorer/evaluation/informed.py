@@ -47,13 +47,17 @@ class AnnealingConfig:
 def check_size(config: EnvConfig) -> None:
     """Raise ValueError when the grid is too large for the search."""
     if config.n > MAX_CELLS:
-        raise ValueError(f"the informed planner takes grids of up to {MAX_CELLS} cells, got {config.rows}x{config.cols}")
+        raise ValueError(
+            f"the informed planner takes grids of up to {MAX_CELLS} cells, got {config.rows}x{config.cols}"
+        )
 
 
 class KnownTerrain:
     """A terrain whose map is known: neighbours, distances and views of its cells, as `tours` describes them."""
 
-    def __init__(self, config: EnvConfig, terrain: NDArray[np.bool_], start: tuple[int, int] = (0, 0)) -> None:
+    def __init__(
+        self, config: EnvConfig, terrain: NDArray[np.bool_], start: tuple[int, int] = (0, 0)
+    ) -> None:
         check_size(config)
         self.start = start[0] * config.cols + start[1]
         self.target = fewest_cells(cells_that_count(config, terrain, start), config.beta)
@@ -85,35 +89,63 @@ def informed_actions(
 
     ValueError when no walk was found: on a solvable terrain that takes a budget of very few changes.
     """
-    displacements = np.diff(min(informed_paths(config, terrain, seed, annealing or AnnealingConfig(), start), key=len))
+    displacements = np.diff(
+        min(informed_paths(config, terrain, seed, annealing or AnnealingConfig(), start), key=len)
+    )
     actions = {-config.cols: 0, 1: 1, config.cols: 2, -1: 3}
     return bytes(actions[int(displacement)] for displacement in displacements)
 
 
 def informed_paths(
-    config: EnvConfig, terrain: NDArray[np.bool_], seed: int, annealing: AnnealingConfig, start: tuple[int, int] = (0, 0)
+    config: EnvConfig,
+    terrain: NDArray[np.bool_],
+    seed: int,
+    annealing: AnnealingConfig,
+    start: tuple[int, int] = (0, 0),
 ) -> list[NDArray[np.int32]]:
     """Return the cells of the best walk of each annealing that found one; the arguments and errors are as above."""
     known = KnownTerrain(config, np.ascontiguousarray(terrain), start)
-    paths = [_anneal_path(config, known, mix(seed ^ mix(run)), annealing) for run in range(annealing.runs)]
+    paths = [
+        _anneal_path(config, known, mix(seed ^ mix(run)), annealing)
+        for run in range(annealing.runs)
+    ]
     found = [path for path in paths if path is not None]
     if not found:
-        raise ValueError(f"no walk found in {annealing.runs} x {annealing.changes} changes; give the search more")
+        raise ValueError(
+            f"no walk found in {annealing.runs} x {annealing.changes} changes; give the search more"
+        )
     return found
 
 
-def _anneal_path(config: EnvConfig, known: KnownTerrain, seed: int, annealing: AnnealingConfig) -> NDArray[np.int32] | None:
+def _anneal_path(
+    config: EnvConfig, known: KnownTerrain, seed: int, annealing: AnnealingConfig
+) -> NDArray[np.int32] | None:
     """Return the cells of one annealing's best walk up to where the target is reached, or None when it never is."""
     start, capacity = known.start, 32 + config.n // 8
     points, tie_breaks = np.zeros((3, capacity), np.int32), np.zeros((3, capacity), np.int8)
-    shown, around = np.zeros((2, capacity, known.words), np.uint64), np.zeros((2, capacity + 1, known.words), np.uint64)
+    shown, around = (
+        np.zeros((2, capacity, known.words), np.uint64),
+        np.zeros((2, capacity + 1, known.words), np.uint64),
+    )
     moves, last = np.zeros((2, 2, capacity), np.int64)
     covered, path = np.zeros((2, known.words), np.uint64), np.zeros(8 * config.n, np.int32)
     schedule = (annealing.changes, annealing.initial_temperature, annealing.final_temperature)
     state = np.array([seed], np.uint64)
     legs, proposed = (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
     tours = points, tie_breaks
-    count = anneal(start, known.target, schedule, known.arrays, known.free, config.n, tours, legs, proposed, covered, state)
+    count = anneal(
+        start,
+        known.target,
+        schedule,
+        known.arrays,
+        known.free,
+        config.n,
+        tours,
+        legs,
+        proposed,
+        covered,
+        state,
+    )
     if count < 0:
         return None
     length = walk_tour(start, points[2], tie_breaks[2], count, known.arrays, covered[0], path)

@@ -56,7 +56,9 @@ class Loss:
     kind: LossKind | None
 
 
-def classify_losses(record: Record, lengths: NDArray[np.int64]) -> tuple[NDArray[np.float64], tuple[LossKind | None, ...]]:
+def classify_losses(
+    record: Record, lengths: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], tuple[LossKind | None, ...]]:
     """Return the coverage before each move, float64[moves], and the kind of each move's loss.
 
     lengths  int64[moves, 4], of `regret.branch_lengths`
@@ -74,7 +76,9 @@ def classify_losses(record: Record, lengths: NDArray[np.int64]) -> tuple[NDArray
             elif coverage[step] >= LAST_CELLS:
                 kind = LossKind.LAST_CELLS
             else:
-                leaves = leaves_pocket(episode.codes, terrain, episode.position, towards, record.config.sensor_radius)
+                leaves = leaves_pocket(
+                    episode.codes, terrain, episode.position, towards, record.config.sensor_radius
+                )
                 kind = LossKind.HIDDEN_POCKET if leaves else LossKind.EARLY_DETOUR
         kinds.append(kind)
         episode.step(action)
@@ -98,7 +102,9 @@ def leaves_pocket(
         cells = np.argwhere(groups == number)
         if len(cells) > POCKET_CELLS or not (~terrain[tuple(cells.T)]).any():
             continue
-        before, made, best = (int(np.abs(cells - np.array(cell)).sum(1).min()) for cell in (position, *towards))
+        before, made, best = (
+            int(np.abs(cells - np.array(cell)).sum(1).min()) for cell in (position, *towards)
+        )
         if int(np.abs(cells - np.array(position)).max(1).min()) <= radius and best < before <= made:
             return True
     return False
@@ -113,4 +119,6 @@ def moved(position: tuple[int, int], action: int) -> tuple[int, int]:
 def is_blocked(terrain: NDArray[np.bool_], cell: tuple[int, int]) -> bool:
     """Return whether a cell is an obstacle or off the grid."""
     row, col = cell
-    return not (0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]) or bool(terrain[row, col])
+    return not (0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]) or bool(
+        terrain[row, col]
+    )

@@ -38,7 +38,9 @@ class MapResults:
         return result.steps_to_99 / found[0] if found else None
 
 
-def evaluate_on_maps(policies: Sequence[str], maps: Mapping[str, GridMap], seed: int = 0) -> list[MapResults]:
+def evaluate_on_maps(
+    policies: Sequence[str], maps: Mapping[str, GridMap], seed: int = 0
+) -> list[MapResults]:
     """Play policies on maps and return what they did, map by map.
 
     policies  names or paths; "informed" stands for the search that is shown the map
@@ -56,7 +58,11 @@ def evaluate_on_maps(policies: Sequence[str], maps: Mapping[str, GridMap], seed:
         else:
             policy_files.load(name)
     return [
-        MapResults(title, found.start, tuple(result_of(name, _play(name, found, seed), seed) for name in names))
+        MapResults(
+            title,
+            found.start,
+            tuple(result_of(name, _play(name, found, seed), seed) for name in names),
+        )
         for title, found in maps.items()
     ]
 
@@ -64,7 +70,12 @@ def evaluate_on_maps(policies: Sequence[str], maps: Mapping[str, GridMap], seed:
 def to_json(found: Sequence[MapResults]) -> str:
     """Return everything as JSON: core_version, and of each map its name, start and results."""
     maps = [
-        {"name": each.name, "start": each.start, "results": [_without_trace(one) for one in each.results]} for each in found
+        {
+            "name": each.name,
+            "start": each.start,
+            "results": [_without_trace(one) for one in each.results],
+        }
+        for each in found
     ]
     return json.dumps({"core_version": CORE_VERSION, "maps": maps}, indent=1)
 

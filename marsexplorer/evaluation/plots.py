@@ -19,7 +19,16 @@ from marsexplorer.evaluation.episodes import EpisodeTrace, Result
 from marsexplorer.evaluation.table import EvaluationTable
 from marsexplorer.files import replace_whole
 
-PLOT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+PLOT_COLOURS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#F0E442",
+    "#000000",
+)
 """Colours that colour-blind people can tell apart (Okabe and Ito)."""
 
 POLICY_LINE_STYLES = ("-", "--", "-.", ":")
@@ -30,7 +39,9 @@ SHOWN_SHARE = 0.99
 def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
     """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    figures = {f"coverage-{_place(config)}": coverage_figure(table, config) for config in table.configs}
+    figures = {
+        f"coverage-{_place(config)}": coverage_figure(table, config) for config in table.configs
+    }
     policies = dict.fromkeys(row.policy for row in table.rows)
     figures |= {f"heat-{Path(policy).stem}": heat_figure(table, policy) for policy in policies}
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
@@ -57,7 +68,10 @@ def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
         )
     axes.axhline(100 * config.beta, color="0.4", linewidth=0.8, linestyle=(0, (1, 2)))
     axes.set(xlabel="moves", ylabel="coverage (%)", xlim=(0, moves), ylim=(0, 101))
-    axes.set_title(f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile", fontsize=10)
+    axes.set_title(
+        f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile",
+        fontsize=10,
+    )
     axes.legend(loc="lower right", frameon=False)
     axes.grid(color="0.9")
     return figure
@@ -77,7 +91,10 @@ def heat_figure(table: EvaluationTable, policy: str) -> Figure:
     for axes in panels[len(configs) :]:
         axes.set_axis_off()
     count = len(table.seeds)
-    figure.suptitle(f"{Path(policy).stem}: blue visits, green obstacles found, {count} terrains each", fontsize=10)
+    figure.suptitle(
+        f"{Path(policy).stem}: blue visits, green obstacles found, {count} terrains each",
+        fontsize=10,
+    )
     return figure
 
 
@@ -99,7 +116,9 @@ def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.float64
     return curves
 
 
-def heat_maps(results: Sequence[Result], config: EnvConfig) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def heat_maps(
+    results: Sequence[Result], config: EnvConfig
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return (visits, obstacles), int64[rows, cols] each: moves that ended on a cell (the start counts once an episode), and
     episodes in which an obstacle was known there at the end."""
     visits, obstacles = np.zeros(config.n, np.int64), np.zeros(config.n, np.int64)
@@ -134,7 +153,11 @@ def _trace(result: Result) -> EpisodeTrace:
 
 
 def _results(table: EvaluationTable, config: EnvConfig, policy: str) -> list[Result]:
-    return [result for result in table.results if result.config_hash == config.hash and result.policy == policy]
+    return [
+        result
+        for result in table.results
+        if result.config_hash == config.hash and result.policy == policy
+    ]
 
 
 def _place(config: EnvConfig) -> str:

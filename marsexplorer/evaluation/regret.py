@@ -62,7 +62,9 @@ class EpisodeRegret:
     @cached_property
     def regret(self) -> NDArray[np.int64]:
         """int64[moves]."""
-        made: NDArray[np.int64] = self.lengths[np.arange(len(self.actions)), self.actions] - self.lengths.min(1, initial=2**31)
+        made: NDArray[np.int64] = self.lengths[
+            np.arange(len(self.actions)), self.actions
+        ] - self.lengths.min(1, initial=2**31)
         return made
 
     @cached_property

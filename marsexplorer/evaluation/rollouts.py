@@ -30,7 +30,9 @@ class ActionScorer(Protocol):
 
     sees_prices: bool
 
-    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[num, 4], values float32[num]) for what `FeatureExtractor` returns."""
 
 
@@ -66,11 +68,22 @@ class GreedyRollouts:
     """
 
     def __init__(
-        self, config: EnvConfig, num_worlds: int, sees_prices: bool = False, rules: Sequence[int] | None = None
+        self,
+        config: EnvConfig,
+        num_worlds: int,
+        sees_prices: bool = False,
+        rules: Sequence[int] | None = None,
     ) -> None:
-        self.config, self.num_worlds, self.sees_prices, self._rules = config, num_worlds, sees_prices, rules
+        self.config, self.num_worlds, self.sees_prices, self._rules = (
+            config,
+            num_worlds,
+            sees_prices,
+            rules,
+        )
         self.worlds = Worlds(config, num_worlds)
-        self._extractor = FeatureExtractor(num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices, rules)
+        self._extractor = FeatureExtractor(
+            num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices, rules
+        )
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
         self.memory: Snapshot = {
@@ -90,7 +103,9 @@ class GreedyRollouts:
     def decide(self, net: ActionScorer) -> Decisions:
         """Return the decisions for what the worlds show now; call it once for each step, as the guard remembers it."""
         memory, rovers, cells = self.memory, positions(self.worlds.scalars), self.mark_visited()
-        planes, moves = self._extractor(self.worlds.codes, cells, memory["visited"], memory["headings"])
+        planes, moves = self._extractor(
+            self.worlds.codes, cells, memory["visited"], memory["headings"]
+        )
         logits, _ = net.infer(planes, moves)
         actions = logits.argmax(1)
         guarded = self._update_guards(cells)
@@ -109,7 +124,9 @@ class GreedyRollouts:
         """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""
         memory, guarded = self.memory, np.zeros(self.num_worlds, np.bool_)
         known = np.count_nonzero(self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1)
-        update_guard(cells, known, memory["known_at"], memory["remaining"], memory["stuck_at"], guarded)
+        update_guard(
+            cells, known, memory["known_at"], memory["remaining"], memory["stuck_at"], guarded
+        )
         return guarded
 
     def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:
@@ -129,7 +146,10 @@ class GreedyRollouts:
 
     def snapshot(self, indices: NDArray[np.intp]) -> Snapshot:
         """Return copies of the worlds of these indices and of what is remembered of them."""
-        return {**self.worlds.take(indices), **{name: array[indices] for name, array in self.memory.items()}}
+        return {
+            **self.worlds.take(indices),
+            **{name: array[indices] for name, array in self.memory.items()},
+        }
 
     def restore(self, indices: NDArray[np.intp], snapshot: Snapshot) -> None:
         """Put the worlds of a snapshot in the places of these indices."""

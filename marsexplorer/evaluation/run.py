@@ -52,7 +52,10 @@ def evaluate(
                 check_size(config)
             else:
                 policy_files.load(name, config.sensor_radius)
-    chunks, total = make_chunks(names, configs, chosen_seeds, traces), len(names) * len(configs) * len(chosen_seeds)
+    chunks, total = (
+        make_chunks(names, configs, chosen_seeds, traces),
+        len(names) * len(configs) * len(chosen_seeds),
+    )
     if ray is not None:
         from marsexplorer.evaluation.cluster import play_chunks_on_ray
 

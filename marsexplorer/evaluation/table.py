@@ -88,14 +88,21 @@ class EvaluationTable:
     def compared(self, row: EvaluationRow, against: str) -> Comparison | None:
         """Return the comparison of a row's policy with "rule" or "informed", None when there is none."""
         key = (row.policy, row.level, row.rows, row.cols, against)
-        found = (each for each in self.comparisons if (each.policy, each.level, each.rows, each.cols, each.against) == key)
+        found = (
+            each
+            for each in self.comparisons
+            if (each.policy, each.level, each.rows, each.cols, each.against) == key
+        )
         return next(found, None)
 
     def to_json(self) -> str:
         """Return everything but the traces as JSON: core_version, configs, seeds, rows, comparisons, results."""
         document = {
             "core_version": CORE_VERSION,
-            "configs": [{**config.to_dict(), "hash": config.hash, "horizon": horizon(config)} for config in self.configs],
+            "configs": [
+                {**config.to_dict(), "hash": config.hash, "horizon": horizon(config)}
+                for config in self.configs
+            ],
             "seeds": list(self.seeds),
             "rows": [asdict(row) for row in self.rows],
             "comparisons": [asdict(comparison) for comparison in self.comparisons],
@@ -105,7 +112,14 @@ class EvaluationTable:
 
     def to_csv(self) -> str:
         """Return the rows as CSV, each with its comparisons beside it; a cell is empty where there is none."""
-        fields = ("reference", *(f"{what}_{end}" for what in ("difference", "ratio") for end in ("mean", "low", "high")))
+        fields = (
+            "reference",
+            *(
+                f"{what}_{end}"
+                for what in ("difference", "ratio")
+                for end in ("mean", "low", "high")
+            ),
+        )
         names = [
             *EvaluationRow.__dataclass_fields__,
             *(f"{against}_{name}" for against in ("rule", INFORMED) for name in fields),
@@ -123,22 +137,31 @@ class EvaluationTable:
 
 
 def tabulate(
-    configs: Sequence[EnvConfig], policies: Sequence[str], seeds: Sequence[int], results: Iterable[Result]
+    configs: Sequence[EnvConfig],
+    policies: Sequence[str],
+    seeds: Sequence[int],
+    results: Iterable[Result],
 ) -> EvaluationTable:
     """Return the table of results that came in any order: by configuration, policy and seed as given."""
     config_of = {config.hash: number for number, config in enumerate(configs)}
     policy_of = {name: number for number, name in enumerate(policies)}
     seed_of = {seed: number for number, seed in enumerate(seeds)}
-    ordered = sorted(results, key=lambda one: (config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]))
+    ordered = sorted(
+        results,
+        key=lambda one: (config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]),
+    )
     rows: list[EvaluationRow] = []
     comparisons: list[Comparison] = []
     for config in configs:
         by_policy = {
-            name: [one for one in ordered if one.config_hash == config.hash and one.policy == name] for name in policies
+            name: [one for one in ordered if one.config_hash == config.hash and one.policy == name]
+            for name in policies
         }
         rows += [summarize_policy(own) for own in by_policy.values()]
         comparisons += compare(by_policy)
-    return EvaluationTable(tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered))
+    return EvaluationTable(
+        tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered)
+    )
 
 
 def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
@@ -146,7 +169,9 @@ def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
     scores, steps, areas = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
     outcomes = [result.outcome for result in results]
     first = results[0]
-    (score_low, score_high), (steps_low, steps_high), (auc_low, auc_high) = map(_interval, (scores, steps, areas))
+    (score_low, score_high), (steps_low, steps_high), (auc_low, auc_high) = map(
+        _interval, (scores, steps, areas)
+    )
     return EvaluationRow(
         policy=first.policy,
         level=first.level,
@@ -174,8 +199,12 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
     by_policy   name -> results, all on the same seeds in the same order
     """
     steps = {name: _column(results, "steps_to_99") for name, results in by_policy.items()}
-    rules = sorted((name for name in RULES if name in steps), key=lambda name: float(steps[name].mean()))
-    references = [("rule", name) for name in rules[:1]] + [(INFORMED, INFORMED)] * (INFORMED in steps)
+    rules = sorted(
+        (name for name in RULES if name in steps), key=lambda name: float(steps[name].mean())
+    )
+    references = [("rule", name) for name in rules[:1]] + [(INFORMED, INFORMED)] * (
+        INFORMED in steps
+    )
     comparisons = []
     for against, reference in references:
         for name, results in by_policy.items():

@@ -282,7 +282,11 @@ def change_tour(start, points, tie_breaks, count, covered, known, free, cells, s
     if kind < 96:
         cell, tie_break = points[k], tie_breaks[k]
         remove_viewpoint(points, tie_breaks, count, k)
-        position = find_cheapest_position(start, cell, points, count - 1, distance) if kind < 93 else below(state, count)
+        position = (
+            find_cheapest_position(start, cell, points, count - 1, distance)
+            if kind < 93
+            else below(state, count)
+        )
         insert_viewpoint(points, tie_breaks, count - 1, position, cell, tie_break)
         return count
     # 7. Swap two viewpoints.

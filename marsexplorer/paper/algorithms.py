@@ -7,7 +7,12 @@ from marsexplorer.paper.trainer import Trainer
 from marsexplorer.paper.trainers.ppo_trainer import PPOTrainer, config_of
 from marsexplorer.paper.trainers.tianshou_settings import VARIANTS
 
-ALGORITHMS = {"a2c": "A2C, in place of A3C", "ppo": "PPO", "rainbow": "DQN-Rainbow", "sac": "discrete SAC"}
+ALGORITHMS = {
+    "a2c": "A2C, in place of A3C",
+    "ppo": "PPO",
+    "rainbow": "DQN-Rainbow",
+    "sac": "discrete SAC",
+}
 """Name, as `--algorithms` takes it -> what it is."""
 
 
@@ -36,7 +41,9 @@ def check_variant(algorithm: str, variant: str) -> None:
         VARIANTS[algorithm].settings_for(variant)
 
 
-def _begin_through_tianshou(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
+def _begin_through_tianshou(
+    algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
+) -> Trainer:
     try:
         from marsexplorer.paper.trainers.a2c import A2CTrainer
         from marsexplorer.paper.trainers.rainbow import RainbowTrainer

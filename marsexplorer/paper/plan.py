@@ -115,7 +115,9 @@ def plan(request: Request, folder: Path) -> list[Job]:
     for figure in request.figures:
         for job in _figure_jobs(figure, request, folder):
             jobs.setdefault(job.name, job)
-    for algorithm, variant in dict.fromkeys((job.algorithm, job.variant) for job in jobs.values() if isinstance(job, Trial)):
+    for algorithm, variant in dict.fromkeys(
+        (job.algorithm, job.variant) for job in jobs.values() if isinstance(job, Trial)
+    ):
         check_variant(algorithm, variant)
     return list(jobs.values())
 
@@ -156,7 +158,11 @@ def _level_moves(budget: Budget, variant: str) -> int:
 def is_full(trial: Trial) -> bool:
     """Return whether a trial has the moves of the full budget: shorter ones decide nothing about the paper."""
     budget = BUDGETS["full"]
-    wanted = _moves_of(budget, trial.algorithm, trial.variant) if trial.level == LEVEL else _level_moves(budget, trial.variant)
+    wanted = (
+        _moves_of(budget, trial.algorithm, trial.variant)
+        if trial.level == LEVEL
+        else _level_moves(budget, trial.variant)
+    )
     return trial.moves >= wanted
 
 
@@ -170,7 +176,9 @@ def difficulties(request: Request) -> list[Trial]:
     ]
 
 
-def _trial(request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int) -> Trial:
+def _trial(
+    request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int
+) -> Trial:
     terrains = request.terrains or BUDGETS[request.budget].terrains
     return Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
 
@@ -194,7 +202,11 @@ def trained_by_level(folder: Path) -> list[str]:
 def _finished(folder: Path, pattern: str) -> list[Path]:
     """Return the policy files of the finished trials whose names match, by name."""
     logs = {path.parent: read_log(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
-    return [own / f"{own.name}.safetensors" for own, lines in logs.items() if lines and lines[-1]["kind"] == "result"]
+    return [
+        own / f"{own.name}.safetensors"
+        for own, lines in logs.items()
+        if lines and lines[-1]["kind"] == "result"
+    ]
 
 
 def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:

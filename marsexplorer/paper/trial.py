@@ -99,7 +99,11 @@ class Trial:
     @property
     def forecast(self) -> float:
         """CPU seconds, about."""
-        return self.moves / moves_per_cpu_second(self.algorithm, self.variant) + START_CPU_S + self._measuring_s
+        return (
+            self.moves / moves_per_cpu_second(self.algorithm, self.variant)
+            + START_CPU_S
+            + self._measuring_s
+        )
 
     @property
     def _measuring_s(self) -> float:
@@ -131,13 +135,17 @@ class Trial:
         except KeyboardInterrupt:
             run.stop()
             raise
-        run.finish(lambda played, episodes: on_progress(training + (1.0 - training) * played / episodes))
+        run.finish(
+            lambda played, episodes: on_progress(training + (1.0 - training) * played / episodes)
+        )
 
 
 def moves_per_cpu_second(algorithm: str, variant: str) -> float:
     """Return about how fast an algorithm trains on one core."""
     names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
-    return next((MOVES_PER_CPU_SECOND[name] for name in names if name in MOVES_PER_CPU_SECOND), 1000.0)
+    return next(
+        (MOVES_PER_CPU_SECOND[name] for name in names if name in MOVES_PER_CPU_SECOND), 1000.0
+    )
 
 
 class _Run:
@@ -171,19 +179,29 @@ class _Run:
         if checkpoint is not None:
             found = json.loads(checkpoint["identity"])
         if found != self._identity:
-            raise ValueError(f"{self._folder} holds another trial; give another --out, or the options that it began with")
-        for unfinished in self._folder.glob(".*.part"):  # a killed process leaves the file that it was writing
+            raise ValueError(
+                f"{self._folder} holds another trial; give another --out, or the options that it began with"
+            )
+        for unfinished in self._folder.glob(
+            ".*.part"
+        ):  # a killed process leaves the file that it was writing
             unfinished.unlink()
         if checkpoint is None:
             return
         self._trainer.load_state_dict(checkpoint["trainer"])
         self._cpu_before = checkpoint["cpu_s"]
-        self._lines = [line for line in lines if line["kind"] == "curve" and line["moves"] <= self._trainer.moves]
+        self._lines = [
+            line
+            for line in lines
+            if line["kind"] == "curve" and line["moves"] <= self._trainer.moves
+        ]
 
     @property
     def _identity(self) -> dict[str, Any]:
         """What must agree for a checkpoint to go on."""
-        head: dict[str, Any] = json.loads(json.dumps({name: self._head[name] for name in ("trial", "settings")}))
+        head: dict[str, Any] = json.loads(
+            json.dumps({name: self._head[name] for name in ("trial", "settings")})
+        )
         return {"version": FORMAT_VERSION, **head}
 
     def advance(self) -> None:
@@ -209,8 +227,16 @@ class _Run:
 
     def _line(self, numbers: dict[str, float]) -> dict[str, Any]:
         means = recent_means(self._trial.config, self._trainer.envs.recent)
-        rounded = {name: round(value, 6) if np.isfinite(value) else None for name, value in {**means, **numbers}.items()}
-        return {"kind": "curve", "moves": self._trainer.moves, "cpu_s": round(self.cpu_seconds, 2), **rounded}
+        rounded = {
+            name: round(value, 6) if np.isfinite(value) else None
+            for name, value in {**means, **numbers}.items()
+        }
+        return {
+            "kind": "curve",
+            "moves": self._trainer.moves,
+            "cpu_s": round(self.cpu_seconds, 2),
+            **rounded,
+        }
 
     def save(self) -> None:
         """Write the log, the policy and the checkpoint.
@@ -254,7 +280,11 @@ class _Run:
             "summary": f"{trial.algorithm} ({trial.variant}): {moves:,} moves on {trial.level}, seed {trial.seed}.",
             "hardware": self._head["hardware"],
             "size": [trial.size, trial.size],
-            "training": {"trial": asdict(trial), "settings": self._trainer.settings, "moves": moves},
+            "training": {
+                "trial": asdict(trial),
+                "settings": self._trainer.settings,
+                "moves": moves,
+            },
             **({"results": results} if results else {}),
         }
         self._trainer.save_policy(self.policy, card)
@@ -262,22 +292,35 @@ class _Run:
 
 def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
     """Return the means over the last EPISODES_PER_LINE episodes, NaN before the first has ended."""
-    steps, returns, coverages = (list(each)[-EPISODES_PER_LINE:] for each in (recent.steps, recent.returns, recent.coverages))
+    steps, returns, coverages = (
+        list(each)[-EPISODES_PER_LINE:] for each in (recent.steps, recent.returns, recent.coverages)
+    )
     outcomes = list(recent.outcomes)[-EPISODES_PER_LINE:]
     count = len(outcomes)
-    shares = {ending: outcomes.count(ending) / count if count else float("nan") for ending in ENDINGS}
+    shares = {
+        ending: outcomes.count(ending) / count if count else float("nan") for ending in ENDINGS
+    }
     columns: dict[str, list[float]] = {
         "score": [score(config, each) for each in returns],
         "coverage": coverages,
         "steps": [float(each) for each in steps],
     }
-    means = {name: float(np.mean(values)) if count else float("nan") for name, values in columns.items()}
+    means = {
+        name: float(np.mean(values)) if count else float("nan") for name, values in columns.items()
+    }
     return {"episodes": float(recent.count), **means, **shares}
 
 
 def measure(policy: Path, trial: Trial, on_episode: Progress) -> dict[str, Any]:
     """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
-    table = evaluate([str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, on_episode, workers=1)
+    table = evaluate(
+        [str(policy), *RULES],
+        trial.config,
+        trial.terrains,
+        EVALUATION_SEEDS.start,
+        on_episode,
+        workers=1,
+    )
     own, *rules = table.rows
     outcomes = [result.outcome for result in table.results if result.policy == own.policy]
     return {

@@ -5,7 +5,15 @@ says in a sentence what a policy does. Networks need the extra `networks`; the r
 """
 
 from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, goal_of
-from marsexplorer.policies.loading import describe, find_file, find_shipped, is_rule, load, names, policy_hash
+from marsexplorer.policies.loading import (
+    describe,
+    find_file,
+    find_shipped,
+    is_rule,
+    load,
+    names,
+    policy_hash,
+)
 
 __all__ = [
     "Policy",

@@ -143,12 +143,25 @@ class Frontier:
             self._arrays = VisibilityMap(codes.shape, self.sensor_radius), GridScratch(codes.shape)
         visibility, scratch = self._arrays
         row, col = memory.position
-        action = self.rule(codes, memory.visited, row, col, memory.heading, visibility.view, scratch.arrays, self._goal)
+        action = self.rule(
+            codes,
+            memory.visited,
+            row,
+            col,
+            memory.heading,
+            visibility.view,
+            scratch.arrays,
+            self._goal,
+        )
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
-        return cell_at(int(self._goal[0]), self._arrays[0].shape[1]) if self._arrays is not None else None
+        return (
+            cell_at(int(self._goal[0]), self._arrays[0].shape[1])
+            if self._arrays is not None
+            else None
+        )
 
 
 class FrontierCost(Frontier):

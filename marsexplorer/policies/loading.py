@@ -24,7 +24,10 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
         FrontierPriced,
         "Prices unknown cells by how closed in they are, and goes where they are highest for the way.",
     ),
-    "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
+    "frontier-utility": (
+        FrontierUtility,
+        "Goes where the most new cells are expected for the squared way.",
+    ),
     "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
     "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),
     "random": (lambda sensor_radius: RandomPolicy(), "Makes valid moves at random."),
@@ -88,7 +91,9 @@ def try_out(policy: Policy, path: Path) -> None:
         policy.reset(0)
         policy.act(codes)
         probabilities, value = getattr(policy, "thought", lambda: (np.zeros(4), math.nan))()
-    is_value = math.isfinite(value) or (math.isnan(value) and not getattr(policy, "has_value", False))
+    is_value = math.isfinite(value) or (
+        math.isnan(value) and not getattr(policy, "has_value", False)
+    )
     if not np.isfinite(probabilities).all() or not is_value:
         raise refuse(path, "finite numbers from a first decision", "others")
     policy.reset(0)
@@ -103,7 +108,9 @@ def find_file(name: str) -> Path:
     if path.is_file():
         return path
     if path.suffix in FILE_SUFFIXES or path.name != name:
-        raise PolicyNotFoundError(f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}")
+        raise PolicyNotFoundError(
+            f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}"
+        )
     raise PolicyNotFoundError(
         f'no policy "{name}" in data/policies; choose one of: {", ".join((*names(), *of_paper()))}, or give a path'
     )
@@ -139,7 +146,9 @@ def _load_safetensors(path: Path, sensor_radius: int) -> Policy:
 
     if found == PAPER_FORMAT:
         return load_paper_policy(path)
-    return (load_paper_network_policy if found == PAPER_NETWORK_FORMAT else load_network)(path, sensor_radius)
+    return (load_paper_network_policy if found == PAPER_NETWORK_FORMAT else load_network)(
+        path, sensor_radius
+    )
 
 
 def _load_onnx(path: Path, sensor_radius: int) -> Policy:

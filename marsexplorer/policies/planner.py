@@ -16,8 +16,19 @@ from marsexplorer.compiled import kernel
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import GuardedRule
-from marsexplorer.policies.kernels.grid import UNREACHABLE, GridScratch, completion_target, find_open_cells, neighbour
-from marsexplorer.policies.kernels.visibility import VisibilityMap, count_visible, fill_bitboards, mark_discovered
+from marsexplorer.policies.kernels.grid import (
+    UNREACHABLE,
+    GridScratch,
+    completion_target,
+    find_open_cells,
+    neighbour,
+)
+from marsexplorer.policies.kernels.visibility import (
+    VisibilityMap,
+    count_visible,
+    fill_bitboards,
+    mark_discovered,
+)
 from marsexplorer.random_numbers import below, mix, uniform
 
 TOURS = 16
@@ -135,9 +146,13 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
         cell, known, length, action = start, at_start, np.int64(0), np.int64(-1)
         while known < target and length < best_length:
             preferred = below(state, 4)
-            goal = next_goal(cell, rows, cols, visited, imagined, scratch, weights[power], noise, largest, state)
+            goal = next_goal(
+                cell, rows, cols, visited, imagined, scratch, weights[power], noise, largest, state
+            )
             if goal < 0:
-                length += rows * cols  # the target is out of reach: worse than any tour that gets there
+                length += (
+                    rows * cols
+                )  # the target is out of reach: worse than any tour that gets there
                 break
             length += distance[goal]
             known += walk_back(goal, preferred, rows, cols, visited, imagined, distance, first)
@@ -162,7 +177,9 @@ class Planner(GuardedRule):
         super().__init__(sensor_radius)
         self.tours = tours
         self._state = np.zeros(1, np.uint64)
-        self._arrays: tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]] | None = None
+        self._arrays: (
+            tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]] | None
+        ) = None
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -185,11 +202,18 @@ class Planner(GuardedRule):
         )  # fmt: skip
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
-    def _arrays_for(self, shape: tuple[int, ...]) -> tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]]:
+    def _arrays_for(
+        self, shape: tuple[int, ...]
+    ) -> tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]]:
         if self._arrays is None or self._arrays[0].shape != shape:
             known_map = VisibilityMap(shape, self.sensor_radius)
             imagined = known_map.with_own_unknown()
-            self._arrays = known_map, imagined, GridScratch(shape), distance_weights(shape[0] * shape[1])
+            self._arrays = (
+                known_map,
+                imagined,
+                GridScratch(shape),
+                distance_weights(shape[0] * shape[1]),
+            )
         return self._arrays
 
 

@@ -80,7 +80,10 @@ def branch_episodes(
     pairs_per_episode  about how many pairs an episode gives in the mean
     """
     rng = np.random.default_rng(first_seed)
-    steps, rate = np.zeros(num_episodes, np.int64), pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n)
+    steps, rate = (
+        np.zeros(num_episodes, np.int64),
+        pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n),
+    )
     found: list[tuple[Snapshot, Snapshot]] = []
     for joint in play_greedily(config, net, first_seed, steps):
         rollouts, decisions = joint.rollouts, joint.decisions
@@ -100,24 +103,33 @@ def branch_episodes(
             "other": (np.cumsum(weights[chosen], axis=1) <= thresholds).sum(1),
         }
         found.append((rollouts.snapshot(chosen), pairs))
-    worlds, pairs = concatenate([snapshot for snapshot, _ in found]), concatenate([pairs for _, pairs in found])
+    worlds, pairs = (
+        concatenate([snapshot for snapshot, _ in found]),
+        concatenate([pairs for _, pairs in found]),
+    )
     cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
     most = MAX_COST * relative_side(config)
     return ActionPairs(**pairs, cost=np.clip(cost, -most, most).astype(np.float32), steps=steps)
 
 
-def sample_observations(config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int) -> SampledObservations:
+def sample_observations(
+    config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int
+) -> SampledObservations:
     """Return the observations at OBSERVATION_SHARE of the steps of the episodes on the terrains first_seed and following."""
     rng = np.random.default_rng(first_seed)
     steps, planes, moves = np.zeros(num_episodes, np.int64), [], []
     for joint in play_greedily(config, net, first_seed, steps):
-        chosen = joint.rollouts.running & (rng.random(joint.rollouts.num_worlds) < OBSERVATION_SHARE)
+        chosen = joint.rollouts.running & (
+            rng.random(joint.rollouts.num_worlds) < OBSERVATION_SHARE
+        )
         planes.append(joint.decisions.planes[chosen])
         moves.append(joint.decisions.moves[chosen])
     return SampledObservations(np.concatenate(planes), np.concatenate(moves), steps)
 
 
-def play_greedily(config: EnvConfig, net: ActionScorer, first_seed: int, steps: NDArray[np.int64]) -> Iterator[JointStep]:
+def play_greedily(
+    config: EnvConfig, net: ActionScorer, first_seed: int, steps: NDArray[np.int64]
+) -> Iterator[JointStep]:
     """Play the terrains first_seed, first_seed + 1, ... to their ends and yield every step.
 
     steps  int64[num_episodes], becomes the moves of each episode
@@ -150,22 +162,35 @@ def alternative_weights(decisions: Decisions, headings: NDArray[np.int64]) -> ND
     Turning back is tried half as often; the network's own action and invalid ones never.
     """
     rows = np.arange(len(decisions.actions))
-    margins = np.clip(decisions.logits - decisions.logits[rows, decisions.actions][:, None], -50.0, 0.0).astype(np.float64)
+    margins = np.clip(
+        decisions.logits - decisions.logits[rows, decisions.actions][:, None], -50.0, 0.0
+    ).astype(np.float64)
     probability = 1 / (1 + np.exp(-margins))
-    weights = np.where(decisions.moves[:, :, 0] > 0, BASE_WEIGHT + 4 * probability * (1 - probability), 0.0)
+    weights = np.where(
+        decisions.moves[:, :, 0] > 0, BASE_WEIGHT + 4 * probability * (1 - probability), 0.0
+    )
     weights[rows, headings ^ 2] *= 0.5
     weights[rows, decisions.actions] = 0.0
     return weights
 
 
 def extra_moves(
-    config: EnvConfig, net: ActionScorer, worlds: Snapshot, actions: NDArray[np.int64], steps: NDArray[np.int64]
+    config: EnvConfig,
+    net: ActionScorer,
+    worlds: Snapshot,
+    actions: NDArray[np.int64],
+    steps: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Return how many moves more than `steps` the episodes take when `actions` are taken in the worlds of a snapshot.
 
     actions, steps  int64[num_branches]; so is the result, at 21x21 at most MAX_EXTRA_MOVES
     """
-    return play_branches(config, net, worlds, actions, steps + round(MAX_EXTRA_MOVES * relative_side(config))) - steps
+    return (
+        play_branches(
+            config, net, worlds, actions, steps + round(MAX_EXTRA_MOVES * relative_side(config))
+        )
+        - steps
+    )
 
 
 def relative_side(config: EnvConfig) -> float:

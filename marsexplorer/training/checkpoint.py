@@ -49,7 +49,9 @@ def _converted_identity(identity: dict[str, Any]) -> dict[str, Any]:
 
 def _converted_run(state: dict[str, Any]) -> dict[str, Any]:
     ent_coef, kl_coef = state["shares"]
-    names = current_tensor_names("marsexplorer-network-2", list(state["net"]))  # the paper's network has none of these names
+    names = current_tensor_names(
+        "marsexplorer-network-2", list(state["net"])
+    )  # the paper's network has none of these names
     return {
         "updates_done": state["done"],
         "ent_coef": ent_coef,

@@ -63,13 +63,17 @@ def demonstrations_of(records: Iterable[Record]) -> Demonstrations:
 
 
 def train_clone(
-    demonstrations: Demonstrations, config: CloneConfig, on_progress: Callable[[int, int], None] = lambda done, total: None
+    demonstrations: Demonstrations,
+    config: CloneConfig,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Net:
     """Return a network fitted to the demonstrations; `on_progress` is called with (gradient steps made, in all)."""
     torch.manual_seed(config.seed)
     torch.set_num_threads(1)
     rng, net = np.random.default_rng(config.seed), Net().train()
-    optimizer = torch.optim.AdamW(net.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    optimizer = torch.optim.AdamW(
+        net.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+    )
     count = len(demonstrations.actions)
     batches = -(-count // config.batch_size)
     total, done = batches * config.epochs, 0
@@ -86,10 +90,13 @@ def train_clone(
     return net.eval()
 
 
-def _loss(net: Net, demonstrations: Demonstrations, batch: NDArray[np.intp], transposed: bool) -> torch.Tensor:
+def _loss(
+    net: Net, demonstrations: Demonstrations, batch: NDArray[np.intp], transposed: bool
+) -> torch.Tensor:
     """Return the mean cross-entropy of the moves of a batch, on the boards as they were or transposed."""
     planes, moves, actions = (
-        torch.from_numpy(array[batch]) for array in (demonstrations.planes, demonstrations.moves, demonstrations.actions)
+        torch.from_numpy(array[batch])
+        for array in (demonstrations.planes, demonstrations.moves, demonstrations.actions)
     )
     if transposed:
         planes, moves, actions = planes[:, :, TRANSPOSED], moves.flip(1), 3 - actions

@@ -16,7 +16,12 @@ from marsexplorer.policies.network import model, paper_model
 from marsexplorer.policies.network.paper_network import PolicyNetwork
 from marsexplorer.policies.network.paper_policy import save_paper_network
 from marsexplorer.policies.network.shape import NetworkShape
-from marsexplorer.training.envs import EncoderFactory, feature_encoder, priced_encoder, state_matrix_encoder
+from marsexplorer.training.envs import (
+    EncoderFactory,
+    feature_encoder,
+    priced_encoder,
+    state_matrix_encoder,
+)
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
@@ -112,11 +117,15 @@ class TrainConfig:
             return net
         shapes = {(config.rows, config.cols) for config in env_configs}
         if len(shapes) != 1:
-            raise ValueError(f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}")
+            raise ValueError(
+                f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}"
+            )
         rows, cols = shapes.pop()
         if self.network == "rllib":
             return paper_model.PaperNet(rows, cols)
-        return PolicyNetwork(NetworkShape(self.network, "policy", rows, cols, critic="separate", mask=self.mask))
+        return PolicyNetwork(
+            NetworkShape(self.network, "policy", rows, cols, critic="separate", mask=self.mask)
+        )
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
         """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
@@ -124,7 +133,12 @@ class TrainConfig:
         if isinstance(net, PolicyNetwork):
             save_paper_network(net, net.shape, path, card)
         else:
-            save_network(net, path, card, model.format_of(net) if isinstance(net, model.Net) else PAPER_FORMAT)
+            save_network(
+                net,
+                path,
+                card,
+                model.format_of(net) if isinstance(net, model.Net) else PAPER_FORMAT,
+            )
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
@@ -135,9 +149,13 @@ class TrainConfig:
         """
         unknown = set(stored) - {field.name for field in fields(cls)}
         if unknown:
-            raise ValueError(f"the settings {', '.join(sorted(unknown))} are of a later version; use that version")
+            raise ValueError(
+                f"the settings {', '.join(sorted(unknown))} are of a later version; use that version"
+            )
         network = {"network": "rllib", "mask": False} if stored["name"] == "paper" else {}
-        values: dict[str, Any] = {name: float("inf") if value is None else value for name, value in stored.items()}
+        values: dict[str, Any] = {
+            name: float("inf") if value is None else value for name, value in stored.items()
+        }
         values["target_entropy"] = stored["target_entropy"]
         tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
         return cls(**{**network, **values, **tuples})

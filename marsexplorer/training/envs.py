@@ -28,7 +28,9 @@ EVALUATION_SEEDS = range(10**9, 10**9 + 10**6)
 
 Observation = tuple[Tensor, ...]
 """The arguments of a network's `forward` for a batch of environments, each [num_envs, ...]."""
-Encoder = Callable[[NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]], Observation]
+Encoder = Callable[
+    [NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]], Observation
+]
 """(codes, cells, visited, headings) of some environments -> the observation that the network is given."""
 EncoderFactory = Callable[[EnvConfig, int], Encoder]
 """(configuration, number of environments) -> an encoder for them."""
@@ -36,7 +38,9 @@ EncoderFactory = Callable[[EnvConfig, int], Encoder]
 
 def feature_encoder(config: EnvConfig, num_envs: int, sees_prices: bool = False) -> Encoder:
     """Return the encoder for `policies.network.model.Net`: planes, and numbers for each move."""
-    extractor = FeatureExtractor(num_envs, config.rows, config.cols, config.sensor_radius, sees_prices)
+    extractor = FeatureExtractor(
+        num_envs, config.rows, config.cols, config.sensor_radius, sees_prices
+    )
 
     def encode(*arrays: NDArray[Any]) -> Observation:
         planes, moves = extractor(*arrays)
@@ -103,7 +107,13 @@ class StepResult:
 class TrainingEnvs:
     """Environments of one configuration with what a network needs of each: cells visited, headings, the observation."""
 
-    def __init__(self, config: EnvConfig, num_envs: int, seed: int, make_encoder: EncoderFactory = feature_encoder) -> None:
+    def __init__(
+        self,
+        config: EnvConfig,
+        num_envs: int,
+        seed: int,
+        make_encoder: EncoderFactory = feature_encoder,
+    ) -> None:
         self.env, self.num_envs, self.config = make_vector_env(config, num_envs), num_envs, config
         self._make_encoder, self._encoder = make_encoder, make_encoder(config, num_envs)
         self.recent = RecentEpisodes()
@@ -131,7 +141,9 @@ class TrainingEnvs:
         dones, late = terminated | truncated, np.flatnonzero(truncated)
         explored, final_obs = np.zeros(self.num_envs, np.bool_), None
         if dones.any():
-            explored = dones & (info["final_info"]["outcome"] == "explored")  # the column holds older endings too
+            explored = dones & (
+                info["final_info"]["outcome"] == "explored"
+            )  # the column holds older endings too
             self.recent.steps += self.steps[dones].tolist()
             self.recent.explored += explored[dones].tolist()
             self.recent.returns += self.returns[dones].tolist()
@@ -153,21 +165,34 @@ class TrainingEnvs:
         visited = self.visited[indices]
         visited[np.arange(len(indices)), cells] = 1
         codes = np.stack([info["final_obs"][i] for i in indices])
-        return self._make_encoder(self.config, len(indices))(codes, cells, visited, self.headings[indices])
+        return self._make_encoder(self.config, len(indices))(
+            codes, cells, visited, self.headings[indices]
+        )
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors and lists."""
         arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in STATE_ARRAYS}
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
-        recent = {name: list(values) for name, values in vars(self.recent).items() if name != "count"}
-        return {"arrays": arrays, "worlds": worlds, "recent_episodes": recent, "num_episodes": self.recent.count}
+        recent = {
+            name: list(values) for name, values in vars(self.recent).items() if name != "count"
+        }
+        return {
+            "arrays": arrays,
+            "worlds": worlds,
+            "recent_episodes": recent,
+            "num_episodes": self.recent.count,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it."""
         for name in STATE_ARRAYS:
             setattr(self, name, state["arrays"][name].numpy().copy())
-        self.codes = self.env.restore({name: tensor.numpy() for name, tensor in state["worlds"].items()})
-        for name, values in state["recent_episodes"].items():  # earlier checkpoints have no coverages and outcomes
+        self.codes = self.env.restore(
+            {name: tensor.numpy() for name, tensor in state["worlds"].items()}
+        )
+        for name, values in state[
+            "recent_episodes"
+        ].items():  # earlier checkpoints have no coverages and outcomes
             getattr(self.recent, name).extend(values)
         self.recent.count = state.get("num_episodes", len(self.recent.steps))
 
@@ -182,11 +207,16 @@ class MixedEnvs:
 
     def observe(self) -> Observation:
         """Return the observation of all environments, part by part."""
-        return tuple(torch.cat(each) for each in zip(*(part.observe() for part in self.parts), strict=True))
+        return tuple(
+            torch.cat(each) for each in zip(*(part.observe() for part in self.parts), strict=True)
+        )
 
     def step(self, actions: NDArray[np.int64]) -> list[StepResult]:
         """Step every environment with actions int64[num_envs]; return the result of each part."""
-        return [part.step(own) for part, own in zip(self.parts, np.split(actions, self._splits), strict=True)]
+        return [
+            part.step(own)
+            for part, own in zip(self.parts, np.split(actions, self._splits), strict=True)
+        ]
 
 
 def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
@@ -206,23 +236,34 @@ def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
     return env
 
 
-def make_envs(configs: Sequence[EnvConfig], num_envs: int, seed: int, make_encoder: EncoderFactory) -> MixedEnvs:
+def make_envs(
+    configs: Sequence[EnvConfig], num_envs: int, seed: int, make_encoder: EncoderFactory
+) -> MixedEnvs:
     """Return the environments of a run: every configuration has some, the first level half, larger grids fewer.
 
     ValueError when there are more configurations than environments.
     """
     levels = {config.level for config in configs}
     weight_of_first = max(1, len(levels) - 1)
-    weights = [(weight_of_first if config.level == configs[0].level else 1) / config.n for config in configs]
+    weights = [
+        (weight_of_first if config.level == configs[0].level else 1) / config.n
+        for config in configs
+    ]
     counts = [max(1, int(num_envs * weight / sum(weights))) for weight in weights]
     counts[0] += num_envs - sum(counts)
     if counts[0] < 1:
-        raise ValueError(f"{len(configs)} levels and sizes are too many for {num_envs} environments; choose fewer")
+        raise ValueError(
+            f"{len(configs)} levels and sizes are too many for {num_envs} environments; choose fewer"
+        )
     seeds = [10**12 * (seed + 1) + 10**7 * k for k in range(len(configs))]
-    return MixedEnvs([TrainingEnvs(*each, make_encoder) for each in zip(configs, counts, seeds, strict=True)])
+    return MixedEnvs(
+        [TrainingEnvs(*each, make_encoder) for each in zip(configs, counts, seeds, strict=True)]
+    )
 
 
-def rewards_in_moves(config: EnvConfig, step: StepResult, reward_per_cell: float) -> NDArray[np.float64]:
+def rewards_in_moves(
+    config: EnvConfig, step: StepResult, reward_per_cell: float
+) -> NDArray[np.float64]:
     """Return a step's rewards in units of moves, float64[num_envs]: `reward_per_cell` for each new cell, -1 for the move.
 
     Undiscounted they rank explorations as eq. 8 does, by the number of moves, but they are of one magnitude at every size.
@@ -234,4 +275,6 @@ def refuse_evaluation_seeds(seeds: NDArray[np.int64]) -> None:
     """Raise ValueError when a training terrain is one of those kept for evaluation."""
     kept = (seeds >= EVALUATION_SEEDS.start) & (seeds < EVALUATION_SEEDS.stop)
     if kept.any():
-        raise ValueError(f"training met seed {int(seeds[kept][0])}, which is kept for evaluation; train with another seed")
+        raise ValueError(
+            f"training met seed {int(seeds[kept][0])}, which is kept for evaluation; train with another seed"
+        )

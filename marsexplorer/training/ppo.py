@@ -23,7 +23,14 @@ from torch import Tensor, nn
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training.config import TrainConfig
-from marsexplorer.training.envs import MixedEnvs, Observation, StepResult, TrainingEnvs, make_envs, rewards_in_moves
+from marsexplorer.training.envs import (
+    MixedEnvs,
+    Observation,
+    StepResult,
+    TrainingEnvs,
+    make_envs,
+    rewards_in_moves,
+)
 from marsexplorer.training.interrupts import postponed_interrupt
 
 ENT_COEF_FACTOR = 1.05
@@ -91,7 +98,12 @@ class TrainingRun:
 
     @classmethod
     def begin(
-        cls, config: TrainConfig, env_configs: list[EnvConfig], total_timesteps: int, seed: int, device: str = "cpu"
+        cls,
+        config: TrainConfig,
+        env_configs: list[EnvConfig],
+        total_timesteps: int,
+        seed: int,
+        device: str = "cpu",
     ) -> TrainingRun:
         """Return a run at its beginning; its length is `total_timesteps`, rounded up to whole updates."""
         torch.manual_seed(seed)
@@ -118,7 +130,12 @@ class TrainingRun:
     def identity(self) -> dict[str, Any]:
         """What must agree for a checkpoint to go on in this run."""
         hashes = [config.hash for config in self.env_configs]
-        return {"config": self.config.to_dict(), "env_configs": hashes, "seed": self.seed, "num_updates": self.num_updates}
+        return {
+            "config": self.config.to_dict(),
+            "env_configs": hashes,
+            "seed": self.seed,
+            "num_updates": self.num_updates,
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors, numbers and lists."""
@@ -183,14 +200,19 @@ def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
     config = run.config
     run.is_between_updates = False
     progress = run.updates_done / run.num_updates
-    learning_rate = config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
+    learning_rate = (
+        config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
+    )
     run.optimizer.param_groups[0]["lr"] = learning_rate
     next_values = collect_rollout(run, buffer)
     advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
     metrics = update(run, buffer, advantages)
     run.updates_done += 1
     if config.target_entropy is not None and run.updates_done > config.value_warmup_updates:
-        target_entropy = config.target_entropy[0] + (config.target_entropy[1] - config.target_entropy[0]) * progress
+        target_entropy = (
+            config.target_entropy[0]
+            + (config.target_entropy[1] - config.target_entropy[0]) * progress
+        )
         factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
         run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
     run.is_between_updates = True
@@ -216,9 +238,14 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
         buffer.log_probs[t], buffer.values[t] = log_probs, values.cpu()
         buffer.actions[t] = torch.multinomial(log_probs.exp(), 1).squeeze(1)
         steps = run.envs.step(buffer.actions[t].numpy())
-        rewards = [compute_rewards(run, envs, step) for envs, step in zip(run.envs.parts, steps, strict=True)]
+        rewards = [
+            compute_rewards(run, envs, step)
+            for envs, step in zip(run.envs.parts, steps, strict=True)
+        ]
         buffer.rewards[t] = torch.from_numpy(np.concatenate(rewards))
-        buffer.dones[t] = torch.from_numpy(np.concatenate([step.dones for step in steps]).astype(np.float32))
+        buffer.dones[t] = torch.from_numpy(
+            np.concatenate([step.dones for step in steps]).astype(np.float32)
+        )
     return forward(run, run.envs.observe())[1].cpu()
 
 
@@ -243,7 +270,9 @@ def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> N
     return rewards.astype(np.float32)
 
 
-def compute_advantages(buffer: RolloutBuffer, next_values: Tensor, gamma: float, gae_lambda: float) -> Tensor:
+def compute_advantages(
+    buffer: RolloutBuffer, next_values: Tensor, gamma: float, gae_lambda: float
+) -> Tensor:
     """Return generalised advantage estimates, float32[num_steps, num_envs] (Schulman et al. 2016, eq. 16).
 
     next_values   float32[num_envs], of the observation after the last step
@@ -301,8 +330,14 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
     if config.kl_coef:
         if config.kl_of_last_epoch:
             kl = np.mean(passes[-(len(passes) // config.update_epochs) :], axis=0)[2]
-        run.kl_coef *= 1.5 if kl > 2 * config.kl_target else 0.5 if kl < config.kl_target / 2 else 1.0
-    return {"entropy": float(entropy), "ratio_change": float(ratio_change), "explained_variance": explained_variance}
+        run.kl_coef *= (
+            1.5 if kl > 2 * config.kl_target else 0.5 if kl < config.kl_target / 2 else 1.0
+        )
+    return {
+        "entropy": float(entropy),
+        "ratio_change": float(ratio_change),
+        "explained_variance": explained_variance,
+    }
 
 
 def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float, float]:
@@ -315,7 +350,14 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
     policy_objective = torch.min(ratio * advantages, clipped_ratio * advantages).mean()
     value_loss = value_errors(config, values, minibatch).mean()
     entropy = -(log_probs.exp() * log_probs.clamp(min=MIN_LOG_PROB)).sum(1).mean()
-    kl = (old_log_probs.exp() * (old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB))).sum(1).mean()
+    kl = (
+        (
+            old_log_probs.exp()
+            * (old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB))
+        )
+        .sum(1)
+        .mean()
+    )
     loss = config.vf_coef * value_loss
     if run.updates_done >= config.value_warmup_updates:
         loss = loss - policy_objective

@@ -19,7 +19,9 @@ from marsexplorer.world import Worlds, positions
 
 
 @kernel
-def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, search, rule, changed_columns):
+def decide_all(
+    codes, cells, outcomes, visited, headings, kept, lidar, tables, search, rule, changed_columns
+):
     """Write the rule's action of every running world to headings, int64[num], which hold the last ones before.
 
     codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes uint8[num]
@@ -39,7 +41,18 @@ def decide_all(codes, cells, outcomes, visited, headings, kept, lidar, tables, s
         board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
         update_board(codes[i], board, tables[0], changed_columns)
         headings[i] = toward_most_priced(
-            codes[i], visited[i], row, col, headings[i], board, tables, search, highest, limits, weights, goal
+            codes[i],
+            visited[i],
+            row,
+            col,
+            headings[i],
+            board,
+            tables,
+            search,
+            highest,
+            limits,
+            weights,
+            goal,
         )
 
 
@@ -61,13 +74,30 @@ class PricedEpisodes:
             np.zeros((num, words), np.uint64),
             np.zeros((num, words), np.uint64),
         )
-        self._lidar = sight, np.zeros(int(sight[1]), np.uint64), row_words(config.cols, radius), radius
-        self._search = price_scratch(cells), np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
-        self._changed_columns, self._goal = np.zeros((config.rows, 2), np.int64), np.zeros(1, np.int64)
+        self._lidar = (
+            sight,
+            np.zeros(int(sight[1]), np.uint64),
+            row_words(config.cols, radius),
+            radius,
+        )
+        self._search = (
+            price_scratch(cells),
+            np.zeros(cells, np.int32),
+            np.zeros(cells, np.uint8),
+            np.zeros(cells, np.int32),
+        )
+        self._changed_columns, self._goal = (
+            np.zeros((config.rows, 2), np.int64),
+            np.zeros(1, np.int64),
+        )
 
     def play(self, rule: SizedRule) -> NDArray[np.int64]:
         """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
-        worlds, shape, radius = self._worlds, (self.config.rows, self.config.cols), self.config.sensor_radius
+        worlds, shape, radius = (
+            self._worlds,
+            (self.config.rows, self.config.cols),
+            self.config.sensor_radius,
+        )
         tables = RuleTables([rule.of(*shape, radius)], shape, radius)
         worlds.put(self._all, self._begun)
         visited, headings = np.zeros_like(worlds.codes), np.full(worlds.num, EAST)

@@ -155,11 +155,16 @@ class SampleBuffer:
     def append(self, rows: list[NDArray[Any]], permanent: bool = False) -> None:
         """Append rows, the same number to each column; the oldest that are not permanent are dropped."""
         new = [torch.from_numpy(each) for each in rows]
-        excess = max(0, len(self) - self._num_permanent + len(new[0]) - self._capacity) if not permanent else 0
+        excess = (
+            max(0, len(self) - self._num_permanent + len(new[0]) - self._capacity)
+            if not permanent
+            else 0
+        )
         columns = self.columns or [each[:0] for each in new]
         kept = self._num_permanent
         self.columns = [
-            torch.cat([column[:kept], column[kept + excess :], added]) for column, added in zip(columns, new, strict=True)
+            torch.cat([column[:kept], column[kept + excess :], added])
+            for column, added in zip(columns, new, strict=True)
         ]
         if permanent:
             self._num_permanent = len(self)
@@ -195,13 +200,20 @@ class RefineRun:
         self._original = deepcopy(net).eval().requires_grad_(False)
         self._learner = deepcopy(net).train()
         with torch.no_grad():
-            prior = [weights for name, weights in self._learner.named_parameters() if name == "prior"]
+            prior = [
+                weights for name, weights in self._learner.named_parameters() if name == "prior"
+            ]
             for weights in [*self._learner.policy_head[-1].parameters(), *prior]:
                 weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
         others = [weights for name, weights in self._learner.named_parameters() if name != "prior"]
-        groups: list[dict[str, Any]] = [{"params": others}, *({"params": [each], "weight_decay": 0.0} for each in prior)]
-        self._optimizer = torch.optim.AdamW(groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay)
+        groups: list[dict[str, Any]] = [
+            {"params": others},
+            *({"params": [each], "weight_decay": 0.0} for each in prior),
+        ]
+        self._optimizer = torch.optim.AdamW(
+            groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay
+        )
         self._pairs = SampleBuffer(self.config.max_pairs)
         self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
@@ -212,12 +224,20 @@ class RefineRun:
         digest = hashlib.sha256()
         for tensor in self._original.state_dict().values():
             digest.update(tensor.numpy().tobytes())
-        identity = {"config": asdict(self.config), "seed": self.seed, "began_with": digest.hexdigest()}
+        identity = {
+            "config": asdict(self.config),
+            "seed": self.seed,
+            "began_with": digest.hexdigest(),
+        }
         return cast(dict[str, Any], json.loads(json.dumps(identity)))
 
     def state_dict(self, with_samples: bool = True) -> dict[str, Any]:
         """Return everything that changes; without the samples where no further round is to be made."""
-        buffers = {"pairs": self._pairs.state_dict(), "observations": self._observations.state_dict()} if with_samples else {}
+        buffers = (
+            {"pairs": self._pairs.state_dict(), "observations": self._observations.state_dict()}
+            if with_samples
+            else {}
+        )
         return {
             "rounds_done": self.rounds_done,
             "num_pairs": self.num_pairs,
@@ -231,7 +251,9 @@ class RefineRun:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
-        self.rounds_done, self.num_pairs, self._next_seed = (state[name] for name in ("rounds_done", "num_pairs", "next_seed"))
+        self.rounds_done, self.num_pairs, self._next_seed = (
+            state[name] for name in ("rounds_done", "num_pairs", "next_seed")
+        )
         self.net.load_state_dict(state["net"])
         self._learner.load_state_dict(state["learner"])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -243,11 +265,22 @@ class RefineRun:
     def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""
         config, tasks = self.config, []
-        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes] or list(config.anchor_sizes[:1])
-        kinds = [(level, size, episodes, 0) for size, episodes in anchors for level in config.anchor_levels]
+        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes] or list(
+            config.anchor_sizes[:1]
+        )
+        kinds = [
+            (level, size, episodes, 0)
+            for size, episodes in anchors
+            for level in config.anchor_levels
+        ]
         factor = config.first_round_tasks if self.rounds_done == 0 else 1
         kinds += [
-            (level, size, max(1, config.episodes_per_task * SIDE**2 // size**2), config.pairs_per_episode)
+            (
+                level,
+                size,
+                max(1, config.episodes_per_task * SIDE**2 // size**2),
+                config.pairs_per_episode,
+            )
             for size in sorted(config.sizes, reverse=True)
             for level, count in config.tasks_per_level
             for _ in range(max(1, count * SIDE // size) * factor)
@@ -257,7 +290,9 @@ class RefineRun:
             self._next_seed += episodes
         return tasks
 
-    def train_round(self, pool: Executor, on_progress: Callable[[float], None] = lambda done: None) -> RoundMetrics:
+    def train_round(
+        self, pool: Executor, on_progress: Callable[[float], None] = lambda done: None
+    ) -> RoundMetrics:
         """Make a round; `on_progress` is called with the share of it that is done, 0..1."""
         tasks, results = self.make_tasks(), list[ActionPairs | SampledObservations]()
         weights = {name: tensor.numpy() for name, tensor in self.net.state_dict().items()}
@@ -265,7 +300,9 @@ class RefineRun:
             results.append(result)
             on_progress(len(results) / len(tasks) / 2)
         pairs = [result for result in results if isinstance(result, ActionPairs)]
-        self._store(pairs, [result for result in results if isinstance(result, SampledObservations)])
+        self._store(
+            pairs, [result for result in results if isinstance(result, SampledObservations)]
+        )
         loss = self._optimize(lambda done: on_progress((1 + done) / 2))
         self.rounds_done += 1
         cost = np.concatenate([one.cost for one in pairs])
@@ -288,7 +325,9 @@ class RefineRun:
         columns = [np.concatenate([getattr(one, name) for one in pairs]) for name in names]
         self._pairs.append(columns, permanent=self.rounds_done == 0)
         if observations:
-            self._observations.append([np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]])
+            self._observations.append(
+                [np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]]
+            )
 
     def _optimize(self, on_progress: Callable[[float], None]) -> float:
         """Make the gradient steps of a round and return their mean loss."""
@@ -296,7 +335,11 @@ class RefineRun:
         count, total = config.gradient_steps * (config.first_round_steps if is_first else 1), 0.0
         for step in range(count):
             done, first_rate = step / count, config.first_round_learning_rate
-            rate = first_rate + (config.learning_rate - first_rate) * done if is_first else config.learning_rate
+            rate = (
+                first_rate + (config.learning_rate - first_rate) * done
+                if is_first
+                else config.learning_rate
+            )
             for group in self._optimizer.param_groups:
                 group["lr"] = rate
             total += self._gradient_step(transposed=step % 2 == 1)
@@ -305,9 +348,16 @@ class RefineRun:
 
     def _gradient_step(self, transposed: bool) -> float:
         """Make one gradient step, on the grids as they were or with rows and columns exchanged; return its loss."""
-        config, num_pairs, num_anchors = self.config, self.config.batch_size, self.config.anchor_batch_size
+        config, num_pairs, num_anchors = (
+            self.config,
+            self.config.batch_size,
+            self.config.anchor_batch_size,
+        )
         # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor the network to.
-        halves = self._pairs.sample(num_pairs // 2), self._pairs.sample(num_pairs // 2, config.newest_pairs)
+        halves = (
+            self._pairs.sample(num_pairs // 2),
+            self._pairs.sample(num_pairs // 2, config.newest_pairs),
+        )
         planes, moves, own, other, cost = (torch.cat(each) for each in zip(*halves, strict=True))
         anchors = self._observations.sample(num_anchors)
         planes, moves = (torch.cat(each) for each in zip((planes, moves), anchors, strict=True))
@@ -323,7 +373,12 @@ class RefineRun:
         with torch.no_grad():
             original_logits, original_values = self._original(planes[anchored], moves[anchored])
         probabilities = (config.logit_scale * original_logits[num_anchors:]).softmax(1)
-        loss = loss - (probabilities * logits[num_pairs:].log_softmax(1).clamp(min=MIN_LOG_PROB)).sum(1).mean()
+        loss = (
+            loss
+            - (probabilities * logits[num_pairs:].log_softmax(1).clamp(min=MIN_LOG_PROB))
+            .sum(1)
+            .mean()
+        )
         loss = loss + config.vf_coef * (values[anchored] - original_values).square().mean()
         # 4. Step the learner, and move the network that plays towards it.
         self._optimizer.zero_grad(set_to_none=True)
@@ -331,12 +386,16 @@ class RefineRun:
         torch.nn.utils.clip_grad_norm_(self._learner.parameters(), config.max_grad_norm)
         self._optimizer.step()
         with torch.no_grad():
-            for average, newest in zip(self.net.parameters(), self._learner.parameters(), strict=True):
+            for average, newest in zip(
+                self.net.parameters(), self._learner.parameters(), strict=True
+            ):
                 average.lerp_(newest, 1 - config.ema_decay)
         return float(loss.detach())
 
 
-def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> ActionPairs | SampledObservations:
+def play_task(
+    job: tuple[dict[str, NDArray[np.float32]], EpisodeTask],
+) -> ActionPairs | SampledObservations:
     """Play a task with the network of the given weights; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
@@ -344,7 +403,9 @@ def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> Action
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
     config = EnvConfig.of(task.level, task.size)
     if task.pairs_per_episode:
-        pairs = branch_episodes(config, net, task.first_seed, task.num_episodes, task.pairs_per_episode)
+        pairs = branch_episodes(
+            config, net, task.first_seed, task.num_episodes, task.pairs_per_episode
+        )
         return replace(pairs, cost=(pairs.cost / relative_side(config)).astype(np.float32))
     return sample_observations(config, net, task.first_seed, task.num_episodes)
 
@@ -352,7 +413,9 @@ def play_task(job: tuple[dict[str, NDArray[np.float32]], EpisodeTask]) -> Action
 class _Bfloat16Net(Net):
     """The network in bfloat16: twice as fast, and its best action is almost always the same."""
 
-    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
             logits, values = self(torch.from_numpy(planes), torch.from_numpy(moves))
         return logits.float().numpy(), values.float().numpy()

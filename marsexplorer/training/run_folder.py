@@ -77,12 +77,16 @@ class RunFolder:
         """Set the run to where its checkpoint left it; ValueError when the folder holds no checkpoint of this run."""
         path = self.folder / "checkpoint.pt"
         if not path.is_file():
-            raise ValueError(f"no checkpoint in {self.folder}; leave --resume out to begin a run there")
+            raise ValueError(
+                f"no checkpoint in {self.folder}; leave --resume out to begin a run there"
+            )
         checkpoint = load_checkpoint(path)
         expected, found = json.loads(json.dumps(self._run.identity)), _identity(checkpoint)
         if found != expected:
             differing = ", ".join(name for name in expected if found.get(name) != expected[name])
-            raise ValueError(f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with")
+            raise ValueError(
+                f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with"
+            )
         self._run.load_state_dict(checkpoint["run"])
         self._seconds_before = checkpoint["seconds"]
         log = self.folder / "log.jsonl"
@@ -127,10 +131,17 @@ class RunFolder:
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         run = self._run
-        numbers = {"moves": run.global_step, "updates": run.updates_done, "seconds": round(self.seconds), "seed": run.seed}
+        numbers = {
+            "moves": run.global_step,
+            "updates": run.updates_done,
+            "seconds": round(self.seconds),
+            "seed": run.seed,
+        }
         curve = [line for line in self._lines if "greedy" in line]
         training = {**numbers, "recipe": run.config.to_dict(), "curve": curve}
-        run.config.save_policy(run.net, self.policy, {**self._card, **results, "training": training})
+        run.config.save_policy(
+            run.net, self.policy, {**self._card, **results, "training": training}
+        )
 
 
 def resumed_config(folder: Path, config: TrainConfig) -> TrainConfig:
@@ -148,7 +159,9 @@ def resumed_config(folder: Path, config: TrainConfig) -> TrainConfig:
 def _identity(checkpoint: dict[str, Any]) -> dict[str, Any]:
     """Return the identity in a checkpoint with every setting that a configuration has today."""
     identity: dict[str, Any] = json.loads(checkpoint["identity"])
-    config: dict[str, Any] = json.loads(json.dumps(TrainConfig.from_dict(identity["config"]).to_dict()))
+    config: dict[str, Any] = json.loads(
+        json.dumps(TrainConfig.from_dict(identity["config"]).to_dict())
+    )
     return {**identity, "config": config}
 
 
@@ -156,7 +169,10 @@ def validate(run: TrainingRun) -> tuple[float, float]:
     """Return (mean moves, share explored) of the greedy policy on 100 terrains; unfinished episodes count max_steps."""
     config = run.env_configs[0]
     envs = TrainingEnvs(config, VALIDATION_EPISODES, VALIDATION_SEED, run.config.make_encoder)
-    steps, explored = np.zeros(VALIDATION_EPISODES, np.int64), np.zeros(VALIDATION_EPISODES, np.bool_)
+    steps, explored = (
+        np.zeros(VALIDATION_EPISODES, np.int64),
+        np.zeros(VALIDATION_EPISODES, np.bool_),
+    )
     with torch.no_grad():
         for count in range(1, config.limit + 1):
             result = envs.step(forward(run, envs.observe())[0].argmax(1).cpu().numpy())

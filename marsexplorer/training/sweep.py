@@ -65,7 +65,10 @@ class SweepResult:
 
 
 def sweep(
-    runs: Sequence[SweepRun], out: Path, address: str = LOCAL, on_progress: Callable[[int, int], None] | None = None
+    runs: Sequence[SweepRun],
+    out: Path,
+    address: str = LOCAL,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[SweepResult]:
     """Train on a Ray cluster and return the outcome of each run, in the order given.
 
@@ -79,12 +82,19 @@ def sweep(
     with session(address):
         tune: Any = import_module("ray.tune")
         run_config = tune.RunConfig(
-            name="ray", storage_path=str(out.resolve()), verbose=0, callbacks=_callbacks(tune, runs, on_progress)
+            name="ray",
+            storage_path=str(out.resolve()),
+            verbose=0,
+            callbacks=_callbacks(tune, runs, on_progress),
         )
         space = {"run": tune.grid_search([asdict(run) for run in runs])}
-        tune_config = tune.TuneConfig(trial_name_creator=_trial_name, trial_dirname_creator=_trial_name)
+        tune_config = tune.TuneConfig(
+            trial_name_creator=_trial_name, trial_dirname_creator=_trial_name
+        )
         trainable = tune.with_resources(train_one, {"cpu": 1})
-        results = tune.Tuner(trainable, param_space=space, tune_config=tune_config, run_config=run_config).fit()
+        results = tune.Tuner(
+            trainable, param_space=space, tune_config=tune_config, run_config=run_config
+        ).fit()
         by_name = {results[i].config["run"]["name"]: results[i] for i in range(len(results))}
         return [_outcome(run, by_name[run.name], out) for run in runs]
 
@@ -102,11 +112,15 @@ def _notify(callback: object, *args: Any, **kwargs: Any) -> None:
         listener()
 
 
-def _callbacks(tune: Any, runs: Sequence[SweepRun], on_progress: Callable[[int, int], None] | None) -> list[Any]:
+def _callbacks(
+    tune: Any, runs: Sequence[SweepRun], on_progress: Callable[[int, int], None] | None
+) -> list[Any]:
     """Return the callback that counts the trials that end, well or not."""
     ended = itertools.count(1)
     _listeners[:] = [lambda: on_progress(next(ended), len(runs))] if on_progress else []
-    return [type("Count", (tune.Callback,), {"on_trial_complete": _notify, "on_trial_error": _notify})()]
+    return [
+        type("Count", (tune.Callback,), {"on_trial_complete": _notify, "on_trial_error": _notify})()
+    ]
 
 
 def train_one(params: dict[str, Any]) -> None:
@@ -126,7 +140,13 @@ def train_one(params: dict[str, Any]) -> None:
         folder = RunFolder(Path(temporary) / sweep_run.name, run, sweep_run.card, on_update)
         train(run, folder.on_update)
         folder.save()
-        table = evaluate([str(folder.policy), *RULES], config, sweep_run.episodes, EVALUATION_SEEDS.start, workers=1)
+        table = evaluate(
+            [str(folder.policy), *RULES],
+            config,
+            sweep_run.episodes,
+            EVALUATION_SEEDS.start,
+            workers=1,
+        )
         own, ratio = table.rows[0], table.compared(table.rows[0], "rule")
         assert ratio is not None
         figures = {
@@ -137,17 +157,32 @@ def train_one(params: dict[str, Any]) -> None:
         }
         where = f"{config.level} {config.rows}x{config.cols}"
         terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
-        folder.save_policy({"results": {where: {**terrains, **figures, "collisions": own.collisions}}})
+        folder.save_policy(
+            {"results": {where: {**terrains, **figures, "collisions": own.collisions}}}
+        )
         last = {"moves": run.global_step, "seconds": folder.seconds, **figures}
         tune.report(last, checkpoint=tune.Checkpoint.from_directory(temporary))
 
 
 def _outcome(run: SweepRun, result: Any, out: Path) -> SweepResult:
     """Return a run's figures, after copying its folder to out/NAME."""
-    if result.error is not None or result.checkpoint is None or "rule_ratio" not in (result.metrics or {}):
+    if (
+        result.error is not None
+        or result.checkpoint is None
+        or "rule_ratio" not in (result.metrics or {})
+    ):
         message = str(result.error).strip().splitlines()
-        return SweepResult(run, NAN, NAN, NAN, NAN, None, message[-1] if message else "it ended without a result")
+        return SweepResult(
+            run, NAN, NAN, NAN, NAN, None, message[-1] if message else "it ended without a result"
+        )
     with result.checkpoint.as_directory() as folder:
         shutil.copytree(Path(folder) / run.name, out / run.name, dirs_exist_ok=True)
     figures, policy = result.metrics, out / run.name / f"{run.name}.safetensors"
-    return SweepResult(run, figures["steps"], figures["completion"], figures["score"], figures["rule_ratio"], policy)
+    return SweepResult(
+        run,
+        figures["steps"],
+        figures["completion"],
+        figures["score"],
+        figures["rule_ratio"],
+        policy,
+    )

@@ -69,7 +69,9 @@ class TuneRun:
 
     def __init__(self, config: TuneConfig, played: Sequence[Sequence[float]] = ()) -> None:
         self.config, self.values = config, list[list[float]]()
-        self._optimizer = CMA(np.zeros(len(SPREAD) * len(config.ends)), config.sigma, seed=config.seed)
+        self._optimizer = CMA(
+            np.zeros(len(SPREAD) * len(config.ends)), config.sigma, seed=config.seed
+        )
         for values in played:
             self._finish(self._ask(), values)
 
@@ -114,16 +116,23 @@ class TuneRun:
         return replace(self.config.start, **found)
 
 
-def make_episodes(configs: Sequence[EnvConfig], terrains: int, seed: int, least: int = 2) -> list[PricedEpisodes]:
+def make_episodes(
+    configs: Sequence[EnvConfig], terrains: int, seed: int, least: int = 2
+) -> list[PricedEpisodes]:
     """Return the episodes of every configuration on the terrains from a seed on.
 
     terrains  of each at 21x21 (see SIDE); least: of each at any size
     """
     counts = [max(least, round(terrains * SIDE**2 / config.n)) for config in configs]
-    return [PricedEpisodes(config, range(seed, seed + count)) for config, count in zip(configs, counts, strict=True)]
+    return [
+        PricedEpisodes(config, range(seed, seed + count))
+        for config, count in zip(configs, counts, strict=True)
+    ]
 
 
-def mean_moves(rule: SizedRule, episodes: Sequence[PricedEpisodes], pool: ThreadPoolExecutor) -> NDArray[np.float64]:
+def mean_moves(
+    rule: SizedRule, episodes: Sequence[PricedEpisodes], pool: ThreadPoolExecutor
+) -> NDArray[np.float64]:
     """Return the mean moves of a rule in each of some episodes, float64[len(episodes)]."""
     return np.array(list(pool.map(lambda each: each.play(rule).mean(), episodes)))
 
@@ -152,16 +161,27 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
     """Return the rule with one of its terms taken out, by what is taken out or put in its place."""
 
     def changed(**values: Any) -> SizedRule:
-        prices = {name: value for name, value in values.items() if name in PriceParameters.__dataclass_fields__}
+        prices = {
+            name: value
+            for name, value in values.items()
+            if name in PriceParameters.__dataclass_fields__
+        }
         others = {name: value for name, value in values.items() if name not in prices}
         ends = {end: getattr(rule, end) for end in ENDS}
-        return SizedRule(**{end: replace(each, prices=replace(each.prices, **prices), **others) for end, each in ends.items()})
+        return SizedRule(
+            **{
+                end: replace(each, prices=replace(each.prices, **prices), **others)
+                for end, each in ends.items()
+            }
+        )
 
     def without_square(square: int) -> SizedRule:
         ends = {}
         for end in ENDS:
             each: PricedRule = getattr(rule, end)
-            a, b, c = (0.0 if k == square else weight for k, weight in enumerate(each.prices.weights))
+            a, b, c = (
+                0.0 if k == square else weight for k, weight in enumerate(each.prices.weights)
+            )
             ends[end] = replace(each, prices=replace(each.prices, weights=(a, b, c)))
         return SizedRule(**ends)
 
@@ -175,7 +195,9 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
         "offset 0": changed(offset=0.0),
         "power of the way 1": changed(power=1.0),
         "power of the way 2": changed(power=2.0),
-        "half the limit": SizedRule(*(replace(each, limit=each.limit / 2) for each in (rule.small, rule.middle, rule.large))),
+        "half the limit": SizedRule(
+            *(replace(each, limit=each.limit / 2) for each in (rule.small, rule.middle, rule.large))
+        ),
         "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small, rule.small),
         "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large, rule.large),
     }
@@ -184,13 +206,27 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
 def to_vector(rule: PricedRule) -> NDArray[np.float64]:
     """Return the parameters that are tuned, float64[11], in the order of SPREAD; the limit is not."""
     prices = rule.prices
-    return np.array([*prices.weights, *prices.powers, prices.pocket, prices.pocket_cells, prices.fade, rule.offset, rule.power])
+    return np.array(
+        [
+            *prices.weights,
+            *prices.powers,
+            prices.pocket,
+            prices.pocket_cells,
+            prices.fade,
+            rule.offset,
+            rule.power,
+        ]
+    )
 
 
 def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
     """Return the rule of a vector to four decimals, values below LOWEST being raised to it."""
-    a, b, c, d, e, f, pocket, pocket_cells, fade, offset, power = np.maximum(vector, LOWEST).round(4).tolist()
-    return PricedRule(PriceParameters((a, b, c), (d, e, f), pocket, pocket_cells, fade), limit, offset, power)
+    a, b, c, d, e, f, pocket, pocket_cells, fade, offset, power = (
+        np.maximum(vector, LOWEST).round(4).tolist()
+    )
+    return PricedRule(
+        PriceParameters((a, b, c), (d, e, f), pocket, pocket_cells, fade), limit, offset, power
+    )
 
 
 def read_rule(document: dict[str, Any]) -> SizedRule:

@@ -110,8 +110,18 @@ class Server:
     def __init__(self, core: int, folder: str) -> None:
         self._asked, self.token = Path(folder) / "measure", secrets.token_hex(16)
         limits = {"MARS_LIMITS__TOKEN": self.token, "MARS_LIMITS__OPENED": "1000000+1000000/s"}
-        caps = {f"MARS_LIMITS__{each}": "100000" for each in ("CONNECTIONS", "CONNECTIONS_PER_ADDRESS", "SOCKETS")}
-        command = [sys.executable, "-c", SERVER, str(core), str(Path(folder) / "playground.db"), str(self._asked)]
+        caps = {
+            f"MARS_LIMITS__{each}": "100000"
+            for each in ("CONNECTIONS", "CONNECTIONS_PER_ADDRESS", "SOCKETS")
+        }
+        command = [
+            sys.executable,
+            "-c",
+            SERVER,
+            str(core),
+            str(Path(folder) / "playground.db"),
+            str(self._asked),
+        ]
         environment = {**os.environ, **limits, **caps}
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         assert self.process.stdout is not None
@@ -132,17 +142,30 @@ class Server:
 def next_action(grid: list[str], position: tuple[int, int], chance: random.Random) -> str:
     """Return a way to a cell that is known to be free, at random; any way where there is none."""
     row, col = position
-    ways = {"north": (row - 1, col), "east": (row, col + 1), "south": (row + 1, col), "west": (row, col - 1)}
-    inside = {way: at for way, at in ways.items() if 0 <= at[0] < len(grid) and 0 <= at[1] < len(grid[0])}
-    return chance.choice([way for way, (r, c) in inside.items() if grid[r][c] == "."] or list(inside))
+    ways = {
+        "north": (row - 1, col),
+        "east": (row, col + 1),
+        "south": (row + 1, col),
+        "west": (row, col - 1),
+    }
+    inside = {
+        way: at for way, at in ways.items() if 0 <= at[0] < len(grid) and 0 <= at[1] < len(grid[0])
+    }
+    return chance.choice(
+        [way for way, (r, c) in inside.items() if grid[r][c] == "."] or list(inside)
+    )
 
 
-async def play(server: Server, begun: dict[str, str], come: asyncio.Barrier, seconds: float, trips: list[float]) -> None:
+async def play(
+    server: Server, begun: dict[str, str], come: asyncio.Barrier, seconds: float, trips: list[float]
+) -> None:
     """Play at the pace for `seconds` from the moment when everybody has come; keep the round trip of each move in ms."""
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
     token = {"X-Mars-Token": server.token}
-    async with connect(url, proxy=None, compression=None, additional_headers=token, open_timeout=CONNECT_S) as socket:
+    async with connect(
+        url, proxy=None, compression=None, additional_headers=token, open_timeout=CONNECT_S
+    ) as socket:
         frame = json.loads(await socket.recv())
         await come.wait()
         until_s = time.monotonic() + seconds
@@ -151,7 +174,11 @@ async def play(server: Server, begun: dict[str, str], come: asyncio.Barrier, sec
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             began, step = time.perf_counter(), frame["step"]
             action = next_action(frame["grid"], frame["position"], chance)
-            await socket.send(json.dumps({"kind": "act", "episode": frame["episode"], "step": step, "action": action}))
+            await socket.send(
+                json.dumps(
+                    {"kind": "act", "episode": frame["episode"], "step": step, "action": action}
+                )
+            )
             while frame["step"] == step:
                 text = await socket.recv()
                 frame = json.loads(text) if text[9:14] == "frame" else frame
@@ -166,13 +193,19 @@ async def _lag(lags: list[float]) -> None:
         lags.append((time.perf_counter() - due) * 1000)
 
 
-async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float) -> tuple[float, list[float], list[float]]:
+async def _campaign(
+    server: Server, boards: list[dict[str, str]], seconds: float
+) -> tuple[float, list[float], list[float]]:
     """Return the server's processor time when measuring began, in s, the round trips and this process's own lags, in ms."""
     trips: list[float] = []
     lags: list[float] = []
     come = asyncio.Barrier(len(boards) + 1)  # the server lets so many connections begin in a second
-    async with asyncio.TaskGroup() as group:  # one that fails ends the others: the barrier would wait for it for ever
-        players = [group.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards]
+    async with (
+        asyncio.TaskGroup() as group
+    ):  # one that fails ends the others: the barrier would wait for it for ever
+        players = [
+            group.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards
+        ]
         await come.wait()
         await asyncio.sleep(2)
         cpu = float((await asyncio.to_thread(server.measured))["cpu_s"])  # type: ignore[arg-type]
@@ -185,7 +218,9 @@ async def _campaign(server: Server, boards: list[dict[str, str]], seconds: float
 
 def measure(server: Server, players: int, seconds: float) -> Level:
     """Return what `players` people come to; StarvedError when this process was too slow to say."""
-    with httpx.Client(base_url=server.url, trust_env=False, headers={"X-Mars-Token": server.token}) as client:
+    with httpx.Client(
+        base_url=server.url, trust_env=False, headers={"X-Mars-Token": server.token}
+    ) as client:
         boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
         cpu, trips, lags = asyncio.run(_campaign(server, boards, seconds))
     own = float(np.percentile(lags, 99))
@@ -203,7 +238,16 @@ def measure(server: Server, players: int, seconds: float) -> Level:
 
 def search(server: Server, most: int, seconds: float, bound_ms: float) -> int:
     """Return the highest number of players, in steps of a tenth, whose p99 stays under the bound; print every level."""
-    names = "players", "moves", "server, median", "server, p99", "server's lag, p99", "round trip, p99", "own lag, p99", "core"
+    names = (
+        "players",
+        "moves",
+        "server, median",
+        "server, p99",
+        "server's lag, p99",
+        "round trip, p99",
+        "own lag, p99",
+        "core",
+    )
     print("times in ms\n| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|", flush=True)
     good, bad, players = 0, most + 1, min(50, most)
     while bad - good > max(1, good // 10) and players < bad:
@@ -228,7 +272,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=10.0, help="of each level")
     parser.add_argument("--most", type=int, default=900, help="players at most")
-    parser.add_argument("--bound", type=float, default=20.0, help="ms that the 99th percentile stays under")
+    parser.add_argument(
+        "--bound", type=float, default=20.0, help="ms that the 99th percentile stays under"
+    )
     given = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
@@ -245,7 +291,9 @@ def main() -> None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 server.process.wait(10)
             server.process.kill()
-    print(f"\n{found} players at {MOVES_PER_SECOND} moves a second: p99 under {given.bound:g} ms on one core of the server")
+    print(
+        f"\n{found} players at {MOVES_PER_SECOND} moves a second: p99 under {given.bound:g} ms on one core of the server"
+    )
 
 
 if __name__ == "__main__":

@@ -15,12 +15,16 @@ def test_the_table_of_the_core():
     print("\n")
     for measured in core.measures():
         figure = measured()
-        print(f"{figure.name} {figure.at}: {figure.value:,.2f} {figure.unit} {figure.verdict} {figure.note}")
+        print(
+            f"{figure.name} {figure.at}: {figure.value:,.2f} {figure.unit} {figure.verdict} {figure.note}"
+        )
         assert figure.value > 0
 
 
 def test_a_step_at_84_costs_at_most_half_more_than_at_21():
-    rates = {side: core.steps_per_cpu_second(EnvConfig.of("random", side), 1024) for side in (21, 84)}
+    rates = {
+        side: core.steps_per_cpu_second(EnvConfig.of("random", side), 1024) for side in (21, 84)
+    }
     print(f"\n84x84 over 21x21: {rates[21] / rates[84]:.2f}")
     assert rates[21] <= 1.5 * rates[84]
 

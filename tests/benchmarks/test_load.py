@@ -42,7 +42,9 @@ run(Settings(database=sys.argv[1], port=0))
 async def look(port, session, until):
     """Keep a 3-D view open and read what comes."""
     url = f"ws://127.0.0.1:{port}/viewer/{session}"
-    async with connect(url, subprotocols=[PROTOCOL], proxy=None, compression=None, max_size=None) as view:
+    async with connect(
+        url, subprotocols=[PROTOCOL], proxy=None, compression=None, max_size=None
+    ) as view:
         await view.send(CAMERA)
         while time.monotonic() < until:
             try:
@@ -61,10 +63,21 @@ async def play(port, session, until, trips):
         policy.reset(0)
         while time.monotonic() < until and not frame["outcome"]:
             due = time.monotonic() + 1 / MOVES_PER_SECOND
-            codes = np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+            codes = np.array(
+                [["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8
+            )
             action = ("north", "east", "south", "west")[policy.act(codes)]
             began = time.perf_counter()
-            await socket.send(json.dumps({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action}))
+            await socket.send(
+                json.dumps(
+                    {
+                        "kind": "act",
+                        "episode": frame["episode"],
+                        "step": frame["step"],
+                        "action": action,
+                    }
+                )
+            )
             step = frame["step"]
             while frame["step"] == step:
                 message = json.loads(await socket.recv())
@@ -90,12 +103,17 @@ def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
         address = next(line for line in server.stdout if "is open at" in line)
         port = int(address.split("http://127.0.0.1:")[1].split()[0])
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client:
-            sessions = [client.post("/api/sessions", json={"size": 42}).json()["session"] for _ in range(PLAYERS)]
+            sessions = [
+                client.post("/api/sessions", json={"size": 42}).json()["session"]
+                for _ in range(PLAYERS)
+            ]
         trips = asyncio.run(campaign(port, sessions))
         server.send_signal(signal.SIGINT)
         server.wait(30)
     wall, cpu = np.array(json.loads(kept.read_text())).T * 1000
-    print(f"\n\n{PLAYERS} players, {VIEWS} with a 3-D view, {MOVES_PER_SECOND} moves/s each, 42x42, {len(wall):,} moves")
+    print(
+        f"\n\n{PLAYERS} players, {VIEWS} with a 3-D view, {MOVES_PER_SECOND} moves/s each, 42x42, {len(wall):,} moves"
+    )
     print("| ms | median | p95 | p99 |\n|---|---|---|---|")
     columns = {
         "server, per act, wall": wall,
@@ -103,7 +121,11 @@ def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
         "round trip, seen by the clients' process": np.array(trips),
     }
     for name, times in columns.items():
-        print(f"| {name} | " + " | ".join(f"{np.percentile(times, p):.2f}" for p in (50, 95, 99)) + " |")
+        print(
+            f"| {name} | "
+            + " | ".join(f"{np.percentile(times, p):.2f}" for p in (50, 95, 99))
+            + " |"
+        )
     assert len(wall) > 0.8 * PLAYERS * MOVES_PER_SECOND * SECONDS
     assert np.percentile(cpu, 99) < 5
     assert np.percentile(wall, 99) < 5, "measure while nothing else runs"

@@ -40,16 +40,30 @@ def test_first_picture(spawn, drawn, flags):
     server, seen = spawn(), []
     with sync_playwright() as playwright:
         for _ in range(OPENINGS):  # each in a browser of its own, with nothing in its cache
-            browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
+            browser = playwright.chromium.launch(
+                executable_path=chromium_path(), headless=True, args=[*QUIET, *flags]
+            )
             page = browser.new_page(viewport={"width": 1440, "height": 900})
             page.add_init_script(WATCH)
             network, sizes = page.context.new_cdp_session(page), []
             network.send("Network.enable")
-            network.on("Network.loadingFinished", lambda event, sizes=sizes: sizes.append(event["encodedDataLength"]))
+            network.on(
+                "Network.loadingFinished",
+                lambda event, sizes=sizes: sizes.append(event["encodedDataLength"]),
+            )
             page.goto(server.url)
-            page.wait_for_function("() => window.playable" if flags is NO_3D else "() => window.playable && window.drawn")
+            page.wait_for_function(
+                "() => window.playable"
+                if flags is NO_3D
+                else "() => window.playable && window.drawn"
+            )
             page.wait_for_timeout(1500)
-            seen.append((*page.evaluate("() => [window.playable / 1e3, (window.drawn ?? 0) / 1e3]"), sum(sizes)))
+            seen.append(
+                (
+                    *page.evaluate("() => [window.playable / 1e3, (window.drawn ?? 0) / 1e3]"),
+                    sum(sizes),
+                )
+            )
             browser.close()
     playable, picture, weight = zip(*seen, strict=True)
     print(f"\n\n{OPENINGS} first visits, {drawn}: {max(weight):,.0f} bytes")
@@ -68,20 +82,32 @@ def test_keydown_to_repaint(spawn, drawn, flags, side):
 
     server = spawn()
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium_path(), headless=True, args=[*QUIET, *flags])
+        browser = playwright.chromium.launch(
+            executable_path=chromium_path(), headless=True, args=[*QUIET, *flags]
+        )
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto(server.url)
-        page.wait_for_function("() => window.mars?.state.player")  # the cookie is there: the next board is the same player's
-        about = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3}).json()
+        page.wait_for_function(
+            "() => window.mars?.state.player"
+        )  # the cookie is there: the next board is the same player's
+        about = page.request.post(
+            f"{server.url}/api/sessions", data={"size": side, "seed": 3}
+        ).json()
         page.goto("about:blank")
         page.goto(f"{server.url}/#s={about['session']}")
-        page.wait_for_function("() => window.mars?.state.player && window.mars.state.link === 'open'")
+        page.wait_for_function(
+            "() => window.mars?.state.player && window.mars.state.link === 'open'"
+        )
         assert page.evaluate("() => window.mars.state.player.session") == about["session"]
         policy = policies.load("frontier-cost")
         policy.reset(0)
         for number in range(PRESSES):
-            frame = json.loads(page.evaluate("() => JSON.stringify(window.mars.state.player.frame)"))
-            codes = np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
+            frame = json.loads(
+                page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")
+            )
+            codes = np.array(
+                [["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8
+            )
             page.keyboard.press(KEY_OF[("north", "east", "south", "west")[policy.act(codes)]])
             page.wait_for_function(f"() => window.mars.latencies.length > {number}")
         times = np.array(page.evaluate("() => window.mars.latencies"))

@@ -41,8 +41,13 @@ def every_interval(store):
     """The estimates of score and steps as a report has them; each reading worked them out before."""
     rows = store.totals("human")
     scores = np.array([row["score"] for row in rows])
-    steps = np.array([row["steps"] if row["outcome"] == "explored" else CONFIG.limit for row in rows], np.float64)
-    return [estimate(values, metric_bounds(CONFIG, name)) for name, values in (("score", scores), ("steps", steps))]
+    steps = np.array(
+        [row["steps"] if row["outcome"] == "explored" else CONFIG.limit for row in rows], np.float64
+    )
+    return [
+        estimate(values, metric_bounds(CONFIG, name))
+        for name, values in (("score", scores), ("steps", steps))
+    ]
 
 
 def test_a_second_reading_of_thousands_of_players_costs_little(store):
@@ -53,8 +58,13 @@ def test_a_second_reading_of_thousands_of_players_costs_little(store):
     second_ms, second = cpu_ms(lambda: kept.human_level(store))
     play(store, EPISODES, "one-more", config=CONFIG)
     more_ms, more = cpu_ms(lambda: kept.human_level(store))
-    print(f"\n{EPISODES:,} players, processor time: first reading {first_ms:.0f} ms, unchanged {second_ms:.0f} ms, ", end="")
-    print(f"after one more episode {more_ms:.0f} ms; with every interval of a report {whole_ms:.0f} ms")
+    print(
+        f"\n{EPISODES:,} players, processor time: first reading {first_ms:.0f} ms, unchanged {second_ms:.0f} ms, ",
+        end="",
+    )
+    print(
+        f"after one more episode {more_ms:.0f} ms; with every interval of a report {whole_ms:.0f} ms"
+    )
     assert first == second
     assert more == human_level(store) != first
     assert [tuple(first["figures"][0][name].values()) for name in ("score", "steps")] == [
@@ -71,7 +81,10 @@ def test_pictures_after_one_more_episode_cost_a_part_of_the_first(store):
     after = human_level(store)["figures"][0]
     more_ms, more = cpu_ms(lambda: kept.pictures(store, CONFIG, after))
     again_ms, again = cpu_ms(lambda: kept.pictures(store, CONFIG, after))
-    print(f"\npictures of {MAX_EPISODES:,} episodes, processor time: the first time {first_ms:.0f} ms, ", end="")
+    print(
+        f"\npictures of {MAX_EPISODES:,} episodes, processor time: the first time {first_ms:.0f} ms, ",
+        end="",
+    )
     print(f"after one more episode {more_ms:.0f} ms, unchanged {again_ms:.1f} ms")
     assert more == again == HumanSummaries().pictures(store, CONFIG, after)
     assert more_ms < first_ms / 2

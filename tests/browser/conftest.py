@@ -14,9 +14,7 @@ def pytest_collection_modifyitems(items):
         if "browser" in Path(item.fspath).parts:
             item.add_marker(pytest.mark.browser)
             if chromium_path() is None:
-                why = (
-                    "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser tests"
-                )
+                why = "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser tests"
                 item.add_marker(pytest.mark.skip(reason=why))
 
 
@@ -33,7 +31,9 @@ class Browsers:
 
             self._driver = sync_playwright().start()
         if flags not in self.started:
-            self.started[flags] = self._driver.chromium.launch(executable_path=chromium_path(), headless=True, args=list(flags))
+            self.started[flags] = self._driver.chromium.launch(
+                executable_path=chromium_path(), headless=True, args=list(flags)
+            )
         return self.started[flags]
 
     def close(self):
@@ -61,7 +61,9 @@ def open_browser():
     """`open_browser(flags)` is Chromium without any profile; every profile that a test opens is closed at its end."""
 
     def start(flags=()):
-        return BROWSERS.start((*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags])))
+        return BROWSERS.start(
+            (*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags]))
+        )
 
     yield start
     for browser in BROWSERS.started.values():
@@ -91,7 +93,9 @@ class Player:
     def open_session(self, **wish):
         """Open a session of one's own (the page's cookie) and return what the server says of it."""
         origin = "/".join(self.url.split("/")[:3])
-        answer = self.page.request.post(f"{self.url}/api/sessions", data=wish, headers={"Origin": origin})
+        answer = self.page.request.post(
+            f"{self.url}/api/sessions", data=wish, headers={"Origin": origin}
+        )
         assert answer.status in (200, 201), answer.text()
         return answer.json()
 
@@ -103,7 +107,9 @@ class Player:
         return about
 
     def press(self, action, wait=True):
-        self.wait("window.mars.state.link === 'open'")  # a page that is starved of time may call its server lost
+        self.wait(
+            "window.mars.state.link === 'open'"
+        )  # a page that is starved of time may call its server lost
         step = self.state()["step"]
         self.hand.press(self.page.keyboard, KEY_OF[action])
         if wait:
@@ -154,7 +160,9 @@ def player(open_browser):
         browser = open_browser(flags)
         profile = browser.new_context(viewport={"width": width, "height": height}, **context)
         if not is_new:
-            profile.add_init_script('if (location.protocol.startsWith("http")) localStorage.setItem("mars.visited", "yes")')
+            profile.add_init_script(
+                'if (location.protocol.startsWith("http")) localStorage.setItem("mars.visited", "yes")'
+            )
         profile.set_default_timeout(1000 * PATIENCE_S)
         return Player(profile.new_page(), server if isinstance(server, str) else server.url)
 

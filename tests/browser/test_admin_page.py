@@ -28,7 +28,11 @@ class QuickPolicies(PolicyCatalogue):
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of three terrains: the server evaluates in seconds."""
-    monkeypatch.setattr(entries, "held_out_seeds", lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3)))
+    monkeypatch.setattr(
+        entries,
+        "held_out_seeds",
+        lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3)),
+    )
 
 
 @pytest.fixture
@@ -39,7 +43,9 @@ def look():
         for size, (width, height) in SIZES.items():
             page.set_viewport_size({"width": width, "height": height})
             assert violations(page) == [], f"{name}, {size}"
-            assert page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+            assert page.evaluate("() => document.documentElement.scrollWidth") <= width, (
+                f"{name} is wider than a {size}"
+            )
             keep_picture(page, f"{name}-{size}", full_page=True)
         page.set_viewport_size({"width": 1440, "height": 900})
 
@@ -50,7 +56,9 @@ def until(page, claim):
     page.wait_for_function(f"() => Boolean({claim})", timeout=IDLE_WORK_MS)
 
 
-def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(serve, player, look, tmp_path, monkeypatch):
+def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
+    serve, player, look, tmp_path, monkeypatch
+):
     monkeypatch.setattr("app.admin.participants.FRESH_S", 0.5)
     study = freeze(tmp_path / "studies", size=(7, 9), title="Dunes of the south")
     server = serve(admin_password=PASSWORD)
@@ -93,7 +101,10 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(serve, 
     driving.start()
     try:
         board.wait_for(state="visible", timeout=IDLE_WORK_MS)
-        until(page, f"/[1-4] moves/.test(document.querySelector('[data-testid=live-{person.where['participant']}]').innerText)")
+        until(
+            page,
+            f"/[1-4] moves/.test(document.querySelector('[data-testid=live-{person.where['participant']}]').innerText)",
+        )
         assert "Warm-up 1" in board.inner_text()
         assert page.evaluate("() => document.querySelector('.boards canvas').width") > 60
         look(page, "admin-live")
@@ -108,17 +119,25 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(serve, 
     row = page.get_by_test_id(f"person-{person.where['participant']}")
     assert "3 of 3" in row.inner_text()
     until(
-        page, "document.getElementById('figure').textContent.startsWith('No figure is shown until the study is closed: 1 of 2')"
+        page,
+        "document.getElementById('figure').textContent.startsWith('No figure is shown until the study is closed: 1 of 2')",
     )
     assert page.locator("#figure .measure").count() == 0
     page.get_by_test_id("open-emergency").click()
     page.get_by_test_id("emergency-reason").fill("too short")
     page.get_by_test_id("emergency-now").click()
-    until(page, "document.getElementById('emergency-wrong').textContent.includes('at least 10 characters')")
+    until(
+        page,
+        "document.getElementById('emergency-wrong').textContent.includes('at least 10 characters')",
+    )
     page.get_by_test_id("emergency-reason").fill("a participant reports a frozen page")
     page.get_by_test_id("emergency-now").click()
     until(page, "document.querySelectorAll('#figure .measure').length === 2")
-    assert page.get_by_test_id("figure-words").inner_text().startswith("EMERGENCY LOOK, outside the plan, when 1 of 2")
+    assert (
+        page.get_by_test_id("figure-words")
+        .inner_text()
+        .startswith("EMERGENCY LOOK, outside the plan, when 1 of 2")
+    )
     look(page, "admin-debrief")
 
     page.get_by_test_id("make-report").click()
@@ -190,7 +209,10 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert page.locator("#visits canvas").count() == len(steps)
     assert "percent after" in page.get_by_test_id("coverage").get_attribute("aria-label")
     page.get_by_test_id("by-score").click()
-    scores = [float(text.replace("−", "-")) for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()]
+    scores = [
+        float(text.replace("−", "-"))
+        for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
+    ]
     assert scores == sorted(scores, reverse=True)
     assert page.url.endswith("&score")
     look(page, "leaderboard")

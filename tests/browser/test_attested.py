@@ -68,7 +68,9 @@ def swipe(me, action, holds_s=0.0):
     box = me.page.get_by_test_id("canvas-player").bounding_box()
     down, right = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}[action]
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    fingers.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+    fingers.send(
+        "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]}
+    )
     for part in range(1, 9):
         point = {"x": x + 12 * part * right, "y": y + 12 * part * down}
         fingers.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [point]})
@@ -86,7 +88,9 @@ def test_taps_and_swipes_on_a_phone(serve, player, tmp_path):
         step = me.state()["step"]
         swipe(me, action)
         me.wait(f"window.mars.state.player.frame.step === {step + 1}")
-    assert me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]") == [0, 0, 1], "the page stays where it is"
+    assert me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]") == [0, 0, 1], (
+        "the page stays where it is"
+    )
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
@@ -107,7 +111,9 @@ def test_typing_ahead_in_bursts(serve, player, tmp_path):
 def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp_path):
     _, me = begun(serve, player)
     there, back = there_and_back(me)
-    for _ in range(2):  # with the first load and the second tab four, as many as an episode may have within seconds
+    for _ in range(
+        2
+    ):  # with the first load and the second tab four, as many as an episode may have within seconds
         me.press(there)
         me.press(back)
         me.page.reload()
@@ -159,7 +165,9 @@ def test_keys_inside_the_3d_view(serve, player, tmp_path):
 def test_remapped_keys_in_a_study(serve, open_browser, tmp_path):
     freeze(tmp_path / "studies", name="tiny", size=(6, 8), pause_after_s=900)
     server = serve()
-    me = Participant(open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page(), server.url).goto()
+    me = Participant(
+        open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page(), server.url
+    ).goto()
     me.choose("agree")
     me.stands("instructions")
     me.choose("open-settings")
@@ -180,6 +188,10 @@ def test_without_events_the_page_says_that_its_episode_does_not_count(serve, pla
     me.page.evaluate("""() => { const send = WebSocket.prototype.send;
         WebSocket.prototype.send = function (text) { if (!text.includes('"kind":"events"')) send.call(this, text); }; }""")
     episode = end(me)
-    assert level_of(tmp_path, episode) == ("human", "unattested", "step 0: no press of its own was received before the move")
+    assert level_of(tmp_path, episode) == (
+        "human",
+        "unattested",
+        "step 0: no press of its own was received before the move",
+    )
     me.page.get_by_text("This episode does not count").first.wait_for()
     me.wait("!window.mars.state.counts")

@@ -21,14 +21,18 @@ def check_screen(page, name, found, themes=("dark",)):
     """Keep what axe finds, and a picture of each size; nothing is wider than the screen."""
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
-        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), f"{name} at {size}"
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), (
+            f"{name} at {size}"
+        )
         keep_picture(page, f"{name}-{size}", full_page=True)
     for theme in themes:
         page.emulate_media(color_scheme=theme)
         found += [f"{name}, {theme}: {each}" for each in violations(page)]
 
 
-def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(server, player, small):
+def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
+    server, player, small
+):
     me = player(server, [*NO_3D, *AS_A_PERSON], permissions=["clipboard-read", "clipboard-write"])
     page, wrong = me.page, []
     page.goto(f"{server.url}/me")
@@ -41,11 +45,15 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(s
     policy = load("frontier-cost")
     me.explore(policy, lambda frame: frame["step"] >= 2)
     page.reload()
-    me.wait("window.mars && window.mars.state.link === 'open' && window.mars.state.player?.frame.step >= 2")
+    me.wait(
+        "window.mars && window.mars.state.link === 'open' && window.mars.state.player?.frame.step >= 2"
+    )
     frame = me.explore(policy, lambda frame: frame["outcome"])
     page.get_by_test_id("end-card").wait_for()
     moves = frame["step"]
-    assert page.get_by_test_id("end-title").inner_text() == f"{moves} moves, 99 % mapped".replace("99 %", _percent(frame))
+    assert page.get_by_test_id("end-title").inner_text() == f"{moves} moves, 99 % mapped".replace(
+        "99 %", _percent(frame)
+    )
     assert "first person today" in page.get_by_test_id("end-rank").inner_text()
     eventually(lambda: "ppo needed" in page.get_by_test_id("share-text").input_value())
     page.get_by_test_id("copy").click()

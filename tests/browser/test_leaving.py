@@ -53,14 +53,18 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.wait("window.mars.state.player.frame.step === 2")
     friend.shows("moves", "2")
     assert not [url for url in sent if "/api/sessions" in url]
-    assert begun["session"] not in friend.page.content() + str(friend.page.evaluate("() => JSON.stringify(window.mars.state)"))
+    assert begun["session"] not in friend.page.content() + str(
+        friend.page.evaluate("() => JSON.stringify(window.mars.state)")
+    )
     problems = []
     look(friend.page, "watching", problems)
 
     me.press("north" if away == "south" else "west")
     assert me.state()["outcome"] == "out_of_bounds"
     found = kept(me, episode)
-    assert (found["driver"], found["counts"], found["steps"]) == ("human", True, 3), "the friend's keys changed nothing"
+    assert (found["driver"], found["counts"], found["steps"]) == ("human", True, 3), (
+        "the friend's keys changed nothing"
+    )
     replay = f"{me.url}/replay/{episode}"
     assert me.page.get_by_test_id("watch-replay").evaluate("link => link.href") == replay
 
@@ -128,7 +132,12 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     me.page.keyboard.press("Enter")
     me.wait("window.mars.state.mode === 'watch'")
     found = kept(me, episode)
-    assert (found["outcome"], found["steps"], found["counts"], found["steps_to_target"]) == ("abandoned", 2, True, 108)
+    assert (found["outcome"], found["steps"], found["counts"], found["steps_to_target"]) == (
+        "abandoned",
+        2,
+        True,
+        108,
+    )
     me.page.get_by_test_id("mode-practice").click()
     me.wait("window.mars.state.mode === 'practice'")
     me.page.get_by_test_id("facts").locator("summary").click()

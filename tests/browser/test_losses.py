@@ -27,18 +27,26 @@ ASK = "Where did I lose moves?"
 
 
 @pytest.mark.long
-def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_practice(serve, player):
+def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_practice(
+    serve, player
+):
     server = serve()
     me = player(server, FLAGS)
     about = me.begin(size=[7, 9])
     assert about["counts"]
     ask = me.page.get_by_role("button", name=ASK)
-    for action in ("east", "west", "north") if about["frame"]["grid"][0][1] == "." else ("south", "north", "north"):
+    for action in (
+        ("east", "west", "north")
+        if about["frame"]["grid"][0][1] == "."
+        else ("south", "north", "north")
+    ):
         assert not ask.is_visible()
         me.press(action)
     frame = me.state()
     assert frame["outcome"] == "out_of_bounds"
-    me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")  # nothing else changes the board from here on
+    me.wait(
+        "window.mars.state.rival && window.mars.state.rival.frame.outcome"
+    )  # nothing else changes the board from here on
     plain = me.still("canvas-player")
     ask.click()
     first = me.page.get_by_test_id("loss-1")
@@ -82,7 +90,9 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")
     first.click()
     me.page.get_by_role("button", name="Try from here").first.click()
-    me.wait(f"window.mars.state.player.frame.step === {biggest['step']} && !window.mars.state.player.frame.outcome")
+    me.wait(
+        f"window.mars.state.player.frame.step === {biggest['step']} && !window.mars.state.player.frame.outcome"
+    )
     again = me.state()
     assert again["episode"] != frame["episode"]
     assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []

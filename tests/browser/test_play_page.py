@@ -31,11 +31,18 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
         "until the board is drawn in 3-D there is a matrix to play on"
     )
     me.page.locator("[data-testid=viewer-player][data-drawn]").wait_for()
-    stage, corner = (me.page.get_by_test_id(each).bounding_box() for each in ("stage-player", "canvas-player"))
+    stage, corner = (
+        me.page.get_by_test_id(each).bounding_box() for each in ("stage-player", "canvas-player")
+    )
     assert corner["width"] < stage["width"] / 3, "then it is a small map in a corner"
 
-    view, matrix = me.still("stage-player"), me.picture("canvas-player")  # the map lies on the stage
-    there, back = ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")  # a rock may be in the way
+    view, matrix = (
+        me.still("stage-player"),
+        me.picture("canvas-player"),
+    )  # the map lies on the stage
+    there, back = (
+        ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")
+    )  # a rock may be in the way
     me.press(there)
     me.changes("canvas-player", matrix)
     me.changes("stage-player", view)  # the rover moves in the 3-D view
@@ -44,15 +51,22 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     box = viewer.bounding_box()
     me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
-    view, matrix = me.still("stage-player"), me.picture("canvas-player")  # the map lies on the stage
+    view, matrix = (
+        me.still("stage-player"),
+        me.picture("canvas-player"),
+    )  # the map lies on the stage
     me.press(back)
     assert me.state()["position"] == [0, 0]
     me.changes("canvas-player", matrix)
     me.changes("stage-player", view)
 
-    me.page.route("**/viewer/**", lambda route: route.fulfill(body=""))  # from here on the matrix alone
+    me.page.route(
+        "**/viewer/**", lambda route: route.fulfill(body="")
+    )  # from here on the matrix alone
     me.page.reload()
-    me.wait("window.mars && window.mars.state.player && window.mars.state.player.trail.length === 3")
+    me.wait(
+        "window.mars && window.mars.state.player && window.mars.state.player.trail.length === 3"
+    )
     assert me.state()["step"] == 2, "a reload goes on where the episode stood"
 
     policy = policies.load("frontier-cost")
@@ -61,10 +75,15 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     me.page.get_by_test_id("end-card").wait_for(state="visible")
     moves = frame["step"]
 
-    exported = list(csv.DictReader(io.StringIO(me.page.request.get(f"{server.url}/api/export/steps.csv?who=human").text())))
+    exported = list(
+        csv.DictReader(
+            io.StringIO(me.page.request.get(f"{server.url}/api/export/steps.csv?who=human").text())
+        )
+    )
     assert len(exported) == moves
     rows = sqlite3.connect(tmp_path / "playground.db").execute(
-        "select step, action, input from steps where episode_id = ? order by step", (frame["episode"],)
+        "select step, action, input from steps where episode_id = ? order by step",
+        (frame["episode"],),
     )
     kept = rows.fetchall()
     assert [row[0] for row in kept] == list(range(moves))
@@ -151,7 +170,9 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     me.page.get_by_test_id("level").select_option("map:warehouse")
     assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
     me.page.get_by_test_id("start").click()
-    me.wait("window.mars.state.level === 'warehouse' && window.mars.state.player.frame.outcome === 'explored'")
+    me.wait(
+        "window.mars.state.level === 'warehouse' && window.mars.state.player.frame.outcome === 'explored'"
+    )
     frame = me.state()
     assert frame["discovered"] <= frame["cells"] < frame["rows"] * frame["cols"]
     assert "99 % of what can be seen" in me.page.get_by_test_id("goal").inner_text()
@@ -198,7 +219,9 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     os.kill(again.process.pid, signal.SIGCONT)
     me.page.keyboard.press(KEY_OF["west"])
     me.wait("window.mars.state.link === 'open' && window.mars.state.player.frame.step === 3")
-    assert not [url for url in sockets if "/ws/sessions/" in url], "a server that was only slow keeps its connection"
+    assert not [url for url in sockets if "/ws/sessions/" in url], (
+        "a server that was only slow keeps its connection"
+    )
     again.kill()
 
 
@@ -221,7 +244,12 @@ def fits(page, test_ids, width, height):
 
     def is_whole(test_id):
         box = page.get_by_test_id(test_id).bounding_box()
-        return box and box["x"] >= 0 and box["x"] + box["width"] <= width + 1 and box["y"] + box["height"] <= height + 1
+        return (
+            box
+            and box["x"] >= 0
+            and box["x"] + box["width"] <= width + 1
+            and box["y"] + box["height"] <= height + 1
+        )
 
     eventually(lambda: [test_id for test_id in test_ids if not is_whole(test_id)] == [])
     assert page.evaluate("() => document.documentElement.scrollWidth") <= width
@@ -231,8 +259,14 @@ def apart(page, *test_ids):
     """None of these elements covers another."""
     boxes = [page.get_by_test_id(test_id).bounding_box() for test_id in test_ids]
     for one, other in itertools.combinations(boxes, 2):
-        left_and_right = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
-        assert left_and_right or one["y"] + one["height"] <= other["y"] or other["y"] + other["height"] <= one["y"], test_ids
+        left_and_right = (
+            one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
+        )
+        assert (
+            left_and_right
+            or one["y"] + one["height"] <= other["y"]
+            or other["y"] + other["height"] <= one["y"]
+        ), test_ids
 
 
 @pytest.mark.parametrize(("name", "flags"), [("desktop", ()), ("no-webgl", NO_3D)])
@@ -243,23 +277,38 @@ def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 6)
     me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
     keep_picture(me.page, name)
-    fits(me.page, ("board-player", "board-rival", "chart", "steps-player", "steps-rival"), 1440, 900)
+    fits(
+        me.page, ("board-player", "board-rival", "chart", "steps-player", "steps-rival"), 1440, 900
+    )
     apart(me.page, "board-player", "board-rival", "chart")
-    board, stage = (me.page.get_by_test_id(f"{part}-player").bounding_box() for part in ("board", "stage"))
-    assert stage["width"] * stage["height"] > 0.8 * board["width"] * board["height"], "the stage fills its board"
+    board, stage = (
+        me.page.get_by_test_id(f"{part}-player").bounding_box() for part in ("board", "stage")
+    )
+    assert stage["width"] * stage["height"] > 0.8 * board["width"] * board["height"], (
+        "the stage fills its board"
+    )
     assert me.errors == []
 
 
 def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
-    me = player(serve(), NO_3D, 390, 844, device_scale_factor=2, has_touch=True, reduced_motion="reduce")
+    me = player(
+        serve(), NO_3D, 390, 844, device_scale_factor=2, has_touch=True, reduced_motion="reduce"
+    )
     me.begin(size=[9, 12], rival="frontier-cost")
     page = me.page
-    fits(page, ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south"), 390, 844)
+    fits(
+        page, ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south"), 390, 844
+    )
     apart(page, "board-player", "pad-north")
     assert page.get_by_test_id("board-rival").is_hidden()
     page.get_by_test_id("tab-rival").click()
     assert page.get_by_test_id("board-player").is_hidden()
-    fits(page, ("board-rival", "steps-rival", "canvas-rival", "pick-rival", "pace-paused-rival"), 390, 844)
+    fits(
+        page,
+        ("board-rival", "steps-rival", "canvas-rival", "pick-rival", "pace-paused-rival"),
+        390,
+        844,
+    )
     page.get_by_test_id("tab-map").click()
     fits(page, ("canvas-player", "canvas-rival", "chart", "pad-south"), 390, 844)
     apart(page, "board-player", "board-rival", "chart", "pad-north")

@@ -45,8 +45,14 @@ def proxy(tmp_path):
         subject = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
         files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
         subprocess.run(["openssl", "req", *subject, *files], check=True, capture_output=True)
-        (folder / "nginx.conf").write_text(CONFIG.format(folder=folder, port=port, upstream=upstream))
-        running.append(subprocess.Popen(["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL))
+        (folder / "nginx.conf").write_text(
+            CONFIG.format(folder=folder, port=port, upstream=upstream)
+        )
+        running.append(
+            subprocess.Popen(
+                ["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL
+            )
+        )
         eventually(lambda: (folder / "nginx.pid").exists())
         return f"https://localhost:{port}/mars"
 
@@ -65,9 +71,13 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 
     def asked():
-        return me.page.evaluate("() => 1")  # Playwright tells of sockets only while it is asked something
+        return me.page.evaluate(
+            "() => 1"
+        )  # Playwright tells of sockets only while it is asked something
 
-    eventually(lambda: asked() and [s for s in sockets if "/mars/viewer/" in s.url and not s.is_closed()])
+    eventually(
+        lambda: asked() and [s for s in sockets if "/mars/viewer/" in s.url and not s.is_closed()]
+    )
     view = me.still("stage-player")
     me.press("east")
     me.changes("stage-player", view)

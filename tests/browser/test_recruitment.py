@@ -39,7 +39,9 @@ def look(person, name):
     for size, (width, height) in SIZES.items():
         person.page.set_viewport_size({"width": width, "height": height})
         assert violations(person.page) == [], f"{name}, {size}"
-        assert person.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+        assert person.page.evaluate("() => document.documentElement.scrollWidth") <= width, (
+            f"{name} is wider than a {size}"
+        )
         keep_picture(person.page, f"study-{name}-{size}")
     person.page.set_viewport_size({"width": 1440, "height": 900})
 
@@ -54,7 +56,11 @@ def refusal(person):
 def invited(serve, tmp_path):
     """A server with an operator and a study by invitation, the study, and two invitations."""
     study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=1)
-    return serve(admin_password=PASSWORD), study, Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
+    return (
+        serve(admin_password=PASSWORD),
+        study,
+        Invitations(Folder(tmp_path / "studies")).issue("tiny", 2),
+    )
 
 
 def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
@@ -62,7 +68,9 @@ def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
     link = link_of(study, invitation.id, server.url)
     me = visitor(link, server)
     me.stands("consent")
-    assert me.page.url == f"{server.url}/study/tiny", "whoever copies the address hands on no invitation"
+    assert me.page.url == f"{server.url}/study/tiny", (
+        "whoever copies the address hands on no invitation"
+    )
     assert me.page.evaluate("() => history.length") <= 2
     assert me.page.get_by_test_id("consent-invited").is_visible()
     other = visitor(link, server)
@@ -72,8 +80,13 @@ def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
     me.choose("agree")
     me.stands("instructions")
     other.choose("agree")
-    assert refusal(other).startswith("This invitation has been used: if it was you, go on in the browser in which you began")
-    assert refusal(visitor(me.page.url, server)) == "This study is by invitation: open the link that you were sent."
+    assert refusal(other).startswith(
+        "This invitation has been used: if it was you, go on in the browser in which you began"
+    )
+    assert (
+        refusal(visitor(me.page.url, server))
+        == "This study is by invitation: open the link that you were sent."
+    )
     code = code_of(study, server.services.lobby.sources.clock_ms())
     supervise(me, code)
     me.choose("to-tutorial")
@@ -92,15 +105,21 @@ def supervise(me, code):
     me.choose("open-supervise")
     me.page.keyboard.type("WRONG-CODE")
     me.page.keyboard.press("Enter")
-    eventually(lambda: "not the operator's code" in me.page.get_by_test_id("supervise-status").inner_text())
+    eventually(
+        lambda: "not the operator's code" in me.page.get_by_test_id("supervise-status").inner_text()
+    )
     me.page.keyboard.type(code.lower())
     me.page.keyboard.press("Enter")
     me.page.get_by_test_id("supervise").wait_for(state="hidden")
-    eventually(lambda: me.page.get_by_test_id("supervised").inner_text().startswith("Supervised until"))
+    eventually(
+        lambda: me.page.get_by_test_id("supervised").inner_text().startswith("Supervised until")
+    )
 
 
 @pytest.mark.long
-def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_where_people_come_in(invited, visitor):
+def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_where_people_come_in(
+    invited, visitor
+):
     server, study, (first, second) = invited
     me = visitor(link_of(study, first.id, server.url), server)
     other = visitor(link_of(study, first.id, server.url), server)
@@ -165,11 +184,33 @@ def edit_draft(path, **changed):
 
 
 @pytest.mark.long
-def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_again(serve, visitor, tmp_path, capsys):
-    studies, database = ("--studies", tmp_path / "studies"), ("--database", tmp_path / "playground.db")
-    plan = ("--size", "7x9", "--warm-up", 1, "--ranked", 2, "--players", 2, "--break-every", 1, "--policy", "frontier-cost")
+def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_again(
+    serve, visitor, tmp_path, capsys
+):
+    studies, database = (
+        ("--studies", tmp_path / "studies"),
+        ("--database", tmp_path / "playground.db"),
+    )
+    plan = (
+        "--size",
+        "7x9",
+        "--warm-up",
+        1,
+        "--ranked",
+        2,
+        "--players",
+        2,
+        "--break-every",
+        1,
+        "--policy",
+        "frontier-cost",
+    )
     command(capsys, "study", "new", "tiny", *plan, *studies)
-    edit_draft(tmp_path / "studies" / "tiny" / "protocol.json", debrief_policy="frontier-cost", pause_after_s=900)
+    edit_draft(
+        tmp_path / "studies" / "tiny" / "protocol.json",
+        debrief_policy="frontier-cost",
+        pause_after_s=900,
+    )
     assert "by invitation" in command(capsys, "study", "freeze", "tiny", "--underpowered", *studies)
     server = serve()
     links = command(capsys, "study", "invite", "tiny", 2, "--url", server.url, *studies).split()
@@ -179,8 +220,16 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         me.to_ranked()
         watcher = visitor(me.page.url, server)
         watcher.stands("problem")
-        assert "open the link that you were sent" in watcher.page.get_by_test_id("problem").inner_text()
-        assert watcher.page.request.get(f"{server.url}/api/sessions/{me.state('participant.session')}").status == 404
+        assert (
+            "open the link that you were sent"
+            in watcher.page.get_by_test_id("problem").inner_text()
+        )
+        assert (
+            watcher.page.request.get(
+                f"{server.url}/api/sessions/{me.state('participant.session')}"
+            ).status
+            == 404
+        )
         me.explore()
         me.page.keyboard.press("Enter")
         me.stands("break")
@@ -205,5 +254,9 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
     command(capsys, "release", "--study", "tiny", "--out", bundle, *database, *studies)
     command(capsys, "reproduce", bundle)
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        levels = dict(db.execute("SELECT attestation, count(*) FROM episodes WHERE driver = 'human' GROUP BY attestation"))
+        levels = dict(
+            db.execute(
+                "SELECT attestation, count(*) FROM episodes WHERE driver = 'human' GROUP BY attestation"
+            )
+        )
     assert levels == {"attested": 8}, "every key that drove was matched with its own input event"

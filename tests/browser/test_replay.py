@@ -41,7 +41,8 @@ class Replay:
 
     def shows(self, test_id, text):
         self.page.wait_for_function(
-            "([id, text]) => document.querySelector(`[data-testid=${id}]`).innerText.includes(text)", arg=[test_id, text]
+            "([id, text]) => document.querySelector(`[data-testid=${id}]`).innerText.includes(text)",
+            arg=[test_id, text],
         )
 
 
@@ -69,7 +70,10 @@ def go_through(replay, record):
     page.keyboard.press(" ")
     replay.stands(last)
     box = page.get_by_test_id("scrubber").bounding_box()
-    middle, height = box["x"] + 42 + (box["width"] - 56) * (last // 2) / last, box["y"] + box["height"] / 2
+    middle, height = (
+        box["x"] + 42 + (box["width"] - 56) * (last // 2) / last,
+        box["y"] + box["height"] / 2,
+    )
     page.mouse.move(middle, height)
     replay.stands(last // 2)
     page.mouse.move(box["x"] + 10, box["y"] - 30)
@@ -107,12 +111,18 @@ def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player
     assert not me.errors
 
 
-def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(open_browser, tmp_path, ended):
+def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(
+    open_browser, tmp_path, ended
+):
     episode, record = ended
     path = tmp_path / "replay.html"
     courses = [course_of("A person", record), play_ghost("frontier-cost", record)]
     path.write_bytes(file_of("html", episode, courses))
-    page = open_browser(NO_3D).new_context(offline=True, reduced_motion="reduce", color_scheme="light").new_page()
+    page = (
+        open_browser(NO_3D)
+        .new_context(offline=True, reduced_motion="reduce", color_scheme="light")
+        .new_page()
+    )
     asked, errors = [], []
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -66,7 +66,9 @@ def without_map(me):
 
 def colours(picture):
     """How many soil-coloured and how many amber pixels a PNG has."""
-    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), int), 2, 0)
+    red, green, blue = np.moveaxis(
+        np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), int), 2, 0
+    )
     soil = (red > 140) & (green > 60) & (green < 130) & (blue < 110)
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
@@ -74,7 +76,9 @@ def colours(picture):
 DRAWN = "[data-testid=viewer-player][data-drawn]"
 
 
-def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(serve, player):
+def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_camera_and_another_size(
+    serve, player
+):
     me = player(serve(), (), 1010, 540)
     me.page.add_init_script(f"({COUNT_PICTURES})()")
     me.page.add_init_script(f"({NOTE_SOIL_WHEN_DRAWN})()")
@@ -84,11 +88,15 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
     assert "&software-canvas" in view.url
     eventually(lambda: view.evaluate(HIDDEN) == 1)  # the client's canvas is unseen
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
-    assert me.page.evaluate("() => window.soilWhenDrawn") > 300, "it takes the stage with its ground, not before"
+    assert me.page.evaluate("() => window.soilWhenDrawn") > 300, (
+        "it takes the stage with its ground, not before"
+    )
     before = me.still("stage-player")
     picture = np.asarray(Image.open(io.BytesIO(before)).convert("RGB"), int)
     amber = np.argwhere((picture[..., 0] > 220) & (picture[..., 2] < 140))
-    assert (amber.mean(axis=0) < np.array(picture.shape[:2]) / 2).all(), "the rover stands in the north-west"
+    assert (amber.mean(axis=0) < np.array(picture.shape[:2]) / 2).all(), (
+        "the rover stands in the north-west"
+    )
     me.press("east")
     me.changes("stage-player", before)
     before = me.still("stage-player")
@@ -103,19 +111,29 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
 
     view.evaluate(COUNT_UNFINISHED)
     before = me.still("stage-player")
-    me.page.get_by_test_id("camera").click()  # another socket, and nothing else that would wake the client
+    me.page.get_by_test_id(
+        "camera"
+    ).click()  # another socket, and nothing else that would wake the client
     me.changes("stage-player", before)
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
     me.page.locator(DRAWN).wait_for()
     me.page.set_viewport_size({"width": 390, "height": 844})
     shape = "() => { const all = document.querySelectorAll('canvas'); return all[2].width / all[2].height; }"
-    eventually(lambda: abs(view.evaluate(shape) / view.evaluate("() => innerWidth / innerHeight") - 1) < 0.05)
+    eventually(
+        lambda: (
+            abs(view.evaluate(shape) / view.evaluate("() => innerWidth / innerHeight") - 1) < 0.05
+        )
+    )
     eventually(lambda: colours(me.picture("stage-player"))[0] > 300)
-    assert view.evaluate("() => window.unfinished") == 0, "the picture before stays until the new one is complete"
+    assert view.evaluate("() => window.unfinished") == 0, (
+        "the picture before stays until the new one is complete"
+    )
     assert me.errors == []
 
 
-def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and_is_loaded_again(serve, player):
+def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and_is_loaded_again(
+    serve, player
+):
     me = player(serve(), (), 1010, 540)
     me.begin(size=[9, 12], seed=3)
     without_map(me)
@@ -140,6 +158,8 @@ def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serv
     me.page.locator("canvas").first.wait_for()
     assert me.page.evaluate("() => requestAnimationFrame.toString().includes('native code')")
     assert me.page.locator("canvas").first.is_visible()
-    options = me.page.evaluate("() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()")
+    options = me.page.evaluate(
+        "() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()"
+    )
     assert options["antialias"]
     eventually(lambda: colours(me.page.screenshot())[0] > 500)

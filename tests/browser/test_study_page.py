@@ -32,7 +32,13 @@ def studies(tmp_path):
     def make(size=(6, 8), **rest):
         folder = Folder(tmp_path / "studies")
         config = EnvConfig.of("random", size)
-        rest = {"warm_up": 1, "ranked": 2, "break_every": 1, "return_url": "https://example.org/done?cc={code}", **rest}
+        rest = {
+            "warm_up": 1,
+            "ranked": 2,
+            "break_every": 1,
+            "return_url": "https://example.org/done?cc={code}",
+            **rest,
+        }
         folder.create(default_protocol("tiny", config, title="A tiny study", **rest))
         folder.freeze("tiny")
         return str(folder.root)
@@ -49,7 +55,9 @@ class Participant:
         self.errors, self.received = [], []
         self.policy = policies.load("frontier-cost")
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("websocket", lambda socket: socket.on("framereceived", lambda text: self._receive(text)))
+        page.on(
+            "websocket", lambda socket: socket.on("framereceived", lambda text: self._receive(text))
+        )
         page.expose_function("marsReceives", self._receive)
         page.add_init_script(LISTEN)
 
@@ -66,7 +74,9 @@ class Participant:
 
     def stands(self, screen):
         """Wait for a screen, painted."""
-        self.wait(f"window.marsStudy.screen === '{screen}' && document.body.dataset.screen === '{screen}'")
+        self.wait(
+            f"window.marsStudy.screen === '{screen}' && document.body.dataset.screen === '{screen}'"
+        )
 
     def state(self, path):
         return self.page.evaluate(f"() => window.marsStudy.state.{path}")
@@ -91,7 +101,9 @@ class Participant:
         self.wait("window.marsStudy.state.game.link === 'open'")
         step = self.frame["step"]
         self.hand.press(self.page.keyboard, self.keys[action])
-        self.wait(f"window.marsStudy.painted?.game.player.frame.step > {step}")  # the next key tells the step on the screen
+        self.wait(
+            f"window.marsStudy.painted?.game.player.frame.step > {step}"
+        )  # the next key tells the step on the screen
 
     def wake(self):
         """Go on, if stillness has paused the board meanwhile."""
@@ -116,7 +128,9 @@ class Participant:
     def driving(self):
         """Wait until a board takes keys."""
         self.stands("play")
-        self.wait("window.marsStudy.state.game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'")
+        self.wait(
+            "window.marsStudy.state.game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'"
+        )
 
     def to_questions(self):
         """Walk from the consent to the questions."""
@@ -187,9 +201,13 @@ class Screens:
             self.page.set_viewport_size({"width": width, "height": height})
             self.found[f"{name}, {size}"] = violations(self.page)
             keep_picture(self.page, f"study-{name}-{size}")
-            assert self.page.evaluate("() => document.documentElement.scrollWidth") <= width, f"{name} is wider than a {size}"
+            assert self.page.evaluate("() => document.documentElement.scrollWidth") <= width, (
+                f"{name} is wider than a {size}"
+            )
         for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
-            self.page.evaluate(f"() => {{ document.documentElement.dataset.palette = '{palette}' }}")
+            self.page.evaluate(
+                f"() => {{ document.documentElement.dataset.palette = '{palette}' }}"
+            )
             if palette != "mars":
                 self.found[f"{name}, {palette}"] = violations(self.page, runOnly=["color-contrast"])
 
@@ -223,7 +241,9 @@ def rows(tmp_path, query, *values):
         return connection.execute(query, values).fetchall()
 
 
-def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_restart(spawn, studies, participant, tmp_path):
+def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_restart(
+    spawn, studies, participant, tmp_path
+):
     """The whole of a study, every screen of it judged by axe on the way."""
     folder = studies(pause_after_s=900)  # a slow machine may restart for longer than a minute
     server = spawn(studies=folder)
@@ -238,7 +258,9 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     warm_up = me.explore()
     screens.look("warm-up-end")
     assert warm_up["score"] is not None
-    assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text(), "warm-up shows the score"
+    assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text(), (
+        "warm-up shows the score"
+    )
     me.page.keyboard.press("Enter")
     me.stands("ready")
     screens.look("ranked-ready")
@@ -298,7 +320,10 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.stands("complete")
     code = me.page.get_by_test_id("code").inner_text()
     assert [code] == [row[0] for row in rows(tmp_path, "select completion_code from participants")]
-    assert me.page.get_by_test_id("return").get_attribute("href") == f"https://example.org/done?cc={code}"
+    assert (
+        me.page.get_by_test_id("return").get_attribute("href")
+        == f"https://example.org/done?cc={code}"
+    )
     screens.look("complete")
     me.page.reload()
     me.stands("complete")
@@ -338,7 +363,10 @@ def learn_and_answer(me, screens):
     screens.look("questions")
     me.answer([0, 0, 1])
     me.page.get_by_text("One answer is not right yet.").wait_for()
-    assert "the rover need not drive everywhere" in me.page.locator("[data-testid=question-1] .verdict").inner_text()
+    assert (
+        "the rover need not drive everywhere"
+        in me.page.locator("[data-testid=question-1] .verdict").inner_text()
+    )
     screens.look("questions-wrong")
     me.answer(RIGHT)
 
@@ -347,10 +375,20 @@ def check_database(tmp_path, first, second):
     """Everything a report needs was kept: one human, no terrain twice, every key that drove."""
     assert rows(tmp_path, "select kind, stage from participants") == [("human", "complete")]
     assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
-    played = rows(tmp_path, "select phase, trial, driver from study_episodes join episodes on id = episode_id order by number")
-    assert played == [("tutorial", 0, "human"), ("warm_up", 0, "human"), ("ranked", 0, "human"), ("ranked", 1, "human")]
+    played = rows(
+        tmp_path,
+        "select phase, trial, driver from study_episodes join episodes on id = episode_id order by number",
+    )
+    assert played == [
+        ("tutorial", 0, "human"),
+        ("warm_up", 0, "human"),
+        ("ranked", 0, "human"),
+        ("ranked", 1, "human"),
+    ]
     for episode in (first, second):
-        moves = rows(tmp_path, "select step from steps where episode_id = ? and input = 'key'", episode)
+        moves = rows(
+            tmp_path, "select step from steps where episode_id = ? and input = 'key'", episode
+        )
         events = rows(
             tmp_path,
             "select kind, code, repeat, trusted, client_ms, step, round_trip_ms from input_events where episode_id = ?"
@@ -363,12 +401,16 @@ def check_database(tmp_path, first, second):
         assert {event[1] for event in down} <= set(KEY_OF.values())
         assert any(event[6] is not None and 0 < event[6] < 5_000 for event in down)
         assert {event[5] for event in down} >= set(range(len(moves)))
-        assert sum(event[0] == "keyup" for event in events) >= len(moves) - 1, "the key that ended it comes up after the end"
+        assert sum(event[0] == "keyup" for event in events) >= len(moves) - 1, (
+            "the key that ended it comes up after the end"
+        )
     (settings,) = rows(tmp_path, "select settings from participants")
     assert json.loads(settings[0])["modality"] == "keyboard"
 
 
-def test_remapped_keys_drive_and_colours_change_and_both_are_kept(serve, studies, participant, tmp_path):
+def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
+    serve, studies, participant, tmp_path
+):
     server = serve(studies=studies())
     me = participant(server)
     me.choose("agree")
@@ -387,13 +429,19 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(serve, studies
     me.page.keyboard.press("ArrowUp")
     assert me.page.evaluate("() => document.documentElement.dataset.palette") == "high-contrast"
     me.page.keyboard.press("Escape")
-    assert me.page.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(0, 0, 0)" != ground
+    assert (
+        me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+        == "rgb(0, 0, 0)"
+        != ground
+    )
     me.choose("to-tutorial")
     me.driving()
     me.page.keyboard.press("ArrowRight")
     me.keys = {**KEY_OF, "east": "l"}
     me.press("east")
-    assert (me.frame["step"], me.frame["position"]) == (1, [0, 1]), "the old key drives no more, the new one does"
+    assert (me.frame["step"], me.frame["position"]) == (1, [0, 1]), (
+        "the old key drives no more, the new one does"
+    )
     eventually(lambda: chosen(tmp_path) == ("high-contrast", ["KeyL", "KeyD"]))
     pixel = "() => [...document.querySelector('#board').getContext('2d').getImageData(3, 3, 1, 1).data].slice(0, 3)"
     assert me.page.evaluate(pixel) == [0x6E, 0x6E, 0x6E], "the board wears the palette"
@@ -407,11 +455,15 @@ def chosen(tmp_path):
     return kept.get("palette"), (kept.get("keys") or {}).get("east")
 
 
-def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(serve, studies, participant, tmp_path):
+def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(
+    serve, studies, participant, tmp_path
+):
     server = serve(studies=studies())
     me = participant(server)
     held = []
-    me.page.route("**/settings", lambda route: held.append(route) if not held else route.continue_())
+    me.page.route(
+        "**/settings", lambda route: held.append(route) if not held else route.continue_()
+    )
     me.choose("open-settings")
     me.tab_to("palette-mars")
     me.page.keyboard.press("ArrowDown")
@@ -428,7 +480,9 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
     assert me.errors == []
 
 
-def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(serve, studies, participant, tmp_path):
+def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(
+    serve, studies, participant, tmp_path
+):
     server = serve(studies=studies(pause_after_s=3))
     me = participant(server, reduced_motion="reduce")
     me.choose("agree")
@@ -461,11 +515,15 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     assert "never cheaper" in me.page.get_by_test_id("give-up").inner_text()
     me.page.keyboard.press("ArrowRight")
     me.page.keyboard.press("Escape")
-    assert (me.frame["outcome"], me.frame["step"]) == (None, 0), "keys do not drive behind a question"
+    assert (me.frame["outcome"], me.frame["step"]) == (None, 0), (
+        "keys do not drive behind a question"
+    )
     me.choose("open-give-up")
     me.choose("give-up-now")
     me.wait("window.marsStudy.state.game.player.frame.outcome === 'abandoned'")
-    assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [("abandoned",)]
+    assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [
+        ("abandoned",)
+    ]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
     me.wait("window.marsStudy.state.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
@@ -491,7 +549,12 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     me.wait("window.marsStudy.state.game.player.frame.step === 1")
     query = "select kind, code from input_events where kind like 'touch%' order by number"
     eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
-    eventually(lambda: json.loads(rows(tmp_path, "select settings from participants")[0][0])["modality"] == "touch")
+    eventually(
+        lambda: (
+            json.loads(rows(tmp_path, "select settings from participants")[0][0])["modality"]
+            == "touch"
+        )
+    )
     assert me.errors == []
 
 
@@ -526,7 +589,9 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
 
     for mode in ("watch", "ranked", "practice"):
         me.page.get_by_test_id(f"mode-{mode}").click()
-        me.wait(f"window.mars.state.mode === '{mode}' && window.mars.state.player.frame.outcome === null")
+        me.wait(
+            f"window.mars.state.mode === '{mode}' && window.mars.state.player.frame.outcome === null"
+        )
         look(mode)
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
     look("end")
@@ -534,7 +599,9 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
     look("terrain-dialog")
     me.page.close()
     other = player(server, (), 1100, 700, reduced_motion="reduce")
-    other.begin(size=[9, 12], rival="frontier-cost")  # small boards on a small screen: the processor draws both
+    other.begin(
+        size=[9, 12], rival="frontier-cost"
+    )  # small boards on a small screen: the processor draws both
     other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
     found["3-D"] = violations(other.page)
     assert {place: problems for place, problems in found.items() if problems} == {}

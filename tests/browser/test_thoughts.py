@@ -61,7 +61,9 @@ def goal_pixel(me):
 
 
 @pytest.mark.parametrize(("size", "theme"), [((1440, 900), "dark"), ((390, 844), "light")])
-def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(serve, player, size, theme):
+def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(
+    serve, player, size, theme
+):
     me = player(serve(), NO_3D)
     me.page.set_viewport_size({"width": size[0], "height": size[1]})
     me.page.emulate_media(color_scheme=theme)
@@ -86,13 +88,20 @@ def test_the_cell_that_a_rule_heads_for_is_marked_and_named_where_people_watch(s
     assert me.errors == []
 
 
-def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where_it_heads(serve, player):
+def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where_it_heads(
+    serve, player
+):
     me = player(serve(), NO_3D, 390, 844, has_touch=True, reduced_motion="reduce")
     page = me.page
     me.begin(rival="frontier-cost", size=[9, 12], seed=5)
     me.wait(FIRST)
-    assert [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")] == ["You", "Policy"]
-    me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)  # long enough that both still play at the end
+    assert [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")] == [
+        "You",
+        "Policy",
+    ]
+    me.begin(
+        player="frontier-priced", rival="frontier-cost", size=42, seed=5
+    )  # long enough that both still play at the end
     me.wait("mars.state.mode === 'watch'")
     for role, name in (("player", "frontier-priced"), ("rival", "frontier-cost")):
         tab = page.get_by_test_id(f"tab-{role}")
@@ -116,13 +125,19 @@ def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_
     assert me.state("player.thought") is None
     assert me.state("rival") is None
     before = me.still("canvas-player")
-    with me.page.expect_request(lambda request: request.url.endswith("/api/sessions") and request.method == "POST") as asked:
+    with me.page.expect_request(
+        lambda request: request.url.endswith("/api/sessions") and request.method == "POST"
+    ) as asked:
         me.press("north")
     assert me.state()["outcome"] == "out_of_bounds"
-    assert asked.value.post_data_json["replays"] == about["session"], "so that the 3-D views show the paths as well"
+    assert asked.value.post_data_json["replays"] == about["session"], (
+        "so that the 3-D views show the paths as well"
+    )
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
-    card, board = (me.page.get_by_test_id(each).bounding_box() for each in ("end-card", "board-player"))
+    card, board = (
+        me.page.get_by_test_id(each).bounding_box() for each in ("end-card", "board-player")
+    )
     assert card["y"] >= board["y"] + board["height"], "the end card leaves the board uncovered"
     me.page.keyboard.press("Enter")
     me.wait("window.mars.state.rival === null")

@@ -38,8 +38,21 @@ def proxied(serve, tmp_path):
     def start(*changes):
         folder, port, plain = tmp_path / "nginx", free_port(), free_port()
         folder.mkdir()
-        server = serve(trusted_proxies=["127.0.0.1"], public_url=f"https://localhost:{port}", admin_password="red-planet-4")
-        certificate = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
+        server = serve(
+            trusted_proxies=["127.0.0.1"],
+            public_url=f"https://localhost:{port}",
+            admin_password="red-planet-4",
+        )
+        certificate = [
+            "-subj",
+            "/CN=localhost",
+            "-days",
+            "2",
+            "-nodes",
+            "-newkey",
+            "rsa:2048",
+            "-x509",
+        ]
         files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
         subprocess.run(["openssl", "req", *certificate, *files], check=True, capture_output=True)
         site = CONFIG.read_text()
@@ -57,9 +70,17 @@ def proxied(serve, tmp_path):
             site = site.replace(was, now)
         site = re.sub(r"listen \[::\].*", "", site)
         (folder / "nginx.conf").write_text(AROUND.format(folder=folder, site=site))
-        running.append(subprocess.Popen(["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL))
+        running.append(
+            subprocess.Popen(
+                ["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL
+            )
+        )
         eventually(lambda: (folder / "nginx.pid").exists())
-        server.public, server.plain, server.nginx = f"https://localhost:{port}", f"http://127.0.0.1:{plain}", folder
+        server.public, server.plain, server.nginx = (
+            f"https://localhost:{port}",
+            f"http://127.0.0.1:{plain}",
+            folder,
+        )
         return server
 
     yield start
@@ -70,7 +91,11 @@ def proxied(serve, tmp_path):
 
 def browser(server, **headers):
     return httpx.Client(
-        base_url=server.public, verify=False, trust_env=False, timeout=PATIENCE_S, headers={"Origin": server.public, **headers}
+        base_url=server.public,
+        verify=False,
+        trust_env=False,
+        timeout=PATIENCE_S,
+        headers={"Origin": server.public, **headers},
     )
 
 
@@ -80,7 +105,9 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
         page = client.get("/?PROLIFIC_PID=ada-5f1")
         assert (page.status_code, "MarsExplorer" in page.text) == (200, True)
         begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1})
-        assert "Secure" in begun.headers["set-cookie"], "the server knows that the browser speaks TLS"
+        assert "Secure" in begun.headers["set-cookie"], (
+            "the server knows that the browser speaks TLS"
+        )
         assert begun.headers["strict-transport-security"]
         session = begun.json()["session"]
         trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -89,14 +116,21 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
         url = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
         cookies = {"Cookie": cookie}
         with connect(
-            url, ssl=trusting, origin=server.public, additional_headers=cookies, proxy=None, open_timeout=PATIENCE_S
+            url,
+            ssl=trusting,
+            origin=server.public,
+            additional_headers=cookies,
+            proxy=None,
+            open_timeout=PATIENCE_S,
         ) as connection:
             board = Socket(connection)
             board.act(board.receive("frame"), "east", input="key")
             assert board.frame_after(0)["step"] == 1
         assert client.get(f"/api/sessions/{session}").json()["step"] == 1
         assert client.get("/readyz").status_code == 404
-        moved = httpx.get(f"{server.plain}/study/x?PROLIFIC_PID=ada-5f1", trust_env=False, verify=False)
+        moved = httpx.get(
+            f"{server.plain}/study/x?PROLIFIC_PID=ada-5f1", trust_env=False, verify=False
+        )
         assert (moved.status_code, moved.headers["location"][:8]) == (301, "https://")
     logged = "".join(path.read_text() for path in server.nginx.glob("*.log"))
     assert "ada-5f1" not in logged
@@ -121,7 +155,9 @@ def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
     with browser(server) as client:
         statuses = [
             client.post(
-                "/api/admin/login", json={"password": "wrong-wrong"}, headers={"X-Forwarded-For": f"9.9.9.{number}"}
+                "/api/admin/login",
+                json={"password": "wrong-wrong"},
+                headers={"X-Forwarded-For": f"9.9.9.{number}"},
             ).status_code
             for number in range(FREE_ATTEMPTS + 1)
         ]
@@ -130,7 +166,11 @@ def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
 
 def test_a_flood_from_one_address_is_limited(proxied):
     """With smaller figures than the file's, so that the flood need not be so large."""
-    server = proxied(("rate=200r/s", "rate=1r/s"), ("burst=5000", "burst=20"), ("mars_connections 800", "mars_connections 8"))
+    server = proxied(
+        ("rate=200r/s", "rate=1r/s"),
+        ("burst=5000", "burst=20"),
+        ("mars_connections 800", "mars_connections 8"),
+    )
     with browser(server) as client:
         statuses = [client.get("/healthz").status_code for _ in range(40)]
     assert 20 <= statuses.count(200) < 30

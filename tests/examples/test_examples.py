@@ -34,7 +34,9 @@ def home(name):
     if not stamp.is_file() or json.loads(stamp.read_text()) != NEEDS[name]:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
         ours = [] if name == "oldest" else ["--editable", str(ROOT)]
-        subprocess.run([str(python), "-m", "pip", "install", "--quiet", *NEEDS[name], *ours], check=True)
+        subprocess.run(
+            [str(python), "-m", "pip", "install", "--quiet", *NEEDS[name], *ours], check=True
+        )
         stamp.write_text(json.dumps(NEEDS[name]))
     return str(python)
 
@@ -42,7 +44,14 @@ def home(name):
 def run(python, *arguments, **rest):
     """Return what a script prints; its last words are shown when it fails."""
     env = os.environ | {"OMP_NUM_THREADS": "1", "RAY_DISABLE_DASHBOARD": "1"}
-    done = subprocess.run([python, *map(str, arguments)], capture_output=True, text=True, env=env, timeout=1200, **rest)
+    done = subprocess.run(
+        [python, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=env,
+        timeout=1200,
+        **rest,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     return done.stdout
 
@@ -77,7 +86,17 @@ print(json.dumps(kept))
 def test_a_maskable_ppo_trains_and_plays_here_as_it_does_there(features, tmp_path):
     python, out = home("sb3"), tmp_path / "mine.zip"
     said = run(
-        python, "examples/sb3_maskable_ppo.py", "--steps", 1024, "--size", 8, "--features", features, "--out", out, cwd=ROOT
+        python,
+        "examples/sb3_maskable_ppo.py",
+        "--steps",
+        1024,
+        "--size",
+        8,
+        "--features",
+        features,
+        "--out",
+        out,
+        cwd=ROOT,
     )
     assert "1,024 moves learnt from" in said
     there = json.loads(run(python, "-c", PREDICT, ROOT / "examples", out))
@@ -116,10 +135,14 @@ RecurrentPPO("MlpLstmPolicy", env, device="cpu", **few).learn(16).save(sys.argv[
 
 
 def test_the_cleanrl_loop_learns():
-    said = run(sys.executable, "examples/cleanrl_ppo.py", "--steps", 100_000, "--size", 12, cwd=ROOT)
+    said = run(
+        sys.executable, "examples/cleanrl_ppo.py", "--steps", 100_000, "--size", 12, cwd=ROOT
+    )
     scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", said)]
     assert len(scores) > 20
-    assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05, "the first to end are the lucky ones; from then on it learns"
+    assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05, (
+        "the first to end are the lucky ones; from then on it learns"
+    )
 
 
 def test_rllib_trains():
@@ -136,21 +159,42 @@ def test_torchrl_rolls_out_with_masks():
 @pytest.mark.parametrize(
     ("script", "more", "said"),
     [
-        ("envpool_style.py", ["--num-envs", 128, "--batch-size", 64], r", [1-9]\d* episodes ended, mean score 0"),
+        (
+            "envpool_style.py",
+            ["--num-envs", 128, "--batch-size", 64],
+            r", [1-9]\d* episodes ended, mean score 0",
+        ),
         ("pufferlib_style.py", ["--num-envs", 64], ", 64 rovers in the given memory"),
     ],
 )
 def test_a_stack_is_played_in_the_style_of_other_libraries(script, more, said):
-    printed = run(sys.executable, f"examples/{script}", "--steps", 20_000, "--size", 8, *more, cwd=ROOT)
+    printed = run(
+        sys.executable, f"examples/{script}", "--steps", 20_000, "--size", 8, *more, cwd=ROOT
+    )
     assert "moves, 0 of them invalid" in printed
     assert re.search(said, printed)
 
 
 def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
-    for name in ("test_env.py", "test_world.py"):  # copied, because the fixtures of the other tests need more than Gymnasium
+    for name in (
+        "test_env.py",
+        "test_world.py",
+    ):  # copied, because the fixtures of the other tests need more than Gymnasium
         (tmp_path / name).write_text((ROOT / "tests/marsexplorer" / name).read_text())
     env = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [home("oldest"), "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=tmp_path, timeout=1200)
+    command = [
+        home("oldest"),
+        "-W",
+        "error",
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        str(tmp_path),
+    ]
+    done = subprocess.run(
+        command, env=env, capture_output=True, text=True, cwd=tmp_path, timeout=1200
+    )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
     assert " passed" in done.stdout

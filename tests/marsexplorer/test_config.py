@@ -10,7 +10,9 @@ from marsexplorer.score import score, steps_to_target
 
 def test_the_twelve_levels_and_random():
     assert len(LEVELS) == 13
-    assert {name for name, level in LEVELS.items() if not level.has_bonus} == {f"{t}-{m}-2" for t in "123" for m in "12"}
+    assert {name for name, level in LEVELS.items() if not level.has_bonus} == {
+        f"{t}-{m}-2" for t in "123" for m in "12"
+    }
 
 
 @pytest.mark.parametrize("beta", [0.3, 0.5, 0.95, 0.99, 1.0])

@@ -20,7 +20,12 @@ from tests.support import reference
 def discoverable(terrain, start, radius):
     """The cells that are seen from the cells that moves lead to, by their definition."""
     reached = reference.reached_from(terrain, start)
-    return set().union(*(zip(*np.nonzero(reference.visible(terrain, *cell, radius)), strict=True) for cell in reached))
+    return set().union(
+        *(
+            zip(*np.nonzero(reference.visible(terrain, *cell, radius)), strict=True)
+            for cell in reached
+        )
+    )
 
 
 @pytest.mark.parametrize("radius", [1, 2, 5])
@@ -62,7 +67,9 @@ def test_an_episode_ends_when_beta_of_what_can_be_discovered_is():
 
 
 def test_all_cells_count_unless_it_is_asked_for():
-    episode = Episode.begin(EnvConfig.of("random", (7, 12), sensor_radius=2), terrain=walled_in(), start=(3, 2))
+    episode = Episode.begin(
+        EnvConfig.of("random", (7, 12), sensor_radius=2), terrain=walled_in(), start=(3, 2)
+    )
     assert episode.cells == episode.record().cells == 84
 
 

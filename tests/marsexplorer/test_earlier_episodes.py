@@ -23,7 +23,10 @@ def is_quick(row):
     return row["rows"] < 21 or (row["rows"] == 21 and row["seed"] == 0)
 
 
-PARAMETERS = [pytest.param(row, id=name_of(row), marks=() if is_quick(row) else pytest.mark.long) for row in ROWS]
+PARAMETERS = [
+    pytest.param(row, id=name_of(row), marks=() if is_quick(row) else pytest.mark.long)
+    for row in ROWS
+]
 
 
 def walk(config, seed):
@@ -32,7 +35,12 @@ def walk(config, seed):
     for action in [draw.randrange(4) for _ in range(300)]:
         row, col = episode.position
         r, c = row + (action == 2) - (action == 0), col + (action == 1) - (action == 3)
-        if not episode.ended and 0 <= r < config.rows and 0 <= c < config.cols and not episode.terrain[r, c]:
+        if (
+            not episode.ended
+            and 0 <= r < config.rows
+            and 0 <= c < config.cols
+            and not episode.terrain[r, c]
+        ):
             episode.step(action)
     while not episode.ended:
         episode.step(0)
@@ -49,7 +57,10 @@ def play(name, config, seed):
 
 def facts(episode):
     record = episode.record()
-    same = {name: getattr(record, name) for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")}
+    same = {
+        name: getattr(record, name)
+        for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")
+    }
     return {**same, "score": episode.score}
 
 

@@ -15,7 +15,8 @@ from marsexplorer.terrain import generate, next_seed
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"size": (5, 7), "render_mode": "ansi"}, {"level": "2-2-2", "render_mode": "rgb_array"}]
+    "options",
+    [{}, {"size": (5, 7), "render_mode": "ansi"}, {"level": "2-2-2", "render_mode": "rgb_array"}],
 )
 def test_gymnasiums_checker_passes_without_a_warning(options):
     check_env(gymnasium.make("MarsExplorer-v0", **options).unwrapped)
@@ -88,7 +89,9 @@ def test_bad_arguments_say_what_was_expected():
 @pytest.mark.parametrize("observation", ["float32", "uint8"])
 def test_the_vector_environment_equals_single_ones(observation):
     options = {"size": (6, 9), "observation": observation}
-    vector = gymnasium.make_vec("MarsExplorer-v0", num_envs=3, vectorization_mode="vector_entry_point", **options)
+    vector = gymnasium.make_vec(
+        "MarsExplorer-v0", num_envs=3, vectorization_mode="vector_entry_point", **options
+    )
     singles = [gymnasium.make("MarsExplorer-v0", **options) for _ in range(3)]
     observations, info = vector.reset(seed=20)
     for i, env in enumerate(singles):
@@ -118,7 +121,11 @@ def test_the_vector_environment_equals_single_ones(observation):
 
 def test_codes_are_given_without_a_copy():
     vector = gymnasium.make_vec(
-        "MarsExplorer-v0", num_envs=2, vectorization_mode="vector_entry_point", size=(6, 9), observation="uint8"
+        "MarsExplorer-v0",
+        num_envs=2,
+        vectorization_mode="vector_entry_point",
+        size=(6, 9),
+        observation="uint8",
     )
     first, _ = vector.reset(seed=1)
     second = vector.step(np.array([1, 2]))[0]
@@ -154,6 +161,8 @@ assert not {"numba", "torch"} & set(sys.modules)
 """
 
 
-@pytest.mark.parametrize("code", [REGISTERED, LIGHT], ids=["made by module and id", "import registers only"])
+@pytest.mark.parametrize(
+    "code", [REGISTERED, LIGHT], ids=["made by module and id", "import registers only"]
+)
 def test_the_environment_is_made_without_an_import_and_an_import_only_registers_it(code):
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

@@ -95,17 +95,37 @@ def test_a_spreadsheet_runs_no_cell():
 
 
 def test_numbers_and_ids_are_cells_as_they_are():
-    for value in (-5, -0.5, 1e-9, None, True, "", "-5", "+1.5e-3", "-0.25", "-aB_9-x", "plain", "a=1", "'=1"):
+    for value in (
+        -5,
+        -0.5,
+        1e-9,
+        None,
+        True,
+        "",
+        "-5",
+        "+1.5e-3",
+        "-0.25",
+        "-aB_9-x",
+        "plain",
+        "a=1",
+        "'=1",
+    ):
         assert to_cell(value) is value
 
 
 def test_every_module_that_writes_csv_writes_its_cells_this_way():
     root = Path(__file__).parents[2]
-    writers = [path for top in ("app", "marsexplorer") for path in (root / top).rglob("*.py") if "csv." in path.read_text()]
+    writers = [
+        path
+        for top in ("app", "marsexplorer")
+        for path in (root / top).rglob("*.py")
+        if "csv." in path.read_text()
+    ]
     writers = [path for path in writers if re.search(r"csv\.(Dict)?[wW]riter", path.read_text())]
     assert len(writers) >= 6
     assert [
         str(path)
         for path in writers
-        if "to_cell(" not in re.sub(r"import .*", "", path.read_text()) and "to_cell," not in path.read_text()
+        if "to_cell(" not in re.sub(r"import .*", "", path.read_text())
+        and "to_cell," not in path.read_text()
     ] == []

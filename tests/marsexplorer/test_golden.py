@@ -42,5 +42,12 @@ def wander(config, seed, limit=150):
 @pytest.mark.parametrize("level", sorted(LEVELS))
 def test_recorded_episodes_come_out_as_they_were(level):
     record = wander(EnvConfig.of(level, (21, 30)), 12).record()
-    found = (CORE_VERSION, record.outcome, record.steps, record.discovered, record.total, record.trajectory_hash[:16])
+    found = (
+        CORE_VERSION,
+        record.outcome,
+        record.steps,
+        record.discovered,
+        record.total,
+        record.trajectory_hash[:16],
+    )
     assert found == GOLDEN[level]

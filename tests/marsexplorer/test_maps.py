@@ -23,9 +23,13 @@ FIELDS = {
 def saved(tmp_path, pixels, **changes):
     """A map of float pixels [height, width] (0 occupied, 1 free) as a YAML file with these fields."""
     fields = {**FIELDS, **changes}
-    Image.fromarray(np.round(255 * np.asarray(pixels)).astype(np.uint8)).save(tmp_path / fields["image"])
+    Image.fromarray(np.round(255 * np.asarray(pixels)).astype(np.uint8)).save(
+        tmp_path / fields["image"]
+    )
     path = tmp_path / "hall.yaml"
-    path.write_text("".join(f"{name}: {value}\n" for name, value in fields.items() if value is not None))
+    path.write_text(
+        "".join(f"{name}: {value}\n" for name, value in fields.items() if value is not None)
+    )
     return path
 
 
@@ -41,7 +45,10 @@ def test_a_cell_is_blocked_when_any_pixel_of_it_is_not_free(tmp_path, image):
     found = read_map(saved(tmp_path, hall(), image=image), cell=0.5)
     assert found.terrain.shape == (6, 10)
     assert np.argwhere(found.terrain).tolist() == [[0, 1], [5, 9]]
-    assert read_map(saved(tmp_path, 1 - hall(), image=image, negate=1)).terrain.tolist() == found.terrain.tolist()
+    assert (
+        read_map(saved(tmp_path, 1 - hall(), image=image, negate=1)).terrain.tolist()
+        == found.terrain.tolist()
+    )
 
 
 def test_a_plain_pgm_is_read_too(tmp_path):
@@ -51,7 +58,9 @@ def test_a_plain_pgm_is_read_too(tmp_path):
     assert np.argwhere(read_map(path).terrain).tolist() == [[0, 1], [5, 9]]
 
 
-@pytest.mark.parametrize(("cell", "inflation"), [(0.25, 0.0), (0.3, 0.0), (0.5, 0.3), (0.25, 0.5), (0.7, 0.2)])
+@pytest.mark.parametrize(
+    ("cell", "inflation"), [(0.25, 0.0), (0.3, 0.0), (0.5, 0.3), (0.25, 0.5), (0.7, 0.2)]
+)
 def test_cells_and_inflation_are_those_of_the_definition(tmp_path, cell, inflation):
     found = read_map(saved(tmp_path, hall()), cell, inflation)
     rows, cols = math.ceil(3 / cell - 1e-9), math.ceil(5 / cell - 1e-9)
@@ -60,10 +69,19 @@ def test_cells_and_inflation_are_those_of_the_definition(tmp_path, cell, inflati
         for col in range(cols):
             west, south = col * cell, (rows - 1 - row) * cell
             expected[row, col] = west + cell > 5 + 1e-9 or south + cell > 3 + 1e-9
-            for x, y in ((0.75, 2.75), (4.5, 0.0)):  # the south-west corners of the two pixels that are not free
-                gap = math.hypot(max(0, west - x - 0.25, x - west - cell), max(0, south - y - 0.25, y - south - cell))
+            for x, y in (
+                (0.75, 2.75),
+                (4.5, 0.0),
+            ):  # the south-west corners of the two pixels that are not free
+                gap = math.hypot(
+                    max(0, west - x - 0.25, x - west - cell),
+                    max(0, south - y - 0.25, y - south - cell),
+                )
                 inside = (
-                    west < x + 0.25 - 1e-9 and x < west + cell - 1e-9 and south < y + 0.25 - 1e-9 and y < south + cell - 1e-9
+                    west < x + 0.25 - 1e-9
+                    and x < west + cell - 1e-9
+                    and south < y + 0.25 - 1e-9
+                    and y < south + cell - 1e-9
                 )
                 expected[row, col] |= inside or gap < inflation - 1e-6
     assert (found.terrain == expected).all()
@@ -145,7 +163,9 @@ def test_what_is_no_map_at_all_is_refused(tmp_path):
 def test_the_environment_plays_a_map(tmp_path):
     path = saved(tmp_path, hall())
     found = read_map(path)
-    env = gymnasium.make("marsexplorer:MarsExplorer-v0", level="map", size=found.terrain.shape, sensor_radius=2)
+    env = gymnasium.make(
+        "marsexplorer:MarsExplorer-v0", level="map", size=found.terrain.shape, sensor_radius=2
+    )
     for given in (path, str(path), found):
         _, info = env.reset(options={"map": given})
         assert info["position"] == found.start
@@ -154,8 +174,12 @@ def test_the_environment_plays_a_map(tmp_path):
     assert info["coverage"] == episode.coverage
     with pytest.raises(ValueError, match=r'level="map"'):
         gymnasium.make("marsexplorer:MarsExplorer-v0", size=(6, 10)).reset(options={"map": found})
-    with pytest.raises(ValueError, match=r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"):
-        gymnasium.make("marsexplorer:MarsExplorer-v0", level="map", size=21).reset(options={"map": found})
+    with pytest.raises(
+        ValueError, match=r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"
+    ):
+        gymnasium.make("marsexplorer:MarsExplorer-v0", level="map", size=21).reset(
+            options={"map": found}
+        )
 
 
 def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_starts():
@@ -170,7 +194,12 @@ def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_star
     for each in found:
         cost, utility, informed = each.results
         terrain = maps[each.name].terrain
-        assert cost.cells == informed.cells == cells_that_count(maps[each.name].config(), terrain, (4, 6)) < terrain.size
+        assert (
+            cost.cells
+            == informed.cells
+            == cells_that_count(maps[each.name].config(), terrain, (4, 6))
+            < terrain.size
+        )
         assert {result.outcome for result in each.results} == {"explored"}
         assert informed.steps <= min(cost.steps, utility.steps)
         assert each.to_rule(cost) == cost.steps / min(cost.steps, utility.steps)

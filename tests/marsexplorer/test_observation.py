@@ -17,7 +17,9 @@ def literal(codes, row, col):
 @settings(deadline=None)
 @given(arrays(np.uint8, (3, 4, 6), elements=st.integers(0, 3)), st.data())
 def test_masks_and_actions_are_the_literal_ones(codes, data):
-    positions = np.array([[data.draw(st.integers(0, 3)), data.draw(st.integers(0, 5))] for _ in codes])
+    positions = np.array(
+        [[data.draw(st.integers(0, 3)), data.draw(st.integers(0, 5))] for _ in codes]
+    )
     expected = [literal(grid, *position) for grid, position in zip(codes, positions, strict=True)]
     assert action_masks(codes, positions).tolist() == expected
     for grid, (row, col), mask in zip(codes, positions.tolist(), expected, strict=True):

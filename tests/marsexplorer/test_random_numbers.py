@@ -5,7 +5,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marsexplorer.compiled import kernel
-from marsexplorer.random_numbers import below, draw_below, mix, next_number, numbered, numbered_below, uniform
+from marsexplorer.random_numbers import (
+    below,
+    draw_below,
+    mix,
+    next_number,
+    numbered,
+    numbered_below,
+    uniform,
+)
 
 GAMMA, ALL_BITS = 0x9E3779B97F4A7C15, 2**64 - 1
 

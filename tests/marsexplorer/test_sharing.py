@@ -86,7 +86,10 @@ def test_the_other_thread_does_work_and_none_while_nobody_steps():
     actions = np.ones(4000, np.int64)
     worlds.step_autoreset(actions)
     (worker,) = (thread for thread in workers())
-    spent_ns = lambda: int(Path(f"/proc/self/task/{worker.native_id}/schedstat").read_text().split()[0])  # noqa: E731
+
+    def spent_ns():
+        return int(Path(f"/proc/self/task/{worker.native_id}/schedstat").read_text().split()[0])
+
     began, until = spent_ns(), time.monotonic() + 30
     while spent_ns() < began + 20e6 and time.monotonic() < until:
         worlds.step_autoreset(actions)
@@ -140,7 +143,9 @@ while True:
 
 
 def test_ctrl_c_ends_a_process_that_steps_on_several_threads():
-    with subprocess.Popen([sys.executable, "-c", FOR_EVER], stdout=-1, stderr=-1, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", FOR_EVER], stdout=-1, stderr=-1, text=True
+    ) as process:
         assert process.stdout.readline() == "begun\n"
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)

@@ -20,7 +20,9 @@ from tests.support import reference, strategies
 @settings(max_examples=120, deadline=None)
 @given(strategies.configs(max_side=26), strategies.seeds)
 def test_the_compiled_generator_draws_what_the_documentation_says(config, seed):
-    literal = reference.terrain_of(config.level, config.rows, config.cols, seed, config.sensor_radius, config.beta)
+    literal = reference.terrain_of(
+        config.level, config.rows, config.cols, seed, config.sensor_radius, config.beta
+    )
     if literal is None:
         with pytest.raises(ValueError, match="no solvable terrain"):
             generate(config, seed)
@@ -42,7 +44,12 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
     agreed = {True: 0, False: 0}
     for _ in range(600):
         rows, cols = rng.integers(5, 12), rng.integers(5, 12)
-        config = EnvConfig(rows=int(rows), cols=int(cols), sensor_radius=radius, beta=float(rng.choice([0.8, 0.9, 0.97])))
+        config = EnvConfig(
+            rows=int(rows),
+            cols=int(cols),
+            sensor_radius=radius,
+            beta=float(rng.choice([0.8, 0.9, 0.97])),
+        )
         terrain = rng.random((rows, cols)) < rng.choice([0.05, 0.2, 0.35])
         bits = bitmap.pack(terrain, config)
         found = bool(solvable_now(bits, np.zeros_like(bits), config))
@@ -104,7 +111,9 @@ def test_seeds_follow_one_another_within_range():
     assert next_seed(0) == reference.mix(reference.GOLDEN) >> 11
 
 
-@pytest.mark.parametrize(("seed", "error"), [(-1, ValueError), (2**53, ValueError), (1.5, TypeError), (True, TypeError)])
+@pytest.mark.parametrize(
+    ("seed", "error"), [(-1, ValueError), (2**53, ValueError), (1.5, TypeError), (True, TypeError)]
+)
 def test_a_bad_seed_is_refused(seed, error):
     with pytest.raises(error, match="seed must be"):
         generate(EnvConfig(), seed)
@@ -127,6 +136,10 @@ def filled(reached, free):
 def test_runs_of_free_bits_are_filled_from_any_of_their_bits():
     random = Random(5)
     for _ in range(4000):
-        free = random.getrandbits(64) | random.getrandbits(64) if random.random() < 0.7 else random.getrandbits(64)
+        free = (
+            random.getrandbits(64) | random.getrandbits(64)
+            if random.random() < 0.7
+            else random.getrandbits(64)
+        )
         reached = free & (random.getrandbits(64) | random.choice([0, random.getrandbits(64)]))
         assert fill_runs(np.uint64(reached), np.uint64(free)) == filled(reached, free)

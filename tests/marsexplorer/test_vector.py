@@ -12,7 +12,9 @@ from marsexplorer.world import Worlds
 
 
 def made(num_envs, **options):
-    return gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **({"size": (6, 9)} | options))
+    return gymnasium.make_vec(
+        "MarsExplorer-v0", num_envs, "vector_entry_point", **({"size": (6, 9)} | options)
+    )
 
 
 def blind(envs, steps=40):
@@ -24,7 +26,11 @@ def blind(envs, steps=40):
 
 
 def copied(value):
-    return {name: copied(one) for name, one in value.items()} if isinstance(value, dict) else np.array(value, copy=True)
+    return (
+        {name: copied(one) for name, one in value.items()}
+        if isinstance(value, dict)
+        else np.array(value, copy=True)
+    )
 
 
 def assert_same(given, kept):
@@ -37,7 +43,10 @@ def assert_same(given, kept):
 
 @pytest.mark.parametrize("num_threads", [2, 5])
 def test_threads_change_nothing(num_threads):
-    alone, shared = made(5, observation="uint8"), made(5, observation="uint8", num_threads=num_threads)
+    alone, shared = (
+        made(5, observation="uint8"),
+        made(5, observation="uint8", num_threads=num_threads),
+    )
     for one, other in zip(blind(alone), blind(shared), strict=True):
         for mine, its in zip(one[:4], other[:4], strict=True):
             assert (mine == its).all()
@@ -53,7 +62,10 @@ def step_for_ever(worlds):
 
 
 def test_a_seed_without_a_terrain_is_named_from_any_thread():
-    config, said = EnvConfig.of("random", 42, beta=1.0, max_steps=1), []  # about one seed in ten has none
+    config, said = (
+        EnvConfig.of("random", 42, beta=1.0, max_steps=1),
+        [],
+    )  # about one seed in ten has none
     for threads in (1, 3):
         worlds = Worlds(config, 6, threads)
         worlds.start(range(6))
@@ -79,7 +91,9 @@ def test_codes_and_infos_are_views_and_float_ones_last():
                 assert "final_obs" not in info or info["final_obs"][i] is None
 
 
-@pytest.mark.parametrize(("observation", "dtype"), [("uint8", torch.uint8), ("float32", torch.float32)])
+@pytest.mark.parametrize(
+    ("observation", "dtype"), [("uint8", torch.uint8), ("float32", torch.float32)]
+)
 def test_observations_are_written_into_a_tensor_that_the_caller_gives(observation, dtype):
     tensor = torch.full((4, 6, 9), 9, dtype=dtype)
     plain, given = made(4, observation=observation), made(4, observation=observation, out=tensor)
@@ -114,7 +128,11 @@ def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
         (np.zeros((3, 2), np.uint8), ValueError, r"got the shape \[3, 2\]"),
         (np.zeros((3, 2), np.uint8).T, ValueError, "not contiguous"),
         (fixed, ValueError, "read-only"),
-        (torch.zeros(2, 3, dtype=torch.uint8, device="meta"), TypeError, "got Tensor, which shares none"),
+        (
+            torch.zeros(2, 3, dtype=torch.uint8, device="meta"),
+            TypeError,
+            "got Tensor, which shares none",
+        ),
         ([[0, 0, 0], [0, 0, 0]], TypeError, "got list, which shares none"),
     ):
         with pytest.raises(error, match=says):
@@ -123,7 +141,9 @@ def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
 
 def test_gymnasium_records_the_episodes_that_ended():
     lengths, returns, count = np.zeros(4), np.zeros(4), 0
-    for _, rewards, terminated, truncated, info in blind(RecordEpisodeStatistics(made(4, observation="uint8"))):
+    for _, rewards, terminated, truncated, info in blind(
+        RecordEpisodeStatistics(made(4, observation="uint8"))
+    ):
         lengths, returns = lengths + 1, returns + rewards
         for i in np.flatnonzero(terminated | truncated):
             assert info["episode"]["l"][i] == lengths[i]

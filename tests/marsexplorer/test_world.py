@@ -138,7 +138,9 @@ def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_epis
     def looked_at(episode):
         found, waiting = {}, [vars(episode)]
         while waiting:
-            if id(each := waiting.pop()) not in found and not isinstance(each, type | ModuleType | FunctionType):
+            if id(each := waiting.pop()) not in found and not isinstance(
+                each, type | ModuleType | FunctionType
+            ):
                 found[id(each)] = each
                 waiting += gc.get_referents(each)
         return len(found)
@@ -155,7 +157,9 @@ def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_epis
 
 
 def test_a_terrain_complete_at_reset_ends_on_the_first_valid_move():
-    episode = Episode.begin(EnvConfig(rows=5, cols=6, sensor_radius=8), terrain=np.zeros((5, 6), bool))
+    episode = Episode.begin(
+        EnvConfig(rows=5, cols=6, sensor_radius=8), terrain=np.zeros((5, 6), bool)
+    )
     assert (episode.coverage, episode.ended) == (1.0, False)
     assert episode.step(1) == 30 - 0.5
     assert episode.outcome == "explored"

@@ -26,7 +26,9 @@ def test_the_pure_modules_pass_under_node(tmp_path):
     files = sorted(Path(__file__).parent.rglob("*.test.mjs"))
     together = tmp_path / "all.test.mjs"  # in one process, or each file would start one
     together.write_text("".join(f'import "{path.as_uri()}";\n' for path in files))
-    done = subprocess.run([node, "--test", together], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [node, "--test", together], capture_output=True, text=True, timeout=120, check=False
+    )
     if "bad option: --test" in done.stderr:
         pytest.skip("OLD NODE: the page's pure modules were not tested; install node 20 or newer")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -39,7 +41,11 @@ def name_of(path):
 
 def page_of(module):
     """The page a module is written for: the one in its folder, else the playground."""
-    return STATIC / ("play" if module.parent.name in ("common", "viewer") else module.parent.name) / "index.html"
+    return (
+        STATIC
+        / ("play" if module.parent.name in ("common", "viewer") else module.parent.name)
+        / "index.html"
+    )
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
@@ -49,15 +55,21 @@ def test_a_module_is_checked_small_and_alone(path):
     assert len(text.splitlines()) <= 200
     assert not re.search(r"\{any\}|[:|] any\b|<any>|\bany\[\]", text), "say the type"
     for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
-        assert (path.parent / name).is_file(), f"{path.name} imports {name}: the page runs from its own files"
+        assert (path.parent / name).is_file(), (
+            f"{path.name} imports {name}: the page runs from its own files"
+        )
     if path.name != "main.js":
         assert "main.js" not in re.findall(r'from "\./([^"]+)"', text)
 
 
 def test_the_page_asks_nobody_but_us():
     for path in [*PAGES, *STATIC.rglob("*.css"), *MODULES]:
-        text = re.sub(r'<a href="https://(doi|arxiv)\.org/[\w./]+" rel="noreferrer">', "", path.read_text())  # of the paper
-        strange = set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}  # the name of SVG
+        text = re.sub(
+            r'<a href="https://(doi|arxiv)\.org/[\w./]+" rel="noreferrer">', "", path.read_text()
+        )  # of the paper
+        strange = set(re.findall(r"https?://[\w.]+", text)) - {
+            "http://www.w3.org"
+        }  # the name of SVG
         assert not strange, f"{path.name} names {strange}"
 
 
@@ -105,7 +117,9 @@ def test_every_id_the_page_looks_up_is_there():
 def luminance(colour):
     """The relative luminance of "#rrggbb" (WCAG 2)."""
     parts = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
-    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    red, green, blue = (
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    )
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
@@ -116,10 +130,13 @@ def contrast(one, other):
 
 def theme(selector):
     """What the first block of base.css with this selector says: colours by name."""
-    block = re.search(rf"{re.escape(selector)} \{{(.*?)\}}", (STATIC / "common/base.css").read_text(), re.S).group(1)
+    block = re.search(
+        rf"{re.escape(selector)} \{{(.*?)\}}", (STATIC / "common/base.css").read_text(), re.S
+    ).group(1)
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
     return {
-        name: colours.get(name) or colours[other] for name, other in re.findall(r"--([a-z-]+): var\(--([a-z]+)\)", block)
+        name: colours.get(name) or colours[other]
+        for name, other in re.findall(r"--([a-z-]+): var\(--([a-z]+)\)", block)
     } | colours
 
 
@@ -137,7 +154,10 @@ def test_text_stands_out_in_both_themes(ink, ground, selector):
 @pytest.mark.parametrize("selector", [DARK, LIGHT])
 def test_buttons_and_marks_stand_out_in_both_themes(selector):
     colours = theme(DARK) | theme(selector)
-    assert all(contrast(colours["ink"], colours[fill]) >= 4.5 for fill in ("accent", "accent-over", "alarm"))
+    assert all(
+        contrast(colours["ink"], colours[fill]) >= 4.5
+        for fill in ("accent", "accent-over", "alarm")
+    )
     for mark in ("open", "chart-you", "chart-policy"):
         assert all(contrast(colours[mark], colours[ground]) >= 3 for ground in ("page", "panel"))
 
@@ -145,11 +165,19 @@ def test_buttons_and_marks_stand_out_in_both_themes(selector):
 def palette(name):
     """The colours of a palette of the study: those of the dark theme, and what palettes.css puts in their place."""
     colours = theme(DARK)
-    changed = re.search(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", (STATIC / "study/palettes.css").read_text(), re.S)
-    return colours | dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else ""))
+    changed = re.search(
+        rf":root\[data-palette={name}\].*?\{{(.*?)\}}",
+        (STATIC / "study/palettes.css").read_text(),
+        re.S,
+    )
+    return colours | dict(
+        re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else "")
+    )
 
 
-@pytest.mark.parametrize(("name", "least"), [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)])
+@pytest.mark.parametrize(
+    ("name", "least"), [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)]
+)
 @pytest.mark.parametrize("ink", ["text", "muted", "accent", "rival", "alarm"])
 @pytest.mark.parametrize("ground", ["night", "panel", "raised"])
 def test_text_stands_out_from_its_ground(ink, ground, name, least):
@@ -172,7 +200,9 @@ def test_the_board_reads_in_greyscale():
 
 
 def test_the_board_of_a_study_keeps_its_lightness():
-    shades = re.search(r"const MARS_SHADES = (\{.*\});", (STATIC / "study/palettes.js").read_text()).group(1)
+    shades = re.search(
+        r"const MARS_SHADES = (\{.*\});", (STATIC / "study/palettes.js").read_text()
+    ).group(1)
     unknown, free, rock = json.loads(shades).values()
     order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
@@ -182,7 +212,9 @@ def test_the_board_of_a_study_keeps_its_lightness():
 @pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])
 def test_the_boards_of_the_study_read_in_greyscale(name, least):
     block = (STATIC / "study/palettes.js").read_text().split(f'"{name}": {{')[1]
-    unknown, free, rock = (re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#")
+    unknown, free, rock = (
+        re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#"
+    )
     rover = palette(name)["accent"]
     assert contrast(unknown, free) > least
     assert contrast(free, rover) > least
@@ -192,19 +224,28 @@ def test_the_boards_of_the_study_read_in_greyscale(name, least):
 def listed(name):
     """The strings of an exported list in static/common/messages.js."""
     text = (STATIC / "common/messages.js").read_text()
-    return re.findall(r'"([^"]+)"', re.search(rf"export const {name} = .*?\[(.*?)\]", text, re.S).group(1))
+    return re.findall(
+        r'"([^"]+)"', re.search(rf"export const {name} = .*?\[(.*?)\]", text, re.S).group(1)
+    )
 
 
 def test_the_page_and_the_server_name_the_same_messages():
-    assert listed("FRAME_FIELDS") == [field.alias or name for name, field in messages.Frame.model_fields.items()]
+    assert listed("FRAME_FIELDS") == [
+        field.alias or name for name, field in messages.Frame.model_fields.items()
+    ]
     assert listed("THOUGHT_FIELDS") == list(messages.Thought.model_fields)
     assert listed("EXPECTED_FIELDS") == list(messages.Expected.model_fields)
     assert listed("KEPT_FIELDS") == list(messages.Kept.model_fields)
     sent = (messages.Expected, messages.Thought, messages.Kept)
-    assert listed("FROM_SERVER")[-3:] == [get_args(model.model_fields["kind"].annotation)[0] for model in sent]
+    assert listed("FROM_SERVER")[-3:] == [
+        get_args(model.model_fields["kind"].annotation)[0] for model in sent
+    ]
     assert listed("ACTIONS") == list(ACTIONS)
     assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
-    sent = [messages.Act.model_fields["kind"].default, *get_args(messages.HistoryRequest.model_fields["kind"].annotation)]
+    sent = [
+        messages.Act.model_fields["kind"].default,
+        *get_args(messages.HistoryRequest.model_fields["kind"].annotation),
+    ]
     sent += get_args(messages.Events.model_fields["kind"].annotation)
     sent += get_args(messages.ExpectedRequest.model_fields["kind"].annotation)
     assert listed("TO_SERVER") == sent

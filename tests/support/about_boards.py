@@ -57,7 +57,12 @@ def crash(actions):
         row, col = episode.position
         for wrong, (down, right) in enumerate(((-1, 0), (0, 1), (1, 0), (0, -1))):
             neighbour = (row + down, col + right)
-            if episode.steps > 8 and min(neighbour) >= 0 and max(neighbour) < CONFIG.rows and episode.codes[neighbour] == 3:
+            if (
+                episode.steps > 8
+                and min(neighbour) >= 0
+                and max(neighbour) < CONFIG.rows
+                and episode.codes[neighbour] == 3
+            ):
                 episode.step(wrong)
                 return board_of(episode)
     raise AssertionError("no rock came beside the rover: choose another SEED")

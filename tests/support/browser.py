@@ -16,7 +16,13 @@ SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
 """Where pictures of the screens go, when MARS_PICTURES is set."""
 
 KEY_OF = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
-QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--no-sandbox"]
+QUIET = [
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--no-sandbox",
+]
 SOFTWARE_3D = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 NO_3D = ["--disable-gpu", "--disable-3d-apis"]
 AS_A_PERSON = ["--disable-blink-features=AutomationControlled"]
@@ -45,8 +51,14 @@ def violations(page, **options):
     """What axe finds on the page as it stands: "rule: what it is (first place)"."""
     if not page.evaluate("() => 'axe' in window"):
         page.evaluate(AXE_SCRIPT)
-    wanted = {"resultTypes": ["violations"], "preload": False, **options}  # the default rules look at nothing preloaded
-    found = page.evaluate("options => axe.run(options).then(({ violations }) => violations)", wanted)
+    wanted = {
+        "resultTypes": ["violations"],
+        "preload": False,
+        **options,
+    }  # the default rules look at nothing preloaded
+    found = page.evaluate(
+        "options => axe.run(options).then(({ violations }) => violations)", wanted
+    )
     return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
 
 

@@ -23,17 +23,26 @@ class Repository:
     commits: list[dict[str, bytes]] = field(default_factory=lambda: [{}])
 
     def sha(self, number=-1):
-        return hashlib.sha1(repr((number % len(self.commits), sorted(self.commits[number]))).encode()).hexdigest()
+        return hashlib.sha1(
+            repr((number % len(self.commits), sorted(self.commits[number]))).encode()
+        ).hexdigest()
 
     def files_at(self, revision):
         """The files of a commit; None for one that is not there."""
         if revision == "main":
             return self.commits[-1]
-        return next((files for number, files in enumerate(self.commits) if self.sha(number) == revision), None)
+        return next(
+            (files for number, files in enumerate(self.commits) if self.sha(number) == revision),
+            None,
+        )
 
 
 def refusal(status, code, message):
-    return JSONResponse({"error": message}, status, {"X-Error-Code": code, "X-Error-Message": message} if code else {})
+    return JSONResponse(
+        {"error": message},
+        status,
+        {"X-Error-Code": code, "X-Error-Message": message} if code else {},
+    )
 
 
 def create_hub():
@@ -46,7 +55,11 @@ def create_hub():
     async def note(request, call_next):
         calls.append(f"{request.method} {request.url.path}")
         is_read = request.method in ("GET", "HEAD")
-        if not is_read and "/lfs-upload/" not in request.url.path and request.headers.get("authorization") != f"Bearer {TOKEN}":
+        if (
+            not is_read
+            and "/lfs-upload/" not in request.url.path
+            and request.headers.get("authorization") != f"Bearer {TOKEN}"
+        ):
             return refusal(401, None, "Invalid username or password.")
         return await call_next(request)
 
@@ -75,7 +88,11 @@ def create_hub():
         mode = {True: "lfs", False: "regular"}
         return {
             "files": [
-                {"path": each["path"], "uploadMode": mode[each["path"].endswith(".safetensors")], "shouldIgnore": False}
+                {
+                    "path": each["path"],
+                    "uploadMode": mode[each["path"].endswith(".safetensors")],
+                    "shouldIgnore": False,
+                }
                 for each in asked
             ]
         }
@@ -86,7 +103,10 @@ def create_hub():
         at = f"{request.base_url}lfs-upload/"
         return {
             "transfer": "basic",
-            "objects": [each | {"actions": {"upload": {"href": at + each["oid"], "header": {}}}} for each in asked],
+            "objects": [
+                each | {"actions": {"upload": {"href": at + each["oid"], "header": {}}}}
+                for each in asked
+            ],
         }
 
     @app.put("/lfs-upload/{oid}")
@@ -124,7 +144,12 @@ def create_hub():
         files = found.files_at(revision)
         if files is None:
             return refusal(404, "RevisionNotFound", f"Invalid rev id: {revision}")
-        return {"id": f"{owner}/{name}", "sha": found.sha(), "siblings": [{"rfilename": path} for path in files], "tags": []}
+        return {
+            "id": f"{owner}/{name}",
+            "sha": found.sha(),
+            "siblings": [{"rfilename": path} for path in files],
+            "tags": [],
+        }
 
     @app.api_route("/{owner}/{name}/resolve/{revision}/{path:path}", methods=["GET", "HEAD"])
     async def resolve(owner, name, revision, path):

@@ -13,7 +13,9 @@ FROZEN_MS = 1_790_000_000_000
 
 def protocol(**rest):
     """Return a protocol of six ranked episodes and no warm-up."""
-    return default_protocol("made", CONFIG, **{"warm_up": 0, "ranked": 6, "players": 4, "policies": ("random",), **rest})
+    return default_protocol(
+        "made", CONFIG, **{"warm_up": 0, "ranked": 6, "players": 4, "policies": ("random",), **rest}
+    )
 
 
 def person(number, kind="human", script=None, stage="complete", completed=True, events=()):
@@ -70,7 +72,9 @@ def played(scores, kind="human", script=None, first=0, steps=None, **rest):
         people.append(who)
         for index, score in enumerate(row):
             if not np.isnan(score):
-                count = 20 + number % 10 + index if steps is None else int(steps[number - first][index])
+                count = (
+                    20 + number % 10 + index if steps is None else int(steps[number - first][index])
+                )
                 trials.append(trial(who, index, float(score), count, **rest))
     return people, trials
 

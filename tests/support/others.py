@@ -26,7 +26,11 @@ async def _play(server, begun, until, trips):
             due = time.monotonic() + 1 / MOVES_PER_SECOND
             action = ("north", "east", "south", "west")[policy.act(codes(frame))]
             step, began = frame["step"], time.perf_counter()
-            await socket.send(json.dumps({"kind": "act", "episode": frame["episode"], "step": step, "action": action}))
+            await socket.send(
+                json.dumps(
+                    {"kind": "act", "episode": frame["episode"], "step": step, "action": action}
+                )
+            )
             while frame["step"] == step:
                 message = json.loads(await socket.recv())
                 frame = message if message["kind"] == "frame" else frame
@@ -51,7 +55,9 @@ def measure(server, seconds):
 @contextmanager
 def misbehaving(code, *arguments):
     """Run Python code with arguments in a process of its own, as whoever misbehaves, and end it."""
-    with subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL
+    ) as process:
         try:
             yield process
         finally:

@@ -35,7 +35,11 @@ class Counting:
             while len(numbers) < self.steps:
                 time.sleep(0.01)
                 numbers.append(str(len(numbers)))
-                if self.trouble == "dies" and len(numbers) == self.steps // 2 and not state.is_file():
+                if (
+                    self.trouble == "dies"
+                    and len(numbers) == self.steps // 2
+                    and not state.is_file()
+                ):
                     state.write_text(" ".join(numbers[:-3]))  # the last ones are lost
                     os.kill(os.getpid(), signal.SIGKILL)
                 on_progress(len(numbers) / self.steps)

@@ -27,7 +27,9 @@ def runs(marker):
 
 def sb3_description(size=(6, 7), masked=True, dtype="float32", **kwargs):
     """Return the text that Stable-Baselines3 keeps about a model, as far as it matters."""
-    module = "sb3_contrib.common.maskable.policies" if masked else "stable_baselines3.common.policies"
+    module = (
+        "sb3_contrib.common.maskable.policies" if masked else "stable_baselines3.common.policies"
+    )
     space = {":type:": "<class 'gymnasium.spaces.box.Box'>", "dtype": dtype, "_shape": list(size)}
     return {
         "policy_class": {":type:": "<class 'abc.ABCMeta'>", "__module__": module},
@@ -55,11 +57,18 @@ def terrain_weights(size=(6, 7), seed=0):
     """Return the weights with TerrainFeatures before the dense layers; named three times, as Stable-Baselines3 does."""
     torch.manual_seed(seed)
     pooled = 8 * -(-size[0] // 4) * -(-size[1] // 4)
-    parts = {"cnn.0": nn.Conv2d(4, 5, 3, 2, 1), "cnn.2": nn.Conv2d(5, 8, 3, 2, 1), "linear.0": nn.Linear(pooled, 42)}
+    parts = {
+        "cnn.0": nn.Conv2d(4, 5, 3, 2, 1),
+        "cnn.2": nn.Conv2d(5, 8, 3, 2, 1),
+        "linear.0": nn.Linear(pooled, 42),
+    }
     tensors = flat_weights(size)
     for room in ("features_extractor", "pi_features_extractor", "vf_features_extractor"):
         for name, part in parts.items():
-            tensors |= {f"{room}.{name}.weight": part.weight.data, f"{room}.{name}.bias": part.bias.data}
+            tensors |= {
+                f"{room}.{name}.weight": part.weight.data,
+                f"{room}.{name}.bias": part.bias.data,
+            }
     return tensors
 
 
@@ -82,7 +91,10 @@ def write_sb3(path, weights=None, about=None, **members):
     """Write a zip as `model.save` does."""
     weights = flat_weights() if weights is None else weights
     about = sb3_description() if about is None else about
-    data = {"data": json.dumps(about), "policy.pth": weights if isinstance(weights, bytes) else saved(weights)}
+    data = {
+        "data": json.dumps(about),
+        "policy.pth": weights if isinstance(weights, bytes) else saved(weights),
+    }
     return write_zip(path, data | {"_stable_baselines3_version": "2.9.2"} | members)
 
 
@@ -108,10 +120,16 @@ def broken_sb3(kind, path, marker):
         return write_zip(path, members, zipfile.ZIP_DEFLATED)
     if kind == "a bomb within":
         inner = io.BytesIO()
-        write_zip(inner, {"archive/data.pkl": b"", "archive/data/0": b"\0" * (65 << 20)}, zipfile.ZIP_DEFLATED)
+        write_zip(
+            inner,
+            {"archive/data.pkl": b"", "archive/data/0": b"\0" * (65 << 20)},
+            zipfile.ZIP_DEFLATED,
+        )
         return write_sb3(path, inner.getvalue())
     if kind == "a bomb of text":
-        return write_zip(path, {"data": b" " * (20 << 20), "policy.pth": saved(weights)}, zipfile.ZIP_DEFLATED)
+        return write_zip(
+            path, {"data": b" " * (20 << 20), "policy.pth": saved(weights)}, zipfile.ZIP_DEFLATED
+        )
     if kind == "a thousand files":
         return write_sb3(path, **{f"more/{number}": b"" for number in range(1000)})
     if kind == "a name twice":
@@ -158,7 +176,10 @@ def _odd_sb3(kind, path):
     elif kind == "another type":
         weights["action_net.bias"] = torch.zeros(4, dtype=torch.float64)
     elif kind == "five moves":
-        weights["action_net.weight"], weights["action_net.bias"] = torch.zeros(5, 16), torch.zeros(5)
+        weights["action_net.weight"], weights["action_net.bias"] = (
+            torch.zeros(5, 16),
+            torch.zeros(5),
+        )
     elif kind == "layers that do not fit":
         weights["mlp_extractor.policy_net.2.weight"] = torch.zeros(16, 15)
     elif kind == "layers as wide as a planet":
@@ -180,7 +201,10 @@ def _odd_sb3(kind, path):
         weights = terrain_weights()
         weights["features_extractor.cnn.4.weight"] = torch.zeros(8, 8, 3, 3)
     elif kind == "an extractor by another name":
-        weights, about = terrain_weights(), sb3_description(features_extractor_class="<class 'mine.Extractor'>")
+        weights, about = (
+            terrain_weights(),
+            sb3_description(features_extractor_class="<class 'mine.Extractor'>"),
+        )
     elif kind == "another activation":
         about = sb3_description(activation_fn="<class 'mine.Bend'>")
     elif kind == "another board":
@@ -235,7 +259,16 @@ BROKEN_SB3 = [
 ]
 
 
-def onnx_model(size=(6, 7), batch=1, masked=False, value=True, dtype=TensorProto.FLOAT, logits=4, bias=None, names=None):
+def onnx_model(
+    size=(6, 7),
+    batch=1,
+    masked=False,
+    value=True,
+    dtype=TensorProto.FLOAT,
+    logits=4,
+    bias=None,
+    names=None,
+):
     """Return a linear policy over the flattened board as an ONNX model."""
     rng = np.random.default_rng(0)
     cells = size[0] * size[1]
@@ -245,7 +278,9 @@ def onnx_model(size=(6, 7), batch=1, masked=False, value=True, dtype=TensorProto
     nodes += [helper.make_node("Gemm", ["flat", "w", "b"], [out])]
     bias = np.zeros(logits) if bias is None else bias
     held = {"w": rng.normal(size=(cells, logits)), "b": bias}
-    initializers = [numpy_helper.from_array(array.astype(np.float32), key) for key, array in held.items()]
+    initializers = [
+        numpy_helper.from_array(array.astype(np.float32), key) for key, array in held.items()
+    ]
     initializers += [numpy_helper.from_array(np.array([1, cells], np.int64), "flat_shape")]
     shape = [*([batch] if batch else []), *size]
     inputs = [helper.make_tensor_value_info(name, dtype, shape)]
@@ -285,7 +320,9 @@ def broken_onnx(kind, path, marker):
         return path
     if kind == "weights in another file":
         marker.with_suffix(".weights").write_bytes(b"\0" * 10_000)
-        onnx.external_data_helper.set_external_data(graph.initializer[0], str(marker.with_suffix(".weights")))
+        onnx.external_data_helper.set_external_data(
+            graph.initializer[0], str(marker.with_suffix(".weights"))
+        )
         graph.initializer[0].ClearField("raw_data")
     elif kind == "weights of the system":
         onnx.external_data_helper.set_external_data(graph.initializer[0], "../../../../etc/passwd")
@@ -302,7 +339,9 @@ def broken_onnx(kind, path, marker):
         graph.node[2].op_type = "Wish"
     elif kind == "a function":
         body = [helper.make_node("Relu", ["x"], ["y"])]
-        model.functions.append(helper.make_function("ai.mine", "F", ["x"], ["y"], body, [helper.make_opsetid("", 17)]))
+        model.functions.append(
+            helper.make_function("ai.mine", "F", ["x"], ["y"], body, [helper.make_opsetid("", 17)])
+        )
     elif kind == "a loop":
         body = helper.make_graph(
             [helper.make_node("Identity", ["go"], ["on"])],
@@ -317,7 +356,9 @@ def broken_onnx(kind, path, marker):
         graph.initializer.append(numpy_helper.from_array(np.array(True), "yes"))
         graph.node.append(helper.make_node("Loop", ["many", "yes"], [], body=body))
     elif kind == "a tensor as large as a planet":
-        graph.initializer.append(numpy_helper.from_array(np.array([10**6, 10**6], np.int64), "huge"))
+        graph.initializer.append(
+            numpy_helper.from_array(np.array([10**6, 10**6], np.int64), "huge")
+        )
         graph.node.append(helper.make_node("ConstantOfShape", ["huge"], ["planet"]))
         _output(graph, "planet")
     elif kind == "a product as large as a planet":
@@ -362,7 +403,9 @@ def _odd_onnx(kind):
         return onnx_model(size=(3, 7), batch=2)
     if kind == "our own inputs in other shapes":
         model = onnx_model(names=("planes", "logits"))
-        model.graph.input.append(helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3]))
+        model.graph.input.append(
+            helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3])
+        )
         return model
     raise AssertionError(kind)
 

@@ -15,7 +15,9 @@ NOW = int(time.time() * 1000)
 _numbers = itertools.count()
 
 
-def add_session(store: Store, player: str | None = "ada", driver: str = "human", rival_of: str | None = None) -> str:
+def add_session(
+    store: Store, player: str | None = "ada", driver: str = "human", rival_of: str | None = None
+) -> str:
     """Return the id of a new session."""
     if player is not None:
         store.add_player(player, NOW)
@@ -30,10 +32,18 @@ def resumable(store: Store, now_ms: int) -> list[Resumable]:
     return [found for each in ids if (found := store.resume_session(each, now_ms)) is not None]
 
 
-def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMALL, number: int = 0, **rest):
+def open_episode(
+    store: Store, session: str, seed: int, config: EnvConfig = SMALL, number: int = 0, **rest
+):
     """Return the row of a new open episode and the episode itself."""
     episode = Episode.begin(config, seed=seed)
-    given = {"seed_chosen": False, "driver": "human", "assisted": False, "started_ms": NOW + next(_numbers), **rest}
+    given = {
+        "seed_chosen": False,
+        "driver": "human",
+        "assisted": False,
+        "started_ms": NOW + next(_numbers),
+        **rest,
+    }
     row = EpisodeRow(
         id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
@@ -42,7 +52,9 @@ def open_episode(store: Store, session: str, seed: int, config: EnvConfig = SMAL
     return row, episode
 
 
-def add_steps(store: Store, row: EpisodeRow, episode: Episode, actions: Sequence[int], driver: str = "human") -> None:
+def add_steps(
+    store: Store, row: EpisodeRow, episode: Episode, actions: Sequence[int], driver: str = "human"
+) -> None:
     """Make the moves and store them, up to the ending; the ending closes the episode."""
     for action in actions:
         if episode.ended:
@@ -63,7 +75,10 @@ def tour(episode: Episode) -> list[int]:
     """Return actions that explore an episode's terrain: nearest frontier by what is true."""
     from marsexplorer.policies import load
 
-    policy, twin = load("frontier-cost", episode.config.sensor_radius), Episode.begin(episode.config, seed=episode.seed)
+    policy, twin = (
+        load("frontier-cost", episode.config.sensor_radius),
+        Episode.begin(episode.config, seed=episode.seed),
+    )
     policy.reset(0)
     while not twin.ended:
         twin.step(policy.act(twin.observation()))
@@ -71,7 +86,12 @@ def tour(episode: Episode) -> list[int]:
 
 
 def play(
-    store: Store, seed: int, player: str | None = "ada", explore: bool = False, config: EnvConfig = SMALL, **rest
+    store: Store,
+    seed: int,
+    player: str | None = "ada",
+    explore: bool = False,
+    config: EnvConfig = SMALL,
+    **rest,
 ) -> EpisodeRow:
     """Return the row of a finished episode in a session of its own: a tour, or two moves and abandoned."""
     session = add_session(store, player)

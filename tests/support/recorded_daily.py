@@ -26,4 +26,12 @@ def play_daily(store: Store, player: str = "ada", day: str = DAY, **rest):
     """Return the row of a player's finished attempt at a day's terrain."""
     terrain = small_terrain(store, day)
     daily = DailyDay(day, terrain.commitment)
-    return play(store, seed_of(terrain.key), player, config=CONFIG, daily=daily, started_ms=day_start_ms(day) + 5, **rest)
+    return play(
+        store,
+        seed_of(terrain.key),
+        player,
+        config=CONFIG,
+        daily=daily,
+        started_ms=day_start_ms(day) + 5,
+        **rest,
+    )

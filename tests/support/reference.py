@@ -46,7 +46,11 @@ def visible(terrain, row, col, radius):
     seen = np.zeros_like(terrain)
     for (dr, dc), between in lines_of_sight(radius).items():
         r, c = row + dr, col + dc
-        if 0 <= r < rows and 0 <= c < cols and not any(terrain[row + br, col + bc] for br, bc in between):
+        if (
+            0 <= r < rows
+            and 0 <= c < cols
+            and not any(terrain[row + br, col + bc] for br, bc in between)
+        ):
             seen[r, c] = True
     return seen
 
@@ -84,7 +88,9 @@ class World:
 
     def scan(self):
         before = len(self.discovered)
-        self.discovered |= set(zip(*np.nonzero(visible(self.terrain, *self.position, self.radius)), strict=True))
+        self.discovered |= set(
+            zip(*np.nonzero(visible(self.terrain, *self.position, self.radius)), strict=True)
+        )
         return len(self.discovered) - before
 
     def step(self, action):
@@ -181,9 +187,13 @@ def draw_building(rows, cols, seed, draw):
                 if height >= width
                 else [(r, left + place) for r in range(top, bottom)]
             )
-        first = (top, left, top + cut, right) if height >= width else (top, left, bottom, left + cut)
+        first = (
+            (top, left, top + cut, right) if height >= width else (top, left, bottom, left + cut)
+        )
         second = (
-            (top + cut + thickness, left, bottom, right) if height >= width else (top, left + cut + thickness, bottom, right)
+            (top + cut + thickness, left, bottom, right)
+            if height >= width
+            else (top, left + cut + thickness, bottom, right)
         )
         parts = (first, second) if cut <= side - cut - thickness else (second, first)
         for part in parts:
@@ -199,7 +209,9 @@ def draw_cave(rows, cols, seed, draw):
     rock = np.array([[below(100) < 43 for _ in range(cols)] for _ in range(rows)])
     for _ in range(4):
         padded = np.pad(rock, 1, constant_values=True)
-        around = sum(padded[r : r + rows, c : c + cols].astype(int) for r in range(3) for c in range(3))
+        around = sum(
+            padded[r : r + rows, c : c + cols].astype(int) for r in range(3) for c in range(3)
+        )
         rock = around >= 5
     for step in range(rows + cols):
         row, col = step // 2, (step + 1) // 2
@@ -216,7 +228,12 @@ def reached_from(terrain, start):
     while edge:
         row, col = edge.pop()
         for r, c in ((row - 1, col), (row, col + 1), (row + 1, col), (row, col - 1)):
-            if 0 <= r < terrain.shape[0] and 0 <= c < terrain.shape[1] and not terrain[r, c] and (r, c) not in reached:
+            if (
+                0 <= r < terrain.shape[0]
+                and 0 <= c < terrain.shape[1]
+                and not terrain[r, c]
+                and (r, c) not in reached
+            ):
                 reached.add((r, c))
                 edge.append((r, c))
     return reached

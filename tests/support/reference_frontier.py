@@ -80,7 +80,9 @@ def touches_unknown(grid, cell):
 def decide(grid, visited, rover, heading, radius, rule):
     """The action of `cost` or `utility`, or None when there is no candidate."""
     reach = distances(grid, rover)
-    discoveries = {cell: expected_discoveries(grid, *cell, radius) for cell in reach if cell not in visited}
+    discoveries = {
+        cell: expected_discoveries(grid, *cell, radius) for cell in reach if cell not in visited
+    }
     if rule == "cost":
         shows = [cell for cell, new in discoveries.items() if new]
         goals = [cell for cell in shows if touches_unknown(grid, cell)] or shows
@@ -88,7 +90,10 @@ def decide(grid, visited, rover, heading, radius, rule):
         goals = [cell for cell in goals if reach[cell] == nearest]
     else:
         goals = [cell for cell, new in discoveries.items() if new]
-        goals = sorted(goals, key=lambda cell: (-Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell))[:1]
+        goals = sorted(
+            goals,
+            key=lambda cell: (-Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell),
+        )[:1]
     return first_action(grid, rover, heading, reach, goals)
 
 
@@ -96,7 +101,9 @@ def first_action(grid, rover, heading, reach, goals):
     """The action that begins a shortest path to one of the goals: straight on, else north, east, south, west; else None."""
     for action in [heading, 0, 1, 2, 3]:
         near = (rover[0] + DISPLACEMENTS[action][0], rover[1] + DISPLACEMENTS[action][1])
-        if near in reach and any(distances(grid, goal).get(near) == reach[goal] - 1 for goal in goals):
+        if near in reach and any(
+            distances(grid, goal).get(near) == reach[goal] - 1 for goal in goals
+        ):
             return action
     return None
 
@@ -122,17 +129,27 @@ def price(grid, cell, radius, rule):
     total = 1024
     for half, weight, power in zip((2, 6, 12), rule["weights"], rule["powers"], strict=True):
         side = max(1, round(half * radius / 6))
-        square = [(r, c) for r in range(cell[0] - side, cell[0] + side + 1) for c in range(cell[1] - side, cell[1] + side + 1)]
+        square = [
+            (r, c)
+            for r in range(cell[0] - side, cell[0] + side + 1)
+            for c in range(cell[1] - side, cell[1] + side + 1)
+        ]
         unknown = sum(1 for r, c in square if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0)
         total += round(1024 * weight * (1 - unknown / len(square)) ** power)
     region, edge = {cell}, [cell]
     while edge:
         row, col = edge.pop()
         near = [(r, c) for r in range(row - 1, row + 2) for c in range(col - 1, col + 2)]
-        new = [(r, c) for r, c in near if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0 and (r, c) not in region]
+        new = [
+            (r, c)
+            for r, c in near
+            if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0 and (r, c) not in region
+        ]
         region.update(new)
         edge += new
-    return total + round(1024 * rule["pocket"] * math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2)))
+    return total + round(
+        1024 * rule["pocket"] * math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2))
+    )
 
 
 def fade(cell, viewer, radius, rule):

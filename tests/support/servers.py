@@ -56,7 +56,9 @@ class Socket:
 
     def __init__(self, connection, clock=None):
         self.connection, self.clock = connection, clock or Clock()
-        self._may_skip = clock is not None  # the clock of a server in a process of its own cannot be moved on
+        self._may_skip = (
+            clock is not None
+        )  # the clock of a server in a process of its own cannot be moved on
         self._released = []
 
     def send(self, message):
@@ -73,17 +75,38 @@ class Socket:
         """Make a move: a script's, or with `input` "key" or "touch" a person's, who presses as the page would report it."""
         if input is not None:
             rest = {**self.press(frame, action, input), **rest}
-        self.send({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, **rest})
+        self.send(
+            {
+                "kind": "act",
+                "episode": frame["episode"],
+                "step": frame["step"],
+                "action": action,
+                **rest,
+            }
+        )
 
     def press(self, frame, action, input="key", **changes):
         """Let the time pass that a press takes, send its event, and return what the act says of it."""
         self._pass_time(PACE.randint(90, 250))
         now = self.clock.page_ms()
-        code = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}[action]
+        code = {
+            "north": "ArrowUp",
+            "east": "ArrowRight",
+            "south": "ArrowDown",
+            "west": "ArrowLeft",
+        }[action]
         kind = "keydown" if input == "key" else "touchdown"
-        event = {"kind": kind, "code": code if input == "key" else action, "repeat": False, "trusted": True, "client_ms": now}
+        event = {
+            "kind": kind,
+            "code": code if input == "key" else action,
+            "repeat": False,
+            "trusted": True,
+            "client_ms": now,
+        }
         event |= {"step": frame["step"], **changes}
-        self.send({"kind": "events", "episode": frame["episode"], "events": [*self._released, event]})
+        self.send(
+            {"kind": "events", "episode": frame["episode"], "events": [*self._released, event]}
+        )
         self._pass_time(PACE.randint(40, 80))
         up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
         self._released = [{**event, **up}]
@@ -144,7 +167,10 @@ class Running:
         self._clients = []
 
     def client(self, **rest):
-        rest = {"verify": False, **rest}  # nothing here speaks TLS, and reading the certificates takes 20 ms
+        rest = {
+            "verify": False,
+            **rest,
+        }  # nothing here speaks TLS, and reading the certificates takes 20 ms
         client = httpx.Client(base_url=self.url, timeout=PATIENCE_S, trust_env=False, **rest)
         self._clients.append(client)
         return client
@@ -154,12 +180,16 @@ class Running:
         return self.client(headers={"Origin": self.url}, **rest)
 
     @contextmanager
-    def socket(self, session_id, client=None, origin=True, path="/ws/sessions/", max_queue=None, **headers):
+    def socket(
+        self, session_id, client=None, origin=True, path="/ws/sessions/", max_queue=None, **headers
+    ):
         """Yield a Socket with the client's cookie and the page's Origin, as a browser would.
 
         max_queue  messages that wait for the test before nothing more is read; None reads them all, so that it closes at once
         """
-        if client is not None and (cookie := "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)):
+        if client is not None and (
+            cookie := "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)
+        ):
             headers["Cookie"] = cookie
         own = self.url if origin is True else origin or None
         url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
@@ -175,7 +205,9 @@ class Running:
 
     def on_loop(self, coroutine):
         """Return what a coroutine of a server in this process returns."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.services.store.writes._loop).result(PATIENCE_S)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.services.store.writes._loop).result(
+            PATIENCE_S
+        )
 
     def execute(self, sql):
         """Let the server's own connection, the one that writes, execute a statement beside what is played."""
@@ -215,16 +247,25 @@ def serve(tmp_path, limits, shipped_policies):
     running = []
 
     def start(sources=None, policies=None, **settings):
-        settings = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies", "limits": limits, **settings}
+        settings = {
+            "database": tmp_path / "playground.db",
+            "studies": tmp_path / "studies",
+            "limits": limits,
+            **settings,
+        }
         sock = listen("127.0.0.1", 0)
         clock = Clock()
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
-        server.app = create_app(Settings(**settings), Prepared(sources, policies or shipped_policies))
+        server.app = create_app(
+            Settings(**settings), Prepared(sources, policies or shipped_policies)
+        )
         engine = Engine(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()
-        eventually(lambda: engine.started or not thread.is_alive(), 240)  # the rules are compiled first, perhaps
+        eventually(
+            lambda: engine.started or not thread.is_alive(), 240
+        )  # the rules are compiled first, perhaps
         assert engine.started
 
         def stop():
@@ -275,7 +316,12 @@ def spawn(tmp_path, tmp_path_factory, limits):
         assert "is open at" in said[-1], "".join(said)
         server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
         server.process, server.said = process, said
-        server.kill = lambda: (process.kill(), process.wait(), process.stdout.close(), server.close())
+        server.kill = lambda: (
+            process.kill(),
+            process.wait(),
+            process.stdout.close(),
+            server.close(),
+        )
         return server
 
     yield start

@@ -29,7 +29,14 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
     """Return a frozen study of 2 + 3 episodes, closed unless `close` is False."""
     folder = Folder(root)
-    known = {"warm_up": 2, "ranked": 3, "players": 3, "policies": ("random",), "debrief_policy": "random", **rest}
+    known = {
+        "warm_up": 2,
+        "ranked": 3,
+        "players": 3,
+        "policies": ("random",),
+        "debrief_policy": "random",
+        **rest,
+    }
     folder.create(default_protocol(name, config, **known))
     study = folder.freeze(name)
     return folder.close(name) if close else study
@@ -52,7 +59,9 @@ class StudyRecorder:
             chain.append(self.conn, "study", study.name)
 
     def insert(self, table, *values):
-        return self.conn.execute(f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values).rowcount
+        return self.conn.execute(
+            f"INSERT OR IGNORE INTO {table} VALUES ({','.join('?' * len(values))})", values
+        ).rowcount
 
     def tick(self, ms=100):
         self.clock += ms
@@ -63,7 +72,11 @@ class StudyRecorder:
 
     def join(self, number, kind="human", stage="complete", consent=True, outside=IDENTITIES):
         """Return a participant's id, with an identity, stage events and a session."""
-        participant, player, session = self.token(), f"player-{self.token()}", f"session-{self.token()}"
+        participant, player, session = (
+            self.token(),
+            f"player-{self.token()}",
+            f"session-{self.token()}",
+        )
         now = self.tick(1000)
         self.store.add_player(player, now)
         self.store.add_session(SessionRow(session, player, "human", None, "follow", 2.0, now))
@@ -79,7 +92,14 @@ class StudyRecorder:
         for name, value in outside.items():
             self.insert("identities", participant, name, value.format(number))
         for event, kind_of in enumerate(("joined", "stage", "answers")):
-            self.insert("stage_events", participant, event, now + event, kind_of, json.dumps({"session": session, "n": event}))
+            self.insert(
+                "stage_events",
+                participant,
+                event,
+                now + event,
+                kind_of,
+                json.dumps({"session": session, "n": event}),
+            )
         chain.append(self.conn, "participant", participant)
         return participant
 
@@ -105,7 +125,9 @@ class StudyRecorder:
             "SELECT session_id, kind FROM participants WHERE id = ?", [participant]
         ).fetchone()  # fmt: skip
         driver = "human" if kind == "human" else "script"
-        (number,) = self.conn.execute("SELECT count(*) FROM episodes WHERE session_id = ?", [session]).fetchone()
+        (number,) = self.conn.execute(
+            "SELECT count(*) FROM episodes WHERE session_id = ?", [session]
+        ).fetchone()
         config = study.protocol.env_config
         episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
@@ -145,7 +167,18 @@ class StudyRecorder:
 
     def _events(self, ident, number, step, code="ArrowUp"):
         for extra, kind in enumerate(("keydown", "keyup")):
-            row = (ident, number + extra, kind, code, 0, 1, self.page_ms() + extra, step, 12.5, self.clock)
+            row = (
+                ident,
+                number + extra,
+                kind,
+                code,
+                0,
+                1,
+                self.page_ms() + extra,
+                step,
+                12.5,
+                self.clock,
+            )
             self.insert("input_events", *row)
         chain.append_late_events(self.conn, ident, number)
 
@@ -179,7 +212,10 @@ def _tour(episode):
     from marsexplorer.policies import load
 
     config = episode.config
-    policy, twin = load("frontier-cost", config.sensor_radius), Episode.begin(config, seed=episode.seed)
+    policy, twin = (
+        load("frontier-cost", config.sensor_radius),
+        Episode.begin(config, seed=episode.seed),
+    )
     policy.reset(0)
     while not twin.ended:
         twin.step(policy.act(twin.observation()))

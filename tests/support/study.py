@@ -12,10 +12,18 @@ SIZE = (7, 9)
 
 def freeze(root, name="small", **rest):
     """Return a frozen study: 2 warm-up and 3 ranked episodes on 7x9, a break after every 2, the rules as debrief policy."""
-    small = {"warm_up": 2, "ranked": 3, "players": 2, "break_every": 2, "policies": ("frontier-cost",)}
+    small = {
+        "warm_up": 2,
+        "ranked": 3,
+        "players": 2,
+        "break_every": 2,
+        "policies": ("frontier-cost",),
+    }
     folder = Folder(root)
     config = EnvConfig.of("random", rest.pop("size", SIZE))
-    folder.create(default_protocol(name, config, **{**small, "debrief_policy": "frontier-cost", **rest}))
+    folder.create(
+        default_protocol(name, config, **{**small, "debrief_policy": "frontier-cost", **rest})
+    )
     return folder.freeze(name)
 
 

@@ -28,10 +28,19 @@ class View:
 
     def __init__(self, server, session, stack, client=None):
         url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-        cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar) if client else ""
-        plain = {"proxy": None, "compression": None, "max_size": None, "additional_headers": {"Cookie": cookies}}
+        cookies = (
+            "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar) if client else ""
+        )
+        plain = {
+            "proxy": None,
+            "compression": None,
+            "max_size": None,
+            "additional_headers": {"Cookie": cookies},
+        }
         plain["open_timeout"] = PATIENCE_S
-        self.socket = stack.enter_context(connect(url, subprotocols=[PROTOCOL], origin=server.url, **plain))
+        self.socket = stack.enter_context(
+            connect(url, subprotocols=[PROTOCOL], origin=server.url, **plain)
+        )
         self.socket.send(CAMERA)
 
     def read(self, *awaited):

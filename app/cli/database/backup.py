@@ -11,7 +11,9 @@ from app.cli.console import PATH, progress, settings_of
 
 @click.command(short_help="Copy the database while people play.")
 @click.argument("file", type=PATH)
-@click.option("--database", type=PATH, help="The database to copy; a running server may go on writing.")
+@click.option(
+    "--database", type=PATH, help="The database to copy; a running server may go on writing."
+)
 def backup(file: Path, database: Path | None) -> None:
     """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
 

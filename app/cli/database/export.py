@@ -15,12 +15,27 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Write what was played as CSV or JSON Lines.")
-@click.option("--database", type=PATH, help="The database to read; a running server may go on writing.")
 @click.option(
-    "--format", "fmt", type=click.Choice(["csv", "jsonl"]), default="csv", show_default=True, help="CSV or JSON Lines."
+    "--database", type=PATH, help="The database to read; a running server may go on writing."
 )
-@click.option("--out", type=PATH, required=True, help="Folder for episodes.* and steps.*; made when absent.")
-@click.option("--who", type=click.Choice(["all", "human"]), default="all", show_default=True, help="human: the counted ones.")
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["csv", "jsonl"]),
+    default="csv",
+    show_default=True,
+    help="CSV or JSON Lines.",
+)
+@click.option(
+    "--out", type=PATH, required=True, help="Folder for episodes.* and steps.*; made when absent."
+)
+@click.option(
+    "--who",
+    type=click.Choice(["all", "human"]),
+    default="all",
+    show_default=True,
+    help="human: the counted ones.",
+)
 def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
@@ -43,5 +58,7 @@ def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> Non
     except StoreError as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write to {out}: {reason(error)}; choose another --out"
+        ) from error
     click.echo(summary)

@@ -45,8 +45,14 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
         raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot write {path}: {reason(error)}") from error
-    kept = ", and the episodes of the study stay without a person, as its protocol says" if done.keeps else ""
-    click.echo(f"erased from {path}: one participant of {done.study}, {done.episodes} episodes{kept}")
+    kept = (
+        ", and the episodes of the study stay without a person, as its protocol says"
+        if done.keeps
+        else ""
+    )
+    click.echo(
+        f"erased from {path}: one participant of {done.study}, {done.episodes} episodes{kept}"
+    )
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
         click.echo(

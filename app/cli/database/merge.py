@@ -11,7 +11,12 @@ from app.cli.console import PATH, progress, reason
 
 @click.command(short_help="Join the databases of several servers.")
 @click.argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
-@click.option("--out", type=PATH, required=True, help="A new file for all of it; it appears whole or not at all.")
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="A new file for all of it; it appears whole or not at all.",
+)
 def merge(databases: tuple[Path, ...], out: Path) -> None:
     """Join databases in which the same study, or different ones, were played; the sources stay as they are.
 
@@ -24,7 +29,9 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
       marsexplorer verify --database both.db
     """
     if len(databases) < 2:
-        raise click.UsageError("give two databases or more: marsexplorer merge A.db B.db --out C.db")
+        raise click.UsageError(
+            "give two databases or more: marsexplorer merge A.db B.db --out C.db"
+        )
     from app.storage import merging
     from app.storage.database import StoreError
 
@@ -34,11 +41,19 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     except StoreError as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write {out}: {reason(error)}; choose another --out") from error
-    alike = f", {counts.equal['episodes']:,} of them in more than one" if counts.equal["episodes"] else ""
+        raise click.ClickException(
+            f"cannot write {out}: {reason(error)}; choose another --out"
+        ) from error
+    alike = (
+        f", {counts.equal['episodes']:,} of them in more than one"
+        if counts.equal["episodes"]
+        else ""
+    )
     left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    click.echo(f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}")
+    click.echo(
+        f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}"
+    )
     if twice:
         click.echo(
             f"beware: {twice} outside ids or invitations took part in a study twice, on two servers; the report counts each "

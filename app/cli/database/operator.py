@@ -12,7 +12,11 @@ import click
 
 from app.cli.console import PATH, print_table, settings_of
 
-DATABASE = click.option("--database", type=PATH, help="The database that the server records in, if it is not the default one.")
+DATABASE = click.option(
+    "--database",
+    type=PATH,
+    help="The database that the server records in, if it is not the default one.",
+)
 
 
 @click.group(short_help="Let operators log in at /admin by name.")
@@ -34,7 +38,9 @@ def operator() -> None:
 
 @operator.command(short_help="Add an operator.")
 @click.argument("name")
-@click.option("--totp", is_flag=True, help="Ask for a code of an authenticator app at each login too (TOTP).")
+@click.option(
+    "--totp", is_flag=True, help="Ask for a code of an authenticator app at each login too (TOTP)."
+)
 @DATABASE
 def add(name: str, totp: bool, database: Path | None) -> None:
     """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal.
@@ -50,7 +56,9 @@ def add(name: str, totp: bool, database: Path | None) -> None:
         password = sys.stdin.readline().rstrip("\n")
     with _errors():
         uri = add_operator(path, name, password, totp)
-    click.echo(f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start")
+    click.echo(
+        f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start"
+    )
     if uri is not None:
         click.echo(uri)
 
@@ -63,7 +71,9 @@ def list_(database: Path | None) -> None:
 
     with _errors():
         found = list_operators(database or settings_of().database)
-    rows = [(each.name, _time(each.created_ms), "yes" if each.totp_secret else "no") for each in found]
+    rows = [
+        (each.name, _time(each.created_ms), "yes" if each.totp_secret else "no") for each in found
+    ]
     print_table("Operators", ("name", "since (UTC)", "second factor"), rows)
 
 
@@ -81,7 +91,9 @@ def remove(name: str, database: Path | None) -> None:
 
 
 @operator.command(short_help="Print what operators did.")
-@click.option("--count", type=click.IntRange(1), default=100, show_default=True, help="Actions to print.")
+@click.option(
+    "--count", type=click.IntRange(1), default=100, show_default=True, help="Actions to print."
+)
 @DATABASE
 def log(count: int, database: Path | None) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
@@ -90,7 +102,13 @@ def log(count: int, database: Path | None) -> None:
     with _errors():
         found = read_actions(database or settings_of().database, count)
     rows = [
-        (_time(each["at_ms"]), each["operator"], each["action"], each["study"] or "", str(each["status"] or "not ended"))
+        (
+            _time(each["at_ms"]),
+            each["operator"],
+            each["action"],
+            each["study"] or "",
+            str(each["status"] or "not ended"),
+        )
         for each in found
     ]
     print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)

@@ -19,11 +19,27 @@ NO_GHOST = "none"
 
 @click.command(short_help="Write an episode as a page in one file, a GIF or an MP4.")
 @click.argument("episode")
-@click.option("--out", type=PATH, required=True, metavar="FILE", help="FILE.html, .gif, .mp4 or .png: the ending decides.")
-@click.option("--database", type=PATH, help="The database to read; a running server may go on writing.")
-@click.option("--ghost", metavar="POLICY", help='A policy on the same terrain, or "none".  [default: ppo]')
-@click.option("--speed", type=click.FloatRange(0.5, 1000), help="Moves per second of an animation.  [default: all within 15 s]")
-def replay(episode: str, out: Path, database: Path | None, ghost: str | None, speed: float | None) -> None:
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    help="FILE.html, .gif, .mp4 or .png: the ending decides.",
+)
+@click.option(
+    "--database", type=PATH, help="The database to read; a running server may go on writing."
+)
+@click.option(
+    "--ghost", metavar="POLICY", help='A policy on the same terrain, or "none".  [default: ppo]'
+)
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.5, 1000),
+    help="Moves per second of an animation.  [default: all within 15 s]",
+)
+def replay(
+    episode: str, out: Path, database: Path | None, ghost: str | None, speed: float | None
+) -> None:
     """Write the replay of a finished EPISODE, by its id or the beginning of it.
 
     The id is the last part of a replay's address; `marsexplorer export` lists them. A page of one file shows everything that
@@ -52,11 +68,15 @@ def replay(episode: str, out: Path, database: Path | None, ghost: str | None, sp
     except (GhostError, VideoMissingError) as error:
         raise click.UsageError(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write {out}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write {out}: {reason(error)}; choose another --out"
+        ) from error
     except ValueError as error:
         raise click.ClickException(str(error)) from error
     others = f", with {courses[1].name}" if len(courses) > 1 else ""
-    click.echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {len(content):,} bytes")
+    click.echo(
+        f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {len(content):,} bytes"
+    )
 
 
 def _format_of(out: Path) -> Format:

@@ -21,14 +21,39 @@ MAX_PRINTED = 200
 
 
 @click.command(short_help="Simulate every episode again and compare.")
-@click.option("--database", type=PATH, help="The database to verify; a running server may go on writing.")
+@click.option(
+    "--database", type=PATH, help="The database to verify; a running server may go on writing."
+)
 @click.option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
-@click.option("--studies", type=PATH, help="The folder of studies, for the secrets of open ones.  [default: data/studies]")
-@click.option("--key", "--signer", "key", metavar="FINGERPRINT|FILE", help="The key that must have signed the dataset.")
-@click.option("--pin", "to_pin", is_flag=True, help="Remember the dataset's signing key as a known one, if all else is well.")
-@click.option("--head", help="A head of the database's chain from before, or a release's folder, which holds one.")
+@click.option(
+    "--studies",
+    type=PATH,
+    help="The folder of studies, for the secrets of open ones.  [default: data/studies]",
+)
+@click.option(
+    "--key",
+    "--signer",
+    "key",
+    metavar="FINGERPRINT|FILE",
+    help="The key that must have signed the dataset.",
+)
+@click.option(
+    "--pin",
+    "to_pin",
+    is_flag=True,
+    help="Remember the dataset's signing key as a known one, if all else is well.",
+)
+@click.option(
+    "--head",
+    help="A head of the database's chain from before, or a release's folder, which holds one.",
+)
 def verify(
-    database: Path | None, dataset: Path | None, studies: Path | None, key: str | None, to_pin: bool, head: str | None
+    database: Path | None,
+    dataset: Path | None,
+    studies: Path | None,
+    key: str | None,
+    to_pin: bool,
+    head: str | None,
 ) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
@@ -52,9 +77,13 @@ def verify(
     if database is not None and dataset is not None:
         raise click.UsageError("give --database or --dataset, not both")
     if dataset is None and (key is not None or to_pin):
-        raise click.UsageError(f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed")
+        raise click.UsageError(
+            f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed"
+        )
     if head is not None and dataset is not None:
-        raise click.UsageError("--head goes with --database: a dataset's signature stands for all of it")
+        raise click.UsageError(
+            "--head goes with --database: a dataset's signature stands for all of it"
+        )
     from app.release.errors import ReleaseError
     from app.storage.database import StoreError
 
@@ -80,7 +109,9 @@ def verify(
     return 1 if result.findings else 0
 
 
-def _of_database(database: Path | None, studies: Path | None, head: str | None) -> tuple[Verification, str]:
+def _of_database(
+    database: Path | None, studies: Path | None, head: str | None
+) -> tuple[Verification, str]:
     from app.study.folder import Folder
     from app.study.verification import check_policy_files, verify_database
 
@@ -90,7 +121,9 @@ def _of_database(database: Path | None, studies: Path | None, head: str | None) 
     earlier = None if head is None else _earlier_head(head)
     with progress("verifying (the rules are compiled first)") as advance:
         result = verify_database(path, advance, known, head=earlier)
-    return replace(result, findings=(*result.findings, *check_policy_files(folder, known))), str(path)
+    return replace(result, findings=(*result.findings, *check_policy_files(folder, known))), str(
+        path
+    )
 
 
 def _earlier_head(given: str) -> str:
@@ -106,7 +139,9 @@ def _earlier_head(given: str) -> str:
         return given.lower()
     found = read_manifest(Path(given))[0].get("chain_head")
     if not found:
-        raise ReleaseError(f"{given} holds no head of a chain: an earlier version of the software wrote it")
+        raise ReleaseError(
+            f"{given} holds no head of a chain: an earlier version of the software wrote it"
+        )
     return str(found)
 
 
@@ -127,16 +162,30 @@ def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verificat
 
 
 def _sentence(result: Verification, about: str) -> str:
-    rate = f", {result.episodes / result.seconds:,.0f} episodes/s" if result.seconds > 0 and result.episodes else ""
-    still_open = f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
-    verdict = f"{result.failed} of its parts DIFFER from what was recorded" if result.findings else "all as recorded"
+    rate = (
+        f", {result.episodes / result.seconds:,.0f} episodes/s"
+        if result.seconds > 0 and result.episodes
+        else ""
+    )
+    still_open = (
+        f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
+    )
+    verdict = (
+        f"{result.failed} of its parts DIFFER from what was recorded"
+        if result.findings
+        else "all as recorded"
+    )
     return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{still_open}"
 
 
 def _chain_lines(result: Verification) -> Iterator[str]:
     """Yield what the chain is, and what came after the earlier head that was asked for."""
     if result.chain is not None and result.chain.entries:
-        forgotten = f", {result.chain.forgotten} of them of forgotten people" if result.chain.forgotten else ""
+        forgotten = (
+            f", {result.chain.forgotten} of them of forgotten people"
+            if result.chain.forgotten
+            else ""
+        )
         yield f"chain: {result.chain.entries:,} entries{forgotten}; head {result.chain.head}"
     if (since := result.since) is not None:
         day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
@@ -145,4 +194,7 @@ def _chain_lines(result: Verification) -> Iterator[str]:
 
 
 def _counted(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count:,} of kind {kind}" for kind, count in sorted(counts.items())) or "nothing"
+    return (
+        ", ".join(f"{count:,} of kind {kind}" for kind, count in sorted(counts.items()))
+        or "nothing"
+    )

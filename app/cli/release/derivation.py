@@ -55,10 +55,16 @@ def read_bundle(folder: Path) -> Derivation:
     manifest, _ = read_manifest(folder)
     with reading(folder / BUNDLE_DATABASE) as conn:
         episodes = read_policy_episodes(conn)
-    data = with_looks_in(folder / LOOKS_FILE, load(folder / BUNDLE_DATABASE, str(manifest["study"])))
-    played = {each.policy: each.policy_hash for each in episodes} | {POLICY: manifest.get("regret_policy_hash")}
+    data = with_looks_in(
+        folder / LOOKS_FILE, load(folder / BUNDLE_DATABASE, str(manifest["study"]))
+    )
+    played = {each.policy: each.policy_hash for each in episodes} | {
+        POLICY: manifest.get("regret_policy_hash")
+    }
     recorded = {name: digest for name, digest in played.items() if digest}
-    data = replace(data, policy_files=PolicyFiles({**data.policy_files.hashes, **recorded}, folder / FOLDER))
+    data = replace(
+        data, policy_files=PolicyFiles({**data.policy_files.hashes, **recorded}, folder / FOLDER)
+    )
     return Derivation(folder, data, episodes, manifest.get("regret_policy_hash"))
 
 
@@ -71,7 +77,9 @@ def derive(made: Derivation, synthetic: bool, known: KnownMoves | None = None) -
     try:
         pictures = replay_pictures(reader, made.data, synthetic)
         names = list(dict.fromkeys(each.policy for each in made.episodes))
-        moves = analyse_known(reader, made.data, names, synthetic, progress, known) if known else None
+        moves = (
+            analyse_known(reader, made.data, names, synthetic, progress, known) if known else None
+        )
     finally:
         reader.close()
     return build_report(made.data, made.episodes, synthetic, pictures, moves)
@@ -104,20 +112,26 @@ def known_moves(made: Derivation, cache: Path, plays_again: bool) -> KnownMoves 
         made.not_compared.append(f"regret and likeness of moves: {error}")
         return None
     policies = dict.fromkeys(policy for _, policy in recorded)
-    names = [name for name in policies if plays_again and name != NO_PLAN and is_at_hand(made, name)]
+    names = [
+        name for name in policies if plays_again and name != NO_PLAN and is_at_hand(made, name)
+    ]
     reader = Reader.open(made.folder / BUNDLE_DATABASE)
     try:
         with progress("comparing moves with the policies'") as advance:
             again = episode_agreements(reader, made.data, names, advance)
         for key, found in again.items():
-            made.section("agreement of moves").add(", ".join(key), recorded.get(key), found, recorded.get(key) == found)
+            made.section("agreement of moves").add(
+                ", ".join(key), recorded.get(key), found, recorded.get(key) == found
+            )
         _compare_regrets(made, reader, regrets, cache)
     finally:
         reader.close()
     return KnownMoves({**recorded, **again}, cache)
 
 
-def _compare_regrets(made: Derivation, reader: Reader, regrets: Sequence[RegretRow], cache: Path) -> None:
+def _compare_regrets(
+    made: Derivation, reader: Reader, regrets: Sequence[RegretRow], cache: Path
+) -> None:
     """Work the regret of every ranked move out again and compare it with the recorded one."""
     from app.moves.regret import regret_rows, study_estimator
 
@@ -129,7 +143,9 @@ def _compare_regrets(made: Derivation, reader: Reader, regrets: Sequence[RegretR
         found = {(each.episode, each.step): each for each in rows}
     for row in regrets:
         other = found.get((row.episode, row.step))
-        made.section("regret of each move").add(f"{row.episode}, move {row.step}", row, other, row == other)
+        made.section("regret of each move").add(
+            f"{row.episode}, move {row.step}", row, other, row == other
+        )
 
 
 def replay_policies(made: Derivation) -> None:
@@ -140,9 +156,16 @@ def replay_policies(made: Derivation) -> None:
     seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}
     for each in made.episodes:
         where = f"{each.policy}, terrain {each.terrain}"
-        section.add(f"{where}: seed", each.seed, seeds.get(each.terrain), each.seed == seeds.get(each.terrain))
+        section.add(
+            f"{where}: seed",
+            each.seed,
+            seeds.get(each.terrain),
+            each.seed == seeds.get(each.terrain),
+        )
         found = each.replay(data.protocol.env_config).record().trajectory_hash
-        section.add(f"{where}: trajectory hash", each.trajectory_hash, found, each.trajectory_hash == found)
+        section.add(
+            f"{where}: trajectory hash", each.trajectory_hash, found, each.trajectory_hash == found
+        )
 
 
 def play_again(made: Derivation) -> None:
@@ -150,7 +173,11 @@ def play_again(made: Derivation) -> None:
     from marsexplorer.config import CORE_VERSION
 
     recorded = {(each.policy, each.terrain): each for each in made.episodes}
-    names = [name for name in dict.fromkeys(each.policy for each in made.episodes) if is_at_hand(made, name)]
+    names = [
+        name
+        for name in dict.fromkeys(each.policy for each in made.episodes)
+        if is_at_hand(made, name)
+    ]
     if not names or made.data.protocol.core_version != CORE_VERSION:
         return
     seeds = {each.terrain: each.seed for each in made.episodes}
@@ -158,7 +185,11 @@ def play_again(made: Derivation) -> None:
     for each in play_compared(made.data, seeds, names):
         before = recorded[each.policy, each.terrain]
         hashes = before.trajectory_hash, each.trajectory_hash
-        section.add(f"{each.policy}, terrain {each.terrain}: trajectory hash", *hashes, hashes[0] == hashes[1])
+        section.add(
+            f"{each.policy}, terrain {each.terrain}: trajectory hash",
+            *hashes,
+            hashes[0] == hashes[1],
+        )
 
 
 def is_at_hand(made: Derivation, name: str) -> bool:
@@ -175,7 +206,9 @@ def is_at_hand(made: Derivation, name: str) -> bool:
         except (PolicyNotFoundError, PolicyFileError) as error:
             is_same, why = False, str(error)
         if not is_same:
-            made.not_compared.append(f"{name} was not played again, its recorded moves were replayed: {why}")
+            made.not_compared.append(
+                f"{name} was not played again, its recorded moves were replayed: {why}"
+            )
         made.at_hand[name] = is_same
     return made.at_hand[name]
 
@@ -192,5 +225,9 @@ def play_at_hand(made: Derivation) -> tuple[PolicyEpisode, ...]:
             names.append(name)
         except (PolicyNotFoundError, PolicyFileError) as error:
             click.echo(f"- {name} is left out: {error}")
-    seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else data.seeds()
+    seeds = (
+        ranked_seeds(data.protocol, data.protocol_hash, data.secret)
+        if data.secret
+        else data.seeds()
+    )
     return play_compared(data, seeds, names)

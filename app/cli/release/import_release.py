@@ -41,7 +41,13 @@ def import_release(folder: Path, database: Path | None, key: str | None) -> None
     except OSError as error:
         raise click.ClickException(f"cannot bring {folder} into {path}: {reason(error)}") from error
     there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
-    left = f"; {counts.forgotten} people stayed out, who were forgotten here" if counts.forgotten else ""
+    left = (
+        f"; {counts.forgotten} people stayed out, who were forgotten here"
+        if counts.forgotten
+        else ""
+    )
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    click.echo(f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}")
+    click.echo(
+        f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}"
+    )
     click.echo(signer.sentence())

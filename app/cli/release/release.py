@@ -12,12 +12,21 @@ from app.cli.study.study_report import released_report
 
 @click.command(short_help="Write a study as a citable, signed bundle.")
 @click.option("--study", required=True, help="The study's name.")
-@click.option("--out", type=PATH, required=True, help="A new folder for the bundle; it appears whole or not at all.")
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="A new folder for the bundle; it appears whole or not at all.",
+)
 @click.option("--database", type=PATH, help="The database the study was played in.")
 @click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies]")
 @click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
 @click.option("--url", help="Where the bundle will be found, a DOI's address say.")
-@click.option("--interim", is_flag=True, help="Build it although the study is open: for the operator alone, without a report.")
+@click.option(
+    "--interim",
+    is_flag=True,
+    help="Build it although the study is open: for the operator alone, without a report.",
+)
 @click.option(
     "--without-policy",
     "without",
@@ -85,11 +94,17 @@ def release(
     except (ReleaseError, StoreError, StudyError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write to {out}: {reason(error)}; choose another --out"
+        ) from error
     rows = built.header.rows
-    click.echo(f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves")
+    click.echo(
+        f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves"
+    )
     if built.header.chain_head:
-        click.echo(f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}")
+        click.echo(
+            f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}"
+        )
     click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
     if built.header.interim:
         click.echo("the study is open: do not publish this, it gives the terrains away")

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.console import PATH, pins_file, print_table, reason
-from app.cli.release.derivation import Derivation, derive, known_moves, play_again, play_at_hand, read_bundle, replay_policies
+from app.cli.release.derivation import (
+    Derivation,
+    derive,
+    known_moves,
+    play_again,
+    play_at_hand,
+    read_bundle,
+    replay_policies,
+)
 from app.cli.study.report import show
 from app.cli.study.study_report import REPORT_FILES, has_played
 
@@ -25,7 +33,11 @@ MAX_PRINTED = 20
 @click.command(short_help="Derive a bundle's figures again and compare.")
 @click.argument("folder", type=PATH)
 @click.option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
-@click.option("--recorded", is_flag=True, help="Do not play the policies again: replay their recorded moves only.")
+@click.option(
+    "--recorded",
+    is_flag=True,
+    help="Do not play the policies again: replay their recorded moves only.",
+)
 def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
     """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
 
@@ -73,9 +85,15 @@ def _check_bundle(folder: Path, key: str | None) -> int:
 
 def _compare(made: Derivation, plays_again: bool) -> bool:
     """Derive each report that the bundle holds and compare; False when it holds none, and the derived one is shown."""
-    found = [synthetic for synthetic in REPORT_FILES if (made.folder / REPORT_FILES[synthetic][0]).exists()]
+    found = [
+        synthetic
+        for synthetic in REPORT_FILES
+        if (made.folder / REPORT_FILES[synthetic][0]).exists()
+    ]
     if not found:
-        click.echo("this bundle holds no report, so there is nothing to compare with; the report derived from it:")
+        click.echo(
+            "this bundle holds no report, so there is nothing to compare with; the report derived from it:"
+        )
         if has_played(made.data, synthetic=False):
             made = replace(made, episodes=made.episodes or play_at_hand(made))
         show(derive(made, synthetic=False))
@@ -100,9 +118,13 @@ def _compare_report(made: Derivation, synthetic: bool, known: KnownMoves | None)
     mark = "scripts: " if synthetic else ""
     found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
     made.sections |= {mark + name: section for name, section in found.items()}
-    made.not_compared.append(f"{json_name}: {' and '.join(NOT_COMPARED)}, which say when and by what it was made")
+    made.not_compared.append(
+        f"{json_name}: {' and '.join(NOT_COMPARED)}, which say when and by what it was made"
+    )
     if recorded["software_version"] != derived.software_version:
-        made.not_compared.append(f"{html_name}: version {recorded['software_version']} of the software set it")
+        made.not_compared.append(
+            f"{html_name}: version {recorded['software_version']} of the software set it"
+        )
     elif not has_moves:
         made.not_compared.append(f"{html_name}, and in {json_name} what the moves say")
     else:
@@ -113,7 +135,9 @@ def _compare_report(made: Derivation, synthetic: bool, known: KnownMoves | None)
 
 def _print(made: Derivation) -> int:
     """Print what was compared and what differs; return how many values differ."""
-    rows = [(name, f"{each.compared:,}", f"{each.differ:,}") for name, each in made.sections.items()]
+    rows = [
+        (name, f"{each.compared:,}", f"{each.differ:,}") for name, each in made.sections.items()
+    ]
     compared = sum(each.compared for each in made.sections.values())
     differ = sum(each.differ for each in made.sections.values())
     print_table("figures derived again from the bundle", ("section", "compared", "differ"), rows)

@@ -20,7 +20,10 @@ def with_reachable_effects(protocol: Protocol) -> Protocol:
     from app.statistics.planning import derived_difference, derived_margin
     from app.study.protocol import parse_protocol
 
-    reachable = {"equivalence_margin": derived_margin(protocol), "policy_difference": derived_difference(protocol)}
+    reachable = {
+        "equivalence_margin": derived_margin(protocol),
+        "policy_difference": derived_difference(protocol),
+    }
     found = {name: value for name, value in reachable.items() if value is not None}
     return parse_protocol({**protocol.model_dump(mode="json", exclude_unset=True), **found})
 
@@ -28,9 +31,15 @@ def with_reachable_effects(protocol: Protocol) -> Protocol:
 def echo_reachable_effects(protocol: Protocol) -> None:
     """Print what margin and difference a new protocol holds, and what they rest on."""
     if protocol.policy_difference is None:
-        click.echo("One player gives no interval and no test: plan at least two to compare anything.")
+        click.echo(
+            "One player gives no interval and no test: plan at least two to compare anything."
+        )
         return
-    margin = f"changes of ±{protocol.equivalence_margin:g}" if protocol.ranked >= 3 else "no learning (below 3 ranked episodes)"
+    margin = (
+        f"changes of ±{protocol.equivalence_margin:g}"
+        if protocol.ranked >= 3
+        else "no learning (below 3 ranked episodes)"
+    )
     click.echo(
         f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
         f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
@@ -58,7 +67,11 @@ def checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
 
 def echo_plan(plan: StudyPlan) -> None:
     """Print the width of the interval and the power of each planned comparison."""
-    assumed = "those of a new study, since the protocol names none" if plan.is_default else "the protocol's"
+    assumed = (
+        "those of a new study, since the protocol names none"
+        if plan.is_default
+        else "the protocol's"
+    )
     click.echo(
         f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes"
     )
@@ -77,7 +90,9 @@ def _comparison(each: Any) -> str:
 
 @click.command(short_help="Write the preregistration, ready for OSF.")
 @click.argument("name")
-@click.option("--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]")
+@click.option(
+    "--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]"
+)
 @STUDIES
 def preregister(name: str, out: Path | None, studies: Path | None) -> None:
     """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
@@ -107,5 +122,9 @@ def preregister(name: str, out: Path | None, studies: Path | None) -> None:
         with write_whole(out) as file:
             file.write(text.encode())
     except OSError as error:
-        raise click.ClickException(f"cannot write {out}: {reason(error)}; choose another --out") from error
-    click.echo(f"{out}: read it, state what is marked TO BE STATED, then register it before anybody plays")
+        raise click.ClickException(
+            f"cannot write {out}: {reason(error)}; choose another --out"
+        ) from error
+    click.echo(
+        f"{out}: read it, state what is marked TO BE STATED, then register it before anybody plays"
+    )

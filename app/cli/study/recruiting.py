@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import DATABASE, PATH, STUDIES, folder_of, print_table, reason, settings_of, study_errors
+from app.cli.console import (
+    DATABASE,
+    PATH,
+    STUDIES,
+    folder_of,
+    print_table,
+    reason,
+    settings_of,
+    study_errors,
+)
 
 if TYPE_CHECKING:
     from app.study.folder import Study
@@ -22,15 +31,30 @@ if TYPE_CHECKING:
 @click.command(short_help="Print single-use links to a study.")
 @click.argument("name")
 @click.argument("count", type=int, metavar="[N]", default=0)
-@click.option("--url", help="The address at which participants reach the server.  [default: http://HOST:PORT of the settings]")
-@click.option("--list", "lists", is_flag=True, help="List all invitations with their state instead.")
 @click.option(
-    "--csv", "table", type=PATH, metavar="FILE", help="Write them to a file as well, with their links: id, state, link."
+    "--url",
+    help="The address at which participants reach the server.  [default: http://HOST:PORT of the settings]",
+)
+@click.option(
+    "--list", "lists", is_flag=True, help="List all invitations with their state instead."
+)
+@click.option(
+    "--csv",
+    "table",
+    type=PATH,
+    metavar="FILE",
+    help="Write them to a file as well, with their links: id, state, link.",
 )
 @DATABASE
 @STUDIES
 def invite(
-    name: str, count: int, url: str | None, lists: bool, table: Path | None, database: Path | None, studies: Path | None
+    name: str,
+    count: int,
+    url: str | None,
+    lists: bool,
+    table: Path | None,
+    database: Path | None,
+    studies: Path | None,
 ) -> None:
     """Print N single-use links to a study whose recruitment is by invitation.
 
@@ -47,7 +71,9 @@ def invite(
     from app.study.invitations import Invitations, link_of, state_of
 
     if (count > 0) == lists:
-        raise click.UsageError("expected the number of links to make, such as 10, or --list to see those there are")
+        raise click.UsageError(
+            "expected the number of links to make, such as 10, or --list to see those there are"
+        )
     settings = settings_of()
     base = url or f"http://{settings.host}:{settings.port}"
     folder = folder_of(studies)
@@ -56,14 +82,19 @@ def invite(
         study = folder.study(name)
         found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
     uses = _uses(database or settings.database, name)
-    states = {each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "") for each in found}
+    states = {
+        each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "")
+        for each in found
+    }
     links = {each.id: link_of(study, each.id, base) for each in found}
     if table is not None:
         _write_csv(table, study, [(each.id, *states[each.id], links[each.id]) for each in found])
     if not lists:
         click.echo("\n".join(links.values()))
     elif not found:
-        click.echo(f"nobody has been invited to {name}; `marsexplorer study invite {name} 10` makes ten links")
+        click.echo(
+            f"nobody has been invited to {name}; `marsexplorer study invite {name} 10` makes ten links"
+        )
     else:
         rows = [(each.id, *states[each.id], _day(each.issued_ms)) for each in found]
         print_table(f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), rows)
@@ -104,7 +135,9 @@ def supervise(name: str, studies: Path | None) -> None:
     with study_errors():
         study = folder_of(studies).study(name)
     if not study.is_open:
-        raise click.UsageError(f"the study {name!r} is closed: nobody can be supervised in it any more")
+        raise click.UsageError(
+            f"the study {name!r} is closed: nobody can be supervised in it any more"
+        )
     now = now_ms()
     click.echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
 
@@ -136,7 +169,9 @@ def _write_csv(path: Path, study: Study, rows: list[tuple[str, ...]]) -> None:
             os.fchmod(file.fileno(), 0o600)
             file.write(text.getvalue().encode())
     except OSError as error:
-        raise click.ClickException(f"cannot write {path} for {study.name}: {reason(error)}") from error
+        raise click.ClickException(
+            f"cannot write {path} for {study.name}: {reason(error)}"
+        ) from error
 
 
 def _day(ms: int) -> str:

@@ -20,18 +20,44 @@ if TYPE_CHECKING:
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
 @click.option("--study", "name", required=True, metavar="NAME", help="The study.")
-@click.option("--database", type=PATH, help="The database it was played in; a running server may go on writing.")
-@click.option("--html", type=PATH, help="Write the report to this file: one page, nothing outside it.")
+@click.option(
+    "--database",
+    type=PATH,
+    help="The database it was played in; a running server may go on writing.",
+)
+@click.option(
+    "--html", type=PATH, help="Write the report to this file: one page, nothing outside it."
+)
 @click.option("--json", "json_path", type=PATH, help="Write every number to this file.")
-@click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]")
-@click.option("--synthetic", is_flag=True, help="Report over the scripts instead of the people, marked SYNTHETIC throughout.")
+@click.option(
+    "--studies",
+    type=PATH,
+    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
+)
+@click.option(
+    "--synthetic",
+    is_flag=True,
+    help="Report over the scripts instead of the people, marked SYNTHETIC throughout.",
+)
 @click.option(
     "--emergency-look", "emergency", metavar="REASON",
     help="Show the figures of an open study outside its plan; time and reason are logged and printed in every report.",
 )  # fmt: skip
-@click.option("--no-policies", is_flag=True, help="Do not play the policies: no comparisons, done in a second.")
-@click.option("--no-moves", is_flag=True, help="Leave out the regret of each move and the likeness to policies: done sooner.")
-@click.option("--bayes", is_flag=True, help="Add a Bayesian mixed model of the steps, unfinished episodes censored; a minute.")
+@click.option(
+    "--no-policies",
+    is_flag=True,
+    help="Do not play the policies: no comparisons, done in a second.",
+)
+@click.option(
+    "--no-moves",
+    is_flag=True,
+    help="Leave out the regret of each move and the likeness to policies: done sooner.",
+)
+@click.option(
+    "--bayes",
+    is_flag=True,
+    help="Add a Bayesian mixed model of the steps, unfinished episodes censored; a minute.",
+)
 def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
     emergency: str | None, no_policies: bool, no_moves: bool, bayes: bool,
@@ -59,7 +85,9 @@ def report(
     settings = settings_of()
     try:
         where = database or settings.database, studies or settings.studies
-        found = _build_report(name, *where, synthetic, Parts(not no_policies, not no_moves, bayes), emergency)
+        found = _build_report(
+            name, *where, synthetic, Parts(not no_policies, not no_moves, bayes), emergency
+        )
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -70,7 +98,9 @@ def report(
                 with write_whole(path) as file:
                     file.write(text(found).encode())
             except OSError as error:
-                raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another file") from error
+                raise click.ClickException(
+                    f"cannot write {path}: {reason(error)}; choose another file"
+                ) from error
     show(found)
 
 
@@ -83,7 +113,9 @@ class Parts:
     bayes: bool
 
 
-def _build_report(name: str, database: Path, studies: Path, synthetic: bool, parts: Parts, emergency: str | None) -> Report:
+def _build_report(
+    name: str, database: Path, studies: Path, synthetic: bool, parts: Parts, emergency: str | None
+) -> Report:
     """Return the report of a study.
 
     It has policies only if somebody has finished a ranked episode, and what the moves say and the Bayesian model once the study
@@ -99,14 +131,20 @@ def _build_report(name: str, database: Path, studies: Path, synthetic: bool, par
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
             if parts.bayes and data.closed_ms is None:
-                raise click.UsageError(f"the Bayesian model waits until the study {name!r} is closed: leave --bayes out")
+                raise click.UsageError(
+                    f"the Bayesian model waits until the study {name!r} is closed: leave --bayes out"
+                )
             data = data if synthetic else take_look(Folder(studies), data, emergency)
             pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
     is_played = has_played(data, synthetic)
     episodes = _policies(data, seeds) if parts.policies and is_played else ()
-    moves = _moves(database, data, synthetic) if parts.moves and is_played and data.closed_ms is not None else {}
+    moves = (
+        _moves(database, data, synthetic)
+        if parts.moves and is_played and data.closed_ms is not None
+        else {}
+    )
     found = build_report(data, episodes, synthetic, pictures, moves)
     return _with_bayes(found, data) if parts.bayes else found
 
@@ -138,12 +176,16 @@ def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyEpisode, ..
     try:
         return play_compared(data, seeds, compared_policies(data.protocol))
     except (PolicyNotFoundError, PolicyFileError) as error:
-        raise click.ClickException(f"{error}; or leave the comparisons out with --no-policies") from error
+        raise click.ClickException(
+            f"{error}; or leave the comparisons out with --no-policies"
+        ) from error
 
 
 def show(found: Report) -> None:
     """Print the report on the terminal."""
-    click.echo(f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})")
+    click.echo(
+        f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})"
+    )
     click.echo(found.sentence)
     _print_look(found)
     for group in found.groups:
@@ -158,14 +200,30 @@ def _print_look(found: Report) -> None:
 
     if (look := found.look) is None:
         return
-    boundary = "no boundary can be crossed so early" if look.z is None else f"boundary |z| = {look.z:.3f}"
-    click.echo(f"{look.spending} spending, {look.spent:.5f} of 0.05 so far; {boundary}; intervals of {level(look.confidence)}")
+    boundary = (
+        "no boundary can be crossed so early" if look.z is None else f"boundary |z| = {look.z:.3f}"
+    )
+    click.echo(
+        f"{look.spending} spending, {look.spent:.5f} of 0.05 so far; {boundary}; intervals of {level(look.confidence)}"
+    )
     rows = [
-        (each.policy, each.metric, number(each.difference, 4), interval(each.interval, 4), "yes" if each.crossed else "no")
+        (
+            each.policy,
+            each.metric,
+            number(each.difference, 4),
+            interval(each.interval, 4),
+            "yes" if each.crossed else "no",
+        )
         for each in look.crossings
     ]
     if rows:
-        heads = ("policy", "metric", "minus people", f"{level(look.confidence)} interval", "boundary crossed")
+        heads = (
+            "policy",
+            "metric",
+            "minus people",
+            f"{level(look.confidence)} interval",
+            "boundary crossed",
+        )
         print_table("At this look, for other players on these terrains", heads, rows)
 
 
@@ -210,7 +268,15 @@ def _print_comparisons(mark: str, group: GroupReport) -> None:
         for each in group.comparisons if each.metric == "score"
     ]  # fmt: skip
     if compared:
-        heads = ("policy", "score", "minus people", "95 %, new terrains too", "p", "p (Holm)", "ratio (95 %)")
+        heads = (
+            "policy",
+            "score",
+            "minus people",
+            "95 %, new terrains too",
+            "p",
+            "p (Holm)",
+            "ratio (95 %)",
+        )
         print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)
 
 
@@ -221,7 +287,9 @@ def _print_regret(group: GroupReport) -> None:
     if (found := group.moves.regret) is not None:
         shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
         mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
-        click.echo(f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}")
+        click.echo(
+            f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}"
+        )
 
 
 def _print_bayes(mark: str, group: GroupReport) -> None:
@@ -231,7 +299,9 @@ def _print_bayes(mark: str, group: GroupReport) -> None:
     if (model := group.bayesian) is None:
         return
     if rows := bayesian_rows(model):
-        print_table(f"{mark}{group.name}: Bayesian mixed model, unfinished episodes censored", HEADS, rows)
+        print_table(
+            f"{mark}{group.name}: Bayesian mixed model, unfinished episodes censored", HEADS, rows
+        )
     for line in (sampling_sentence(model), *model.priors, *model.warnings):
         click.echo(f"- {line}")
 
@@ -242,7 +312,13 @@ def _print_second_analysis(mark: str, group: GroupReport) -> None:
 
     models = [metric.mixed_model for metric in group.metrics if metric.mixed_model]
     rows = [
-        (each.metric, number(each.mean, 4), interval(each.interval, 4), number(each.slope, 5), interval(each.slope_interval, 5))
+        (
+            each.metric,
+            number(each.mean, 4),
+            interval(each.interval, 4),
+            number(each.slope, 5),
+            interval(each.slope_interval, 5),
+        )
         for each in models
         if each.converged
     ]

@@ -18,7 +18,11 @@ POPULATION_NAMES = ("skilled", "mixed", "clumsy")
 
 @click.command()
 @click.option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
-@click.option("--players", type=click.IntRange(1, 1000), help="How many play at once.  [default: as many as the study plans]")
+@click.option(
+    "--players",
+    type=click.IntRange(1, 1000),
+    help="How many play at once.  [default: as many as the study plans]",
+)
 @click.option(
     "--kind", "kinds", type=click.Choice(KIND_NAMES), multiple=True, default=("noisy-frontier",), show_default=True,
     help="What they are like; given several times, the kinds are assigned in turn.",
@@ -27,13 +31,35 @@ POPULATION_NAMES = ("skilled", "mixed", "clumsy")
     "--population", type=click.Choice(POPULATION_NAMES), default="mixed", show_default=True,
     help="What skill is drawn from: slips, luck and collisions.",
 )  # fmt: skip
-@click.option("--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is.")
-@click.option("--speed", type=click.FloatRange(0.1, 1e6), default=20.0, show_default=True, help="Times faster than people.")
-@click.option("--seed", type=click.IntRange(0, 2**53 - 1), default=0, show_default=True, help="Fixes skills, luck and slips.")
 @click.option(
-    "--patience", type=click.FloatRange(0), default=60.0, show_default=True, help="Seconds a stopped server is waited for."
+    "--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is."
 )
-@click.option("--state", type=PATH, help="File that keeps the players' cookies: the same command goes on after Ctrl-C.")
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.1, 1e6),
+    default=20.0,
+    show_default=True,
+    help="Times faster than people.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**53 - 1),
+    default=0,
+    show_default=True,
+    help="Fixes skills, luck and slips.",
+)
+@click.option(
+    "--patience",
+    type=click.FloatRange(0),
+    default=60.0,
+    show_default=True,
+    help="Seconds a stopped server is waited for.",
+)
+@click.option(
+    "--state",
+    type=PATH,
+    help="File that keeps the players' cookies: the same command goes on after Ctrl-C.",
+)
 def simulate(
     study: str, players: int, kinds: tuple[str, ...], population: str, url: str, speed: float, seed: int, patience: float,
     state: Path | None,
@@ -90,7 +116,11 @@ def simulate(
         _print_outcome(log)
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
-        advice = "the same command goes on" if state else "what was played is kept, but only --state FILE lets players go on"
+        advice = (
+            "the same command goes on"
+            if state
+            else "what was played is kept, but only --state FILE lets players go on"
+        )
         click.echo(f"marsexplorer: stopped after {log.episodes} episodes; {advice}", err=True)
         raise click.Abort from None
     _print_outcome(log)
@@ -106,13 +136,23 @@ def _print_outcome(log: OutcomeLog) -> None:
         own = player.debrief or {}
         counts = [str(player.episodes[phase]) for phase in ("warm_up", "ranked")]
         means = [_shown(own.get("mean_score"), 4), _shown(own.get("mean_steps"), 1)]
-        rows.append([f"{player.number} {player.kind}", player.stage, *counts, *means, player.code or ""])
+        rows.append(
+            [f"{player.number} {player.kind}", player.stage, *counts, *means, player.code or ""]
+        )
     if rows:
-        print_table("Synthetic players", ["player", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"], rows)
+        print_table(
+            "Synthetic players",
+            ["player", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"],
+            rows,
+        )
     seconds = log.seconds()
     latency = ", ".join(f"{name} {ms:.1f}" for name, ms in log.latency_ms().items()) or "no move"
-    click.echo(f"{log.moves} moves in {seconds:.1f} s: {log.moves / seconds:.0f} moves/s; act to frame in ms: {latency}")
-    click.echo(f"{log.episodes} episodes ended; {log.reloads} reloads; {log.lost_connections} lost connections")
+    click.echo(
+        f"{log.moves} moves in {seconds:.1f} s: {log.moves / seconds:.0f} moves/s; act to frame in ms: {latency}"
+    )
+    click.echo(
+        f"{log.episodes} episodes ended; {log.reloads} reloads; {log.lost_connections} lost connections"
+    )
     if log.attempts:
         times, refused = (sum(pair[i] for pair in log.attempts.values()) for i in range(2))
         click.echo(f"cheating: {refused} of {times} attempts of {len(log.attempts)} kinds refused")

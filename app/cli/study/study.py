@@ -48,21 +48,43 @@ for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise, pla
 @study.command(short_help="Begin a study: write its protocol as a draft.")
 @click.argument("name")
 @click.option("--title", help="What participants read at the top.")
-@click.option("--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2.")
-@click.option("--size", type=SizeType(), default="21", show_default=True, help="21 for a square, 42x84 for rows x columns.")
-@click.option("--warm-up", type=int, default=15, show_default=True, help="Episodes that do not count, before the others.")
+@click.option(
+    "--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2."
+)
+@click.option(
+    "--size",
+    type=SizeType(),
+    default="21",
+    show_default=True,
+    help="21 for a square, 42x84 for rows x columns.",
+)
+@click.option(
+    "--warm-up",
+    type=int,
+    default=15,
+    show_default=True,
+    help="Episodes that do not count, before the others.",
+)
 @click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
 @click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
 @click.option(
     "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation", show_default=True,
     help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
 )  # fmt: skip
-@click.option("--break-every", type=int, default=10, show_default=True, help="Ranked episodes after which a break is offered.")
+@click.option(
+    "--break-every",
+    type=int,
+    default=10,
+    show_default=True,
+    help="Ranked episodes after which a break is offered.",
+)
 @click.option(
     "--outside-id", "outside_ids", multiple=True,
     help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
 )  # fmt: skip
-@click.option("--return-url", help="Where participants go at the end; {code} becomes their completion code.")
+@click.option(
+    "--return-url", help="Where participants go at the end; {code} becomes their completion code."
+)
 @click.option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
 @click.option(
     "--look", "looks", type=int, multiple=True, metavar="PLAYERS",
@@ -72,9 +94,16 @@ for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise, pla
     "--spending", type=click.Choice(["obrien-fleming", "pocock"]),
     help="How the looks spend alpha.  [default: obrien-fleming, where there are looks]",
 )  # fmt: skip
-@click.option("--policy", "policies", multiple=True, help="To compare with people; repeatable.  [default: the shipped ones]")
+@click.option(
+    "--policy",
+    "policies",
+    multiple=True,
+    help="To compare with people; repeatable.  [default: the shipped ones]",
+)
 @STUDIES
-def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None, **given: Any) -> None:
+def new(
+    name: str, level: str, size: int | tuple[int, int], studies: Path | None, **given: Any
+) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
 
     The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and the margin of the
@@ -104,7 +133,11 @@ def new(name: str, level: str, size: int | tuple[int, int], studies: Path | None
 
 @study.command(short_help="Fix the protocol and draw the secret.")
 @click.argument("name")
-@click.option("--underpowered", is_flag=True, help="Freeze although a planned comparison has less than 50 % power.")
+@click.option(
+    "--underpowered",
+    is_flag=True,
+    help="Freeze although a planned comparison has less than 50 % power.",
+)
 @STUDIES
 def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
@@ -119,7 +152,11 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     """
     folder = folder_of(studies)
     with study_errors():
-        plan = planning.checked_plan(folder.draft(name), underpowered) if folder.status(name) == "draft" else None
+        plan = (
+            planning.checked_plan(folder.draft(name), underpowered)
+            if folder.status(name) == "draft"
+            else None
+        )
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
@@ -127,10 +164,14 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
         planning.echo_plan(plan)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
-    click.echo(f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
+    click.echo(
+        f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
+    )
     click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
-        click.echo(f"It is by invitation: `marsexplorer study invite {name} {found.protocol.players}` makes the links")
+        click.echo(
+            f"It is by invitation: `marsexplorer study invite {name} {found.protocol.players}` makes the links"
+        )
 
 
 @study.command(short_help="End the study and reveal its secret.")
@@ -160,7 +201,9 @@ def _confirm(question: str) -> None:
     except click.Abort:
         if sys.stdin.isatty():
             raise
-        raise click.ClickException("nothing was closed: the answer was not yes; --yes closes without asking") from None
+        raise click.ClickException(
+            "nothing was closed: the answer was not yes; --yes closes without asking"
+        ) from None
 
 
 def _note_in_database(found: Any, database: Path) -> None:
@@ -223,13 +266,40 @@ def list_(studies: Path | None) -> None:
 
 
 @study.command(short_help="How many players give the interval wanted.")
-@click.option("--half-width", type=float, required=True, help="Wanted half-width of the 95 % interval, in the metric's unit.")
-@click.option("--player-sd", type=float, help="Standard deviation between players' true means, in the metric's unit.")
-@click.option("--episode-sd", type=float, help="Standard deviation of an episode around its player's mean.")
-@click.option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
-@click.option("--metric", type=click.Choice(["score", "steps"]), default="score", show_default=True, help="With --study.")
-@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes each player plays.")
-@click.option("--assurance", type=float, default=0.8, show_default=True, help="Share of studies that reach the width.")
+@click.option(
+    "--half-width",
+    type=float,
+    required=True,
+    help="Wanted half-width of the 95 % interval, in the metric's unit.",
+)
+@click.option(
+    "--player-sd",
+    type=float,
+    help="Standard deviation between players' true means, in the metric's unit.",
+)
+@click.option(
+    "--episode-sd", type=float, help="Standard deviation of an episode around its player's mean."
+)
+@click.option(
+    "--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot)."
+)
+@click.option(
+    "--metric",
+    type=click.Choice(["score", "steps"]),
+    default="score",
+    show_default=True,
+    help="With --study.",
+)
+@click.option(
+    "--ranked", type=int, default=30, show_default=True, help="Episodes each player plays."
+)
+@click.option(
+    "--assurance",
+    type=float,
+    default=0.8,
+    show_default=True,
+    help="Share of studies that reach the width.",
+)
 @DATABASE
 def power(
     half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
@@ -250,16 +320,32 @@ def power(
     if name is not None and (player_sd is not None or episode_sd is not None):
         raise click.UsageError("give --study or the two SDs, not both")
     if name is None and (player_sd is None or episode_sd is None):
-        raise click.UsageError("expected --player-sd and --episode-sd, or --study NAME to take them from")
+        raise click.UsageError(
+            "expected --player-sd and --episode-sd, or --study NAME to take them from"
+        )
     try:
-        spread = (player_sd or 0.0, episode_sd or 0.0) if name is None else _spread_of(name, metric, database)
+        spread = (
+            (player_sd or 0.0, episode_sd or 0.0)
+            if name is None
+            else _spread_of(name, metric, database)
+        )
         plan = plan_sample_size(*spread, half_width, ranked, assurance)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
-    click.echo(f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}")
-    click.echo(f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}")
-    rows = [(str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table]
-    print_table("Half-width of the 95 % interval", ("players", "on average", f"in {assurance:.0%} of studies"), rows)
+    click.echo(
+        f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}"
+    )
+    click.echo(
+        f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
+    )
+    rows = [
+        (str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table
+    ]
+    print_table(
+        "Half-width of the 95 % interval",
+        ("players", "on average", f"in {assurance:.0%} of studies"),
+        rows,
+    )
 
 
 def _players(count: int | None) -> str:

@@ -17,14 +17,20 @@ if TYPE_CHECKING:
     from app.study.data import StudyData
     from app.study.policy_episodes import PolicyEpisode
 
-REPORT_FILES = {False: ("report.json", "report.html"), True: ("report-synthetic.json", "report-synthetic.html")}
+REPORT_FILES = {
+    False: ("report.json", "report.html"),
+    True: ("report-synthetic.json", "report-synthetic.html"),
+}
 """The files of a report in a release: of the people, and of the scripts."""
 
 
 def has_played(data: StudyData, synthetic: bool) -> bool:
     """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
     kind = "script" if synthetic else "human"
-    return any(each.kind == kind and each.ended_ms is not None and each.phase == "ranked" for each in data.trials)
+    return any(
+        each.kind == kind and each.ended_ms is not None and each.phase == "ranked"
+        for each in data.trials
+    )
 
 
 def replay_pictures(reader: Reader, data: StudyData, synthetic: bool) -> dict[str, dict[str, Any]]:
@@ -49,19 +55,31 @@ def build_report(
     from app.report.build import build
     from app.report.policies import runs_of
 
-    runs = runs_of(episodes, data.protocol.env_config, data.protocol.ranked) if has_played(data, synthetic) else ()
+    runs = (
+        runs_of(episodes, data.protocol.env_config, data.protocol.ranked)
+        if has_played(data, synthetic)
+        else ()
+    )
     return build(data, runs, synthetic, pictures, moves)
 
 
-def play_compared(data: StudyData, seeds: dict[int, int], names: Sequence[str]) -> tuple[PolicyEpisode, ...]:
+def play_compared(
+    data: StudyData, seeds: dict[int, int], names: Sequence[str]
+) -> tuple[PolicyEpisode, ...]:
     """Return the policies' episodes on the terrains of these seeds, played now behind a progress bar."""
     from app.study.policy_episodes import play_policies
 
     with progress("policies on the same terrains") as advance:
-        return interruptible(lambda: play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files))
+        return interruptible(
+            lambda: play_policies(
+                names, data.protocol.env_config, seeds, advance, data.policy_files
+            )
+        )
 
 
-def released_report(study: str, without: Sequence[str], cache: Path | None = None) -> Callable[[Path], ReleasedReport]:
+def released_report(
+    study: str, without: Sequence[str], cache: Path | None = None
+) -> Callable[[Path], ReleasedReport]:
     """Return what makes the report of a release from its database alone.
 
     without  policies to leave out, because their files are not at hand
@@ -78,11 +96,15 @@ def released_report(study: str, without: Sequence[str], cache: Path | None = Non
 
         reader = Reader.open(database)
         try:
-            data = with_looks_in(database.parent / LOOKS_FILE, load(reader, study)).with_policies_in(database.parent / FOLDER)
+            data = with_looks_in(
+                database.parent / LOOKS_FILE, load(reader, study)
+            ).with_policies_in(database.parent / FOLDER)
             if not any(has_played(data, synthetic) for synthetic in (False, True)):
                 return ReleasedReport(_report_files(build_report(data, (), False, {}), False))
             names = [name for name in compared_policies(data.protocol) if name not in without]
-            seeds = ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}
+            seeds = (
+                ranked_seeds(data.protocol, data.protocol_hash, data.secret) if data.secret else {}
+            )
             return _played_report(reader, data, names, play_compared(data, seeds, names), cache)
         finally:
             reader.close()
@@ -91,7 +113,11 @@ def released_report(study: str, without: Sequence[str], cache: Path | None = Non
 
 
 def _played_report(
-    reader: Reader, data: StudyData, names: Sequence[str], episodes: tuple[PolicyEpisode, ...], cache: Path | None
+    reader: Reader,
+    data: StudyData,
+    names: Sequence[str],
+    episodes: tuple[PolicyEpisode, ...],
+    cache: Path | None,
 ) -> ReleasedReport:
     """Return the reports of people and scripts with everything that they are made from."""
     from app.moves.analysis import KnownMoves, analyse_known
@@ -108,13 +134,19 @@ def _played_report(
         for synthetic in (synthetic for synthetic in REPORT_FILES if has_played(data, synthetic)):
             moves = analyse_known(reader, data, names, synthetic, progress, known)
             pictures = replay_pictures(reader, data, synthetic)
-            files |= _report_files(build_report(data, episodes, synthetic, pictures, moves), synthetic)
+            files |= _report_files(
+                build_report(data, episodes, synthetic, pictures, moves), synthetic
+            )
         if not has_regret(data.protocol.env_config):
             return ReleasedReport(files, episodes, (), agreements)
         ranked = [each for each in data.trials if each.phase == "ranked"]
         with progress("regret of each move") as advance:
-            regrets = tuple(regret_rows(reader, data, ranked, study_estimator(data, known.cache), advance))
-    return ReleasedReport(files, episodes, regrets, agreements, policy_hash(data.policy_files.source(POLICY)) or "")
+            regrets = tuple(
+                regret_rows(reader, data, ranked, study_estimator(data, known.cache), advance)
+            )
+    return ReleasedReport(
+        files, episodes, regrets, agreements, policy_hash(data.policy_files.source(POLICY)) or ""
+    )
 
 
 def _report_files(found: Report, synthetic: bool) -> dict[str, bytes]:

@@ -16,10 +16,17 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Measure how fast the environment is here.")
-@click.option("--quick", is_flag=True, help="An eighth of the work: about half a minute, and figures that vary more.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="An eighth of the work: about half a minute, and figures that vary more.",
+)
 @click.option("--json", "json_path", type=PATH, help="Also write every figure to this file.")
 @click.option(
-    "--policy", "policies", multiple=True, help="Measure how long this policy takes for a move instead; again for more."
+    "--policy",
+    "policies",
+    multiple=True,
+    help="Measure how long this policy takes for a move instead; again for more.",
 )
 def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> None:
     """Measure the environment and print steps per CPU second, start-up time and memory, then other environments to compare.
@@ -50,7 +57,9 @@ def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> Non
             figures = _measure(quick, policies)
             file.write(to_json(figures).encode() + b"\n")
     except OSError as error:
-        raise click.ClickException(f"cannot write {json_path}: {reason(error)}; choose another --json") from error
+        raise click.ClickException(
+            f"cannot write {json_path}: {reason(error)}; choose another --json"
+        ) from error
     _print_figures(figures)
 
 
@@ -87,10 +96,16 @@ def _print_figures(figures: list[Figure]) -> None:
     rate_rows = []
     for name in dict.fromkeys(name for name, _ in rates):
         cells = [rates.get((name, at)) for at in sizes]
-        rate_rows.append((name, *(f"{cell.value / 1e6:.2f}" if cell and cell.value else "" for cell in cells)))
+        rate_rows.append(
+            (name, *(f"{cell.value / 1e6:.2f}" if cell and cell.value else "" for cell in cells))
+        )
     if rate_rows:
         print_table("Million steps per CPU second", ("worlds", *sizes), rate_rows)
-    absent = [figure for figure in figures if figure.value is None and figure.note.startswith("not installed")]
+    absent = [
+        figure
+        for figure in figures
+        if figure.value is None and figure.note.startswith("not installed")
+    ]
     rest = [figure for figure in figures if not figure.at and figure not in absent]
     rows = [(figure.name, _value(figure), _target(figure), figure.note) for figure in rest]
     print_table("Everything else", ("what", "measured", "wanted", "note"), rows)
@@ -99,9 +114,12 @@ def _print_figures(figures: list[Figure]) -> None:
     wanted = [figure for figure in figures if figure.target is not None]
     if not wanted:
         return
-    missed = [f"{figure.name} {figure.at}".strip() for figure in wanted if figure.verdict == "missed"]
+    missed = [
+        f"{figure.name} {figure.at}".strip() for figure in wanted if figure.verdict == "missed"
+    ]
     click.echo(
-        f"{len(wanted) - len(missed)} of {len(wanted)} targets reached" + "".join(f"\nmissed: {name}" for name in missed)
+        f"{len(wanted) - len(missed)} of {len(wanted)} targets reached"
+        + "".join(f"\nmissed: {name}" for name in missed)
     )
 
 

@@ -32,7 +32,9 @@ def hardware(processes: int) -> str:
     return f"{platform.machine()}, {processes} cores"
 
 
-def measure_policy(file: Path, save_policy: Callable[[dict[str, Any]], None], configs: list[EnvConfig]) -> str:
+def measure_policy(
+    file: Path, save_policy: Callable[[dict[str, Any]], None], configs: list[EnvConfig]
+) -> str:
     """Return a sentence on how the policy in a file does on held-out terrains of each configuration.
 
     save_policy   is called with the numbers, to write them into the card

@@ -21,9 +21,24 @@ COMPARED = ("ppo", "frontier-cost", "frontier-utility")
 @click.command(short_help="Train a policy on the moves of a release's people.")
 @click.argument("folder", type=PATH)
 @click.option("--out", type=PATH, help="The policy's file.  [default: clone-STUDY.safetensors]")
-@click.option("--epochs", default=12, show_default=True, type=click.IntRange(1, 1000), help="Passes over the moves.")
-@click.option("--seed", default=0, show_default=True, help="Of the weights, the batches and the terrains that are held out.")
-@click.option("--synthetic", is_flag=True, help="Train on the scripts of the release; the card says SYNTHETIC.")
+@click.option(
+    "--epochs",
+    default=12,
+    show_default=True,
+    type=click.IntRange(1, 1000),
+    help="Passes over the moves.",
+)
+@click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    help="Of the weights, the batches and the terrains that are held out.",
+)
+@click.option(
+    "--synthetic",
+    is_flag=True,
+    help="Train on the scripts of the release; the card says SYNTHETIC.",
+)
 def clone(folder: Path, out: Path | None, epochs: int, seed: int, synthetic: bool) -> None:
     """Train a network by behaviour cloning on a release, and print how much it moves like its people.
 
@@ -45,17 +60,23 @@ def clone(folder: Path, out: Path | None, epochs: int, seed: int, synthetic: boo
         manifest, _ = read_manifest(folder)
         findings = list(check_files(folder, manifest))
         if findings:
-            raise click.ClickException(f"{folder} is not as it was signed: {findings[0]}; get the release again")
+            raise click.ClickException(
+                f"{folder} is not as it was signed: {findings[0]}; get the release again"
+            )
         data, episodes = _read(folder / BUNDLE_DATABASE, str(manifest["study"]), synthetic, seed)
         file = out or Path(f"clone-{data.protocol.name}.safetensors")
         _train(file, data, episodes, epochs, seed, synthetic)
     except (ReleaseError, StoreError, ValueError) as error:
         raise click.ClickException(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write the policy: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write the policy: {reason(error)}; choose another --out"
+        ) from error
 
 
-def _read(database: Path, study: str, synthetic: bool, seed: int) -> tuple[StudyData, CloneEpisodes]:
+def _read(
+    database: Path, study: str, synthetic: bool, seed: int
+) -> tuple[StudyData, CloneEpisodes]:
     from app.moves.clones import clone_episodes
     from app.storage.reader import Reader
     from app.study.data import load
@@ -68,7 +89,9 @@ def _read(database: Path, study: str, synthetic: bool, seed: int) -> tuple[Study
         reader.close()
 
 
-def _train(file: Path, data: StudyData, episodes: CloneEpisodes, epochs: int, seed: int, synthetic: bool) -> None:
+def _train(
+    file: Path, data: StudyData, episodes: CloneEpisodes, epochs: int, seed: int, synthetic: bool
+) -> None:
     """Train the clone, write its file with its card, and print what it came to."""
     from app.moves.clones import agreement_on, mean_steps
     from marsexplorer.policies import load
@@ -85,10 +108,19 @@ def _train(file: Path, data: StudyData, episodes: CloneEpisodes, epochs: int, se
     who = "scripts (SYNTHETIC)" if synthetic else "people"
     card: dict[str, Any] = {
         "summary": f"A clone of the {who} of the study {data.protocol.name}, from {len(demonstrations.actions):,} moves.",
-        "command": f"marsexplorer clone FOLDER --epochs {epochs} --seed {seed}" + " --synthetic" * synthetic,
+        "command": f"marsexplorer clone FOLDER --epochs {epochs} --seed {seed}"
+        + " --synthetic" * synthetic,
         "size": [data.protocol.env_config.rows, data.protocol.env_config.cols],
-        "results": {"human_likeness": likeness, "steps": steps, "held_out_terrains": len(episodes.terrains)},
-        "training": {**asdict(config), "moves": len(demonstrations.actions), "protocol_hash": data.protocol_hash},
+        "results": {
+            "human_likeness": likeness,
+            "steps": steps,
+            "held_out_terrains": len(episodes.terrains),
+        },
+        "training": {
+            **asdict(config),
+            "moves": len(demonstrations.actions),
+            "protocol_hash": data.protocol_hash,
+        },
         "synthetic": synthetic,
     }
     save_network(net, file, card)

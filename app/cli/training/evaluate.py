@@ -41,17 +41,54 @@ class EvaluationRequest:
 
 
 @click.command(short_help="Score policies on the same terrains.")
-@click.option("--policy", "policies", multiple=True, required=True, help="A policy's name or file; repeatable.")
+@click.option(
+    "--policy",
+    "policies",
+    multiple=True,
+    required=True,
+    help="A policy's name or file; repeatable.",
+)
 @levels_option("random")
 @sizes_option("21")
-@click.option("--episodes", type=click.IntRange(min=2), default=100, show_default=True, help="Terrains of each level and size.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first terrain's seed.")
-@click.option("--informed", is_flag=True, help="Add the planner that is shown the true map, as a bound for policies.")
-@click.option("--json", "json_path", type=PATH, help="Also write everything, every episode included, to this file.")
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=2),
+    default=100,
+    show_default=True,
+    help="Terrains of each level and size.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="The first terrain's seed.",
+)
+@click.option(
+    "--informed",
+    is_flag=True,
+    help="Add the planner that is shown the true map, as a bound for policies.",
+)
+@click.option(
+    "--json",
+    "json_path",
+    type=PATH,
+    help="Also write everything, every episode included, to this file.",
+)
 @click.option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
-@click.option("--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent.")
-@click.option("--map", "maps", type=PATH, multiple=True, help="Play on this map_server file (YAML) instead; repeatable.")
-@click.option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@click.option(
+    "--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent."
+)
+@click.option(
+    "--map",
+    "maps",
+    type=PATH,
+    multiple=True,
+    help="Play on this map_server file (YAML) instead; repeatable.",
+)
+@click.option(
+    "--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]"
+)
 @click.option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
 @click.argument("more", nargs=-1, metavar="")
 def evaluate(
@@ -93,7 +130,9 @@ def evaluate(
     names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
     if maps:
         if csv_path or plots or ray:
-            raise click.UsageError("--map takes no --csv, --plots or --ray; leave them out, or write --json")
+            raise click.UsageError(
+                "--map takes no --csv, --plots or --ray; leave them out, or write --json"
+            )
         evaluate_maps(list(names), maps, cell_m, json_path)
         return
     configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
@@ -113,11 +152,15 @@ def evaluate(
 def _levels(given: Sequence[str]) -> list[str]:
     from marsexplorer.config import LEVELS
 
-    return list(dict.fromkeys(name for level in given for name in (LEVELS if level == "all" else (level,))))
+    return list(
+        dict.fromkeys(name for level in given for name in (LEVELS if level == "all" else (level,)))
+    )
 
 
 @contextmanager
-def _open_outputs(json_path: Path | None, csv_path: Path | None, plots: Path | None) -> Iterator[list[IO[bytes] | None]]:
+def _open_outputs(
+    json_path: Path | None, csv_path: Path | None, plots: Path | None
+) -> Iterator[list[IO[bytes] | None]]:
     """Yield the JSON and CSV files, None for one not asked for; they appear when the block ends without an error.
 
     The files are opened before playing, so that a path that cannot be written is found before anything is played.
@@ -130,12 +173,16 @@ def _open_outputs(json_path: Path | None, csv_path: Path | None, plots: Path | N
             try:
                 files.append(stack.enter_context(write_whole(path)) if path else None)
             except OSError as error:
-                raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another {option}") from error
+                raise click.ClickException(
+                    f"cannot write {path}: {reason(error)}; choose another {option}"
+                ) from error
         try:
             if plots is not None:
                 plots.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise click.ClickException(f"cannot write to {plots}: {reason(error)}; choose another --plots") from error
+            raise click.ClickException(
+                f"cannot write to {plots}: {reason(error)}; choose another --plots"
+            ) from error
         yield files
 
 
@@ -172,7 +219,9 @@ def _save_plots(table: EvaluationTable, folder: Path) -> None:
         for path in save_plots(table, folder):
             click.echo(path)
     except OSError as error:
-        raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --plots") from error
+        raise click.ClickException(
+            f"cannot write to {folder}: {reason(error)}; choose another --plots"
+        ) from error
 
 
 def _print(table: EvaluationTable, informed: bool) -> None:
@@ -183,7 +232,9 @@ def _print(table: EvaluationTable, informed: bool) -> None:
     columns += [*(["to informed"] if informed else []), "AUC", "mean score", "collisions"]
     print_table(title, columns, [_cells(table, row, informed) for row in table.rows])
     if informed:
-        click.echo("informed is shown the true map: no policy, and its steps are an upper bound of the fewest possible")
+        click.echo(
+            "informed is shown the true map: no policy, and its steps are an upper bound of the fewest possible"
+        )
 
 
 def _cells(table: EvaluationTable, row: EvaluationRow, informed: bool) -> list[str]:
@@ -191,5 +242,12 @@ def _cells(table: EvaluationTable, row: EvaluationRow, informed: bool) -> list[s
     cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
     for against in ("rule", "informed") if informed else ("rule",):
         found = table.compared(row, against)
-        cells.append(f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1")
-    return [*cells, f"{row.auc_mean:.4f}", f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}", str(row.collisions)]
+        cells.append(
+            f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1"
+        )
+    return [
+        *cells,
+        f"{row.auc_mean:.4f}",
+        f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}",
+        str(row.collisions),
+    ]

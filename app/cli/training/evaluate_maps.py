@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from marsexplorer.maps import GridMap
 
 
-def evaluate_maps(names: Sequence[str], paths: Sequence[Path], cell_m: float | None, json_path: Path | None) -> None:
+def evaluate_maps(
+    names: Sequence[str], paths: Sequence[Path], cell_m: float | None, json_path: Path | None
+) -> None:
     """Play policies on map_server files, print a row for each map and policy, and write all figures where asked to."""
     from marsexplorer.evaluation import INFORMED
     from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
@@ -29,7 +31,9 @@ def evaluate_maps(names: Sequence[str], paths: Sequence[Path], cell_m: float | N
         try:
             file = stack.enter_context(write_whole(json_path)) if json_path else None
         except OSError as error:
-            raise click.ClickException(f"cannot write {json_path}: {reason(error)}; choose another --json") from error
+            raise click.ClickException(
+                f"cannot write {json_path}: {reason(error)}; choose another --json"
+            ) from error
         try:
             found = evaluate_on_maps(names, maps)
         except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
@@ -39,7 +43,9 @@ def evaluate_maps(names: Sequence[str], paths: Sequence[Path], cell_m: float | N
     columns = ["map", "size", "cells", "policy", "outcome", "steps to 99 %", "to rule"]
     columns += [*(["to informed"] if INFORMED in names else []), "AUC", "score"]
     rows = [_cells(each, result, INFORMED in names) for each in found for result in each.results]
-    print_table("one episode each; cells are those that can be discovered from the start", columns, rows)
+    print_table(
+        "one episode each; cells are those that can be discovered from the start", columns, rows
+    )
 
 
 def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap]:
@@ -49,7 +55,9 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
     maps: dict[str, GridMap] = {}
     for path in paths:
         if path.stem in maps:
-            raise click.UsageError(f"--map names two files called {path.stem!r}; rename one, or give each once")
+            raise click.UsageError(
+                f"--map names two files called {path.stem!r}; rename one, or give each once"
+            )
         try:
             maps[path.stem] = read_map(path, CELL_M if cell_m is None else cell_m)
         except MapFileError as error:

@@ -11,13 +11,30 @@ from app.cli.console import PATH, interruptible, progress, reason
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
-@click.option("--board", "boards", multiple=True, help="A board such as random-21x21; repeatable.  [default: all on offer]")
 @click.option(
-    "--policy", "again", multiple=True, help="Play this policy alone, and keep the others' figures in --out; repeatable."
+    "--board",
+    "boards",
+    multiple=True,
+    help="A board such as random-21x21; repeatable.  [default: all on offer]",
 )
-@click.option("--out", type=PATH, required=True, help="The folder for the figures, a file for each board; made when absent.")
 @click.option(
-    "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that play at the same time."
+    "--policy",
+    "again",
+    multiple=True,
+    help="Play this policy alone, and keep the others' figures in --out; repeatable.",
+)
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="The folder for the figures, a file for each board; made when absent.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Processes that play at the same time.",
 )
 def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
     """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
@@ -42,7 +59,9 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
     if unknown := [name for name in boards if name not in known]:
         raise click.UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
     if unknown := [name for name in again if name not in names()]:
-        raise click.UsageError(f"no policy {unknown[0]!r} is shipped; choose one of: {', '.join(names())}")
+        raise click.UsageError(
+            f"no policy {unknown[0]!r} is shipped; choose one of: {', '.join(names())}"
+        )
     kept = ShippedFigures(out) if again else None
     for name in boards or known:
         path = out / file_name(known[name].config)
@@ -53,5 +72,7 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
             with write_whole(path) as file:
                 file.write(text.encode())
         except OSError as error:
-            raise click.ClickException(f"cannot write {path}: {reason(error)}; choose another --out") from error
+            raise click.ClickException(
+                f"cannot write {path}: {reason(error)}; choose another --out"
+            ) from error
         click.echo(path)

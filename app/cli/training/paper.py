@@ -35,7 +35,12 @@ class Where:
 
 
 @click.command(short_help="Make the experiments of the paper again, a figure with a command.")
-@click.option("--figure", type=click.Choice(FIGURES), required=True, help="Figure of the paper, or all of them.")
+@click.option(
+    "--figure",
+    type=click.Choice(FIGURES),
+    required=True,
+    help="Figure of the paper, or all of them.",
+)
 @click.option(
     "--budget",
     type=click.Choice(["small", "full"]),
@@ -43,29 +48,74 @@ class Where:
     show_default=True,
     help="small does figure 4 in half an hour on two cores, full in some hours.",
 )
-@click.option("--algorithms", multiple=True, help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all four]")
+@click.option(
+    "--algorithms",
+    multiple=True,
+    help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all four]",
+)
 @click.option(
     "--variants",
     multiple=True,
     help="paper, works, tuned, works-no-CHANGE ...; repeatable, or with commas.  [default: paper,works; figure 5: paper]",
 )
-@click.option("--policy", "policies", multiple=True, help="For figures 6 and 7 besides theirs: a name or file; repeatable.")
-@click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True, help="Trainings of each kind.")
-@click.option("--moves", type=click.IntRange(min=1), help="Moves of every training, in place of the budget's.")
-@click.option("--terrains", type=click.IntRange(min=2), help="Held-out terrains to measure on, in place of the budget's.")
+@click.option(
+    "--policy",
+    "policies",
+    multiple=True,
+    help="For figures 6 and 7 besides theirs: a name or file; repeatable.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 100),
+    default=3,
+    show_default=True,
+    help="Trainings of each kind.",
+)
+@click.option(
+    "--moves", type=click.IntRange(min=1), help="Moves of every training, in place of the budget's."
+)
+@click.option(
+    "--terrains",
+    type=click.IntRange(min=2),
+    help="Held-out terrains to measure on, in place of the budget's.",
+)
 @click.option("--out", type=PATH, help="Folder of the results.  [default: runs/paper-BUDGET]")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes at a time.  [default: one for each core]")
-@click.option("--ray", metavar="ADDRESS", help="Run on a Ray cluster: HOST:PORT, auto, or local; --out must be seen by all.")
-@click.option("--human-level", type=PATH, help="JSON of a closed study's report, for the line of people in figure 4.")
-@click.option("--list", "is_list", is_flag=True, help="List what there is to do, with forecasts, and do nothing.")
-@click.option("--draw", "is_draw", is_flag=True, help="Draw and tabulate what is finished in --out; train nothing.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes at a time.  [default: one for each core]",
+)
+@click.option(
+    "--ray",
+    metavar="ADDRESS",
+    help="Run on a Ray cluster: HOST:PORT, auto, or local; --out must be seen by all.",
+)
+@click.option(
+    "--human-level",
+    type=PATH,
+    help="JSON of a closed study's report, for the line of people in figure 4.",
+)
+@click.option(
+    "--list",
+    "is_list",
+    is_flag=True,
+    help="List what there is to do, with forecasts, and do nothing.",
+)
+@click.option(
+    "--draw",
+    "is_draw",
+    is_flag=True,
+    help="Draw and tabulate what is finished in --out; train nothing.",
+)
 @click.option(
     "--export",
     type=PATH,
     help="Write what is finished in --out to small files in this folder, beside what it has of other trainings and policies; "
     "train nothing.",
 )
-@click.option("--redraw", type=PATH, help="Draw from a folder that --export wrote into --out; train nothing.")
+@click.option(
+    "--redraw", type=PATH, help="Draw from a folder that --export wrote into --out; train nothing."
+)
 def paper(
     figure: str,
     budget: str,
@@ -116,7 +166,9 @@ def paper(
         from marsexplorer.evaluation.episodes import cores
         from marsexplorer.paper.plan import Request
 
-        request = Request(figures, budget, _names(algorithms), _names(variants), seeds, moves, terrains, policies)
+        request = Request(
+            figures, budget, _names(algorithms), _names(variants), seeds, moves, terrains, policies
+        )
         where = Where(folder, ray, workers or cores(), _command())
         if is_list:
             _list(_plan(request, folder), where)
@@ -127,7 +179,9 @@ def paper(
         show_figures(figures, folder, human_level)
         _complain(failures, folder)
     except OSError as error:
-        raise click.ClickException(f"cannot use {error.filename or folder}: {reason(error)}; choose another folder") from error
+        raise click.ClickException(
+            f"cannot use {error.filename or folder}: {reason(error)}; choose another folder"
+        ) from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
@@ -209,7 +263,9 @@ def _outlook(forecast: Forecast, where: Where) -> str:
     cores = f"{forecast.workers} core{'s' if forecast.workers != 1 else ''}"
     place = f"on {cores} of the cluster" if where.ray else f"on {cores}"
     done = f", {forecast.done} are done already" if forecast.done else ""
-    return f"{to_do} jobs to do in {where.out}{done}: about {duration(forecast.seconds_left)} {place}"
+    return (
+        f"{to_do} jobs to do in {where.out}{done}: about {duration(forecast.seconds_left)} {place}"
+    )
 
 
 def _run(jobs: list[Job], where: Where) -> list[Failure]:
@@ -225,17 +281,25 @@ def _run(jobs: list[Job], where: Where) -> list[Failure]:
                 click.echo(_outlook(Forecast.of(jobs, where.out, where.workers), where), err=True)
             with _progress() as on_change:
                 if where.ray is None:
-                    return Schedule(jobs, where.out, where.workers, on_change, _say_stopping).run(descriptor)
+                    return Schedule(jobs, where.out, where.workers, on_change, _say_stopping).run(
+                        descriptor
+                    )
                 return run_on_ray(jobs, where.out, where.ray, on_change)
     except (BusyError, ClusterError) as error:
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
-        click.echo(f"stopped; the jobs are saved in {where.out}. The same command goes on: {where.command}", err=True)
+        click.echo(
+            f"stopped; the jobs are saved in {where.out}. The same command goes on: {where.command}",
+            err=True,
+        )
         raise
 
 
 def _say_stopping() -> None:
-    click.echo("stopping: every job saves after its round, some seconds; Ctrl-C again stops at once", err=True)
+    click.echo(
+        "stopping: every job saves after its round, some seconds; Ctrl-C again stops at once",
+        err=True,
+    )
 
 
 @contextmanager

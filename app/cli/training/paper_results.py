@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 REPORT_FORMAT = "marsexplorer-report-1"
 TRAINED = {"4", "5"}
 """The figures that are of trainings; the others are of policies at play."""
-NO_HUMAN_LINE = "No line for people: no closed study was given (--human-level FILE, the JSON of its report)."
+NO_HUMAN_LINE = (
+    "No line for people: no closed study was given (--human-level FILE, the JSON of its report)."
+)
 
 
 def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) -> None:
@@ -35,10 +37,17 @@ def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) 
             _show_plays(figure, folder, folder)
 
 
-def _show_trials(figure: str, own: Sequence[Record], source: Path, folder: Path, human: HumanLevel | None) -> None:
+def _show_trials(
+    figure: str, own: Sequence[Record], source: Path, folder: Path, human: HumanLevel | None
+) -> None:
     """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
     from marsexplorer.paper.figures import figure4, figure5
-    from marsexplorer.paper.figures.trained_table import TABLE_COLUMNS, cells_of, rows_of, write_table
+    from marsexplorer.paper.figures.trained_table import (
+        TABLE_COLUMNS,
+        cells_of,
+        rows_of,
+        write_table,
+    )
 
     if not own:
         click.echo(f"figure {figure}: no training is finished in {source}")
@@ -50,7 +59,9 @@ def _show_trials(figure: str, own: Sequence[Record], source: Path, folder: Path,
         [cells_of(row) for row in rows],
     )
     levels = figure5.read_difficulty(source)
-    pictures = figure4.draw(own, folder, human) if figure == "4" else figure5.draw(own, levels, folder)
+    pictures = (
+        figure4.draw(own, folder, human) if figure == "4" else figure5.draw(own, levels, folder)
+    )
     for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
         click.echo(path)
     if figure == "4" and human is None:
@@ -79,7 +90,11 @@ def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
 
     if figure == "4":
         return [record for record in records if record.trial.level == LEVEL]
-    return [record for record in records if record.trial.level in DIFFICULTIES and record.trial.algorithm == "ppo"]
+    return [
+        record
+        for record in records
+        if record.trial.level in DIFFICULTIES and record.trial.algorithm == "ppo"
+    ]
 
 
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
@@ -104,7 +119,9 @@ def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
             click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
-def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file: Path | None) -> None:
+def draw_exported(
+    figures: Sequence[str], source: Path, folder: Path, human_file: Path | None
+) -> None:
     """Draw and tabulate the figures whose files lie in `source` into `folder`; ValueError when there is none."""
     from marsexplorer.paper.figures.export import read_exported
 
@@ -117,7 +134,9 @@ def draw_exported(figures: Sequence[str], source: Path, folder: Path, human_file
     for figure in found:
         if figure in TRAINED:
             path = source / f"figure{figure}.jsonl"
-            _show_trials(figure, read_exported(path) if path.is_file() else [], source, folder, human)
+            _show_trials(
+                figure, read_exported(path) if path.is_file() else [], source, folder, human
+            )
         else:
             _show_plays(figure, source, folder)
 
@@ -129,8 +148,13 @@ def read_human_level(path: Path) -> HumanLevel:
     from marsexplorer.paper.plan import LEVEL, SIZE
 
     report = _read_report(path)
-    if (played := EnvConfig(**report["protocol"]["config"])) != (config := EnvConfig.of(LEVEL, SIZE)):
-        was, needed = (f"level {each.level}, {each.rows}x{each.cols} ({each.hash[:8]})" for each in (played, config))
+    if (played := EnvConfig(**report["protocol"]["config"])) != (
+        config := EnvConfig.of(LEVEL, SIZE)
+    ):
+        was, needed = (
+            f"level {each.level}, {each.rows}x{each.cols} ({each.hash[:8]})"
+            for each in (played, config)
+        )
         raise ValueError(f"{path} is of a study on {was}; figure 4 needs one on {needed}")
     for group in report["groups"]:
         figure = next(each for each in group["figures"] if each["name"] == group["primary"])
@@ -146,11 +170,17 @@ def _read_report(path: Path) -> dict[str, Any]:
     try:
         report: dict[str, Any] = json.loads(path.read_text())
     except ValueError as error:
-        raise ValueError(f"{path} is no JSON; write it with: marsexplorer report --study NAME --json {path}") from error
+        raise ValueError(
+            f"{path} is no JSON; write it with: marsexplorer report --study NAME --json {path}"
+        ) from error
     if not isinstance(report, dict) or report.get("format") != REPORT_FORMAT:
-        raise ValueError(f"{path} is no report; write it with: marsexplorer report --study NAME --json {path}")
+        raise ValueError(
+            f"{path} is no report; write it with: marsexplorer report --study NAME --json {path}"
+        )
     if report["synthetic"]:
         raise ValueError(f"{path} is of scripts, and says nothing about people")
     if report["status"] != "closed":
-        raise ValueError(f"the study of {path} is {report['status']}; only a closed study gives a human level")
+        raise ValueError(
+            f"the study of {path} is {report['status']}; only a closed study gives a human level"
+        )
     return report

@@ -10,7 +10,11 @@ import click
 
 from app.cli.console import PATH, print_table
 
-TOKEN = click.option("--token", envvar="HF_TOKEN", help="Of your account.  [default: HF_TOKEN, or that of `hf auth login`]")
+TOKEN = click.option(
+    "--token",
+    envvar="HF_TOKEN",
+    help="Of your account.  [default: HF_TOKEN, or that of `hf auth login`]",
+)
 
 
 @click.group(short_help="List policies, show their cards, share them on the Hugging Face hub.")
@@ -32,7 +36,11 @@ def list_policies() -> None:
     from marsexplorer.policies import describe, names
     from marsexplorer.policies.files.card import of_paper
 
-    print_table("Policies", ("name", "what it is"), [(name, describe(name)) for name in (*names(), *of_paper())])
+    print_table(
+        "Policies",
+        ("name", "what it is"),
+        [(name, describe(name)) for name in (*names(), *of_paper())],
+    )
 
 
 @policies.command()
@@ -50,7 +58,9 @@ def card(policy: str) -> None:
 @policies.command()
 @click.argument("policy")
 @click.argument("repo", metavar="OWNER/NAME")
-@click.option("--private", is_flag=True, help="Make the repository for you alone, if it is not there yet.")
+@click.option(
+    "--private", is_flag=True, help="Make the repository for you alone, if it is not there yet."
+)
 @TOKEN
 def push(policy: str, repo: str, private: bool, token: str | None) -> None:
     """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
@@ -62,12 +72,16 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
         file = _file_of(policy)
         with _hub_errors(hub.HubError):
-            click.echo(f"{file.name} stands at {hub.push(file, repo, is_private=private, token=token)}")
+            click.echo(
+                f"{file.name} stands at {hub.push(file, repo, is_private=private, token=token)}"
+            )
 
 
 @policies.command()
 @click.argument("repo", metavar="OWNER/NAME")
-@click.option("--out", type=PATH, default=Path(), help="The folder for the file.  [default: the current one]")
+@click.option(
+    "--out", type=PATH, default=Path(), help="The folder for the file.  [default: the current one]"
+)
 @click.option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
@@ -87,7 +101,9 @@ def _file_of(policy: str) -> Path:
     from marsexplorer.policies.loading import BUILT_IN, find_file
 
     if policy in BUILT_IN:
-        raise click.UsageError(f"{policy} is a rule, code of this package; name a .safetensors policy, such as ppo")
+        raise click.UsageError(
+            f"{policy} is a rule, code of this package; name a .safetensors policy, such as ppo"
+        )
     return find_file(policy)
 
 
@@ -101,7 +117,9 @@ def _policy_errors() -> Iterator[None]:
     except (PolicyFileError, PolicyNotFoundError) as error:
         raise click.UsageError(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot write the policy: {error.strerror or error}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write the policy: {error.strerror or error}; choose another --out"
+        ) from error
 
 
 @contextmanager

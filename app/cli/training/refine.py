@@ -36,9 +36,19 @@ from app.cli.training.refining import RefineOutput, refine_policy
 )
 @seed_option("The same seed and rounds give the same weights.")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that play episodes.  [default: one for each core]")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes that play episodes.  [default: one for each core]",
+)
 def refine(
-    policy: str, rounds: int, prices: bool, sizes: tuple[int, ...], seed: int, out: Path | None, workers: int | None
+    policy: str,
+    rounds: int,
+    prices: bool,
+    sizes: tuple[int, ...],
+    seed: int,
+    out: Path | None,
+    workers: int | None,
 ) -> None:
     """Improve a policy that `train --recipe best` made, POLICY being its name or file.
 
@@ -69,22 +79,34 @@ def refine(
     if prices and net.sees_prices:
         raise click.UsageError(f"{policy} sees prices already; leave --prices out")
     if not prices and not rounds:
-        raise click.UsageError("--rounds 0 changes nothing without --prices; give more rounds, or --prices")
+        raise click.UsageError(
+            "--rounds 0 changes nothing without --prices; give more rounds, or --prices"
+        )
     net = with_prices(net) if prices else net
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.safetensors"
     if file.exists():
-        raise click.UsageError(f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out")
-    options = "".join([" --prices" * prices, *(f" --size {size}" for size in sizes if sizes != (21,))])
-    command = f"marsexplorer refine {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
+        raise click.UsageError(
+            f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out"
+        )
+    options = "".join(
+        [" --prices" * prices, *(f" --size {size}" for size in sizes if sizes != (21,))]
+    )
+    command = (
+        f"marsexplorer refine {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
+    )
     processes = workers or cores()
-    run = RefineRun(net, seed, config_for(rounds, sizes, was_refined="pairs" in card.get("training", {})))
+    run = RefineRun(
+        net, seed, config_for(rounds, sizes, was_refined="pairs" in card.get("training", {}))
+    )
     own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
     output = RefineOutput(file, run, rounds, card, own_card, prices, folder / "log.jsonl")
     try:
         refine_policy(output, processes)
     except OSError as error:
-        raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write to {folder}: {reason(error)}; choose another --out"
+        ) from error
     except KeyboardInterrupt:
         left = (
             f"{file} is as it was after round {run.rounds_done}"

@@ -36,7 +36,9 @@ def refine_policy(output: RefineOutput, processes: int) -> None:
         interruptible(lambda: _make_rounds(output, processes, advance))
 
 
-def _make_rounds(output: RefineOutput, processes: int, advance: Callable[[float, str | None], None]) -> None:
+def _make_rounds(
+    output: RefineOutput, processes: int, advance: Callable[[float, str | None], None]
+) -> None:
     """Make the rounds, with the episodes played in processes of their own."""
     from marsexplorer.evaluation.episodes import one_thread
 
@@ -49,8 +51,13 @@ def _make_rounds(output: RefineOutput, processes: int, advance: Callable[[float,
         while run.rounds_done < rounds:
             metrics = run.train_round(pool, lambda done: advance(run.rounds_done + done, None))
             output.save_round(metrics)
-            steps = ", ".join(f"{mean:.1f} at {size}" for size, mean in metrics.episode_steps.items())
-            advance(run.rounds_done, f"round {metrics.round}, {metrics.num_pairs:,} pairs: {steps} moves an episode")
+            steps = ", ".join(
+                f"{mean:.1f} at {size}" for size, mean in metrics.episode_steps.items()
+            )
+            advance(
+                run.rounds_done,
+                f"round {metrics.round}, {metrics.num_pairs:,} pairs: {steps} moves an episode",
+            )
 
 
 @dataclass
@@ -85,10 +92,18 @@ class RefineOutput:
         found = torch.load(self.checkpoint, weights_only=True)
         began = json.loads(found["identity"])
         if began != self._identity:
-            differing = ", ".join(name for name, value in self._identity.items() if began.get(name) != value)
-            raise ValueError(f"{self.checkpoint} is of another run ({differing}); give the options it began with")
+            differing = ", ".join(
+                name for name, value in self._identity.items() if began.get(name) != value
+            )
+            raise ValueError(
+                f"{self.checkpoint} is of another run ({differing}); give the options it began with"
+            )
         self.run.load_state_dict(found["run"])
-        lines = [json.loads(line) for line in self.log.read_text().splitlines()] if self.log.is_file() else []
+        lines = (
+            [json.loads(line) for line in self.log.read_text().splitlines()]
+            if self.log.is_file()
+            else []
+        )
         self._lines = [line for line in lines if line["round"] <= self.run.rounds_done]
         self._started -= found["seconds"]
 
@@ -113,7 +128,9 @@ class RefineOutput:
             state = self.run.state_dict(with_samples=self.run.rounds_done < self.rounds)
             seconds = self._lines[-1]["seconds"]
             with replace_whole(self.checkpoint) as path:
-                torch.save({"identity": json.dumps(self._identity), "run": state, "seconds": seconds}, path)
+                torch.save(
+                    {"identity": json.dumps(self._identity), "run": state, "seconds": seconds}, path
+                )
 
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
@@ -122,9 +139,21 @@ class RefineOutput:
 
         run, card = self.run, self.card
         seconds = self._lines[-1]["seconds"] if self._lines else 0.0
-        numbers = {"rounds": run.rounds_done, "pairs": run.num_pairs, "seconds": seconds, "seed": run.seed}
-        began_with = {key: card.get(key) for key in ("command", "commit", "hardware", "results", "training")}
-        training = {**numbers, "plan": asdict(run.config), "log": self._lines, "began_with": began_with}
+        numbers = {
+            "rounds": run.rounds_done,
+            "pairs": run.num_pairs,
+            "seconds": seconds,
+            "seed": run.seed,
+        }
+        began_with = {
+            key: card.get(key) for key in ("command", "commit", "hardware", "results", "training")
+        }
+        training = {
+            **numbers,
+            "plan": asdict(run.config),
+            "log": self._lines,
+            "began_with": began_with,
+        }
         parts = [
             str(card.get("summary", "A network.")),
             "On larger grids it begins by the prices of unknown cells." * self.adds_prices,
@@ -142,7 +171,12 @@ def _progress_bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("refining"), BarColumn(), TextColumn("{task.fields[note]}"), TimeRemainingColumn())
+    columns = (
+        TextColumn("refining"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=rounds, note="the first round is a long one")
 

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, configs_of, interruptible, levels_option, print_table, progress, reason, sizes_option
+from app.cli.console import (
+    PATH,
+    configs_of,
+    interruptible,
+    levels_option,
+    print_table,
+    progress,
+    reason,
+    sizes_option,
+)
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -23,9 +32,28 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 @click.command(short_help="Train on many levels and seeds with Ray.")
 @levels_option("random")
 @sizes_option("21")
-@click.option("--seed", "seeds", type=click.IntRange(0, 1000), multiple=True, default=[0], help="Training seed; repeatable.")
-@click.option("--recipe", type=click.Choice(["best", "paper"]), default="best", show_default=True, help="As in train.")
-@click.option("--steps", type=click.IntRange(min=1), default=4_000_000, show_default=True, help="Moves of each training.")
+@click.option(
+    "--seed",
+    "seeds",
+    type=click.IntRange(0, 1000),
+    multiple=True,
+    default=[0],
+    help="Training seed; repeatable.",
+)
+@click.option(
+    "--recipe",
+    type=click.Choice(["best", "paper"]),
+    default="best",
+    show_default=True,
+    help="As in train.",
+)
+@click.option(
+    "--steps",
+    type=click.IntRange(min=1),
+    default=4_000_000,
+    show_default=True,
+    help="Moves of each training.",
+)
 @click.option(
     "--episodes",
     type=click.IntRange(min=2),
@@ -33,8 +61,19 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     show_default=True,
     help="Held-out terrains to measure each policy on.",
 )
-@click.option("--ray", default="local", show_default=True, metavar="ADDRESS", help="Ray cluster: HOST:PORT, auto, or local.")
-@click.option("--out", type=PATH, required=True, help="Folder that all machines can reach: policies, logs and sweep.csv.")
+@click.option(
+    "--ray",
+    default="local",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Ray cluster: HOST:PORT, auto, or local.",
+)
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="Folder that all machines can reach: policies, logs and sweep.csv.",
+)
 def sweep(
     levels: tuple[str, ...],
     sizes: tuple[int | tuple[int, int], ...],
@@ -57,7 +96,11 @@ def sweep(
       marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
     configs, each_seed = configs_of(levels, sizes), dict.fromkeys(seeds)
-    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config in configs for seed in each_seed]
+    runs = [
+        _sweep_run(config, seed, recipe, steps, episodes)
+        for config in configs
+        for seed in each_seed
+    ]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")
     from marsexplorer.files import write_whole
@@ -68,11 +111,15 @@ def sweep(
             results = _run(runs, out, ray)
             file.write(_csv(results).encode())
     except OSError as error:
-        raise click.ClickException(f"cannot write to {out}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write to {out}: {reason(error)}; choose another --out"
+        ) from error
     _show(results)
     failed = [each for each in results if each.error]
     if failed:
-        raise click.ClickException(f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}")
+        raise click.ClickException(
+            f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}"
+        )
 
 
 def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
@@ -132,6 +179,17 @@ def _show(results: list[SweepResult]) -> None:
         steps, completion, score, ratio = _figures(each)
         run = each.run
         where = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
-        rows.append((run.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}"))
-    columns = ("policy", "level", "size", "seed", "completion", "steps to 99 %", "to rule", "mean score")
+        rows.append(
+            (run.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
+        )
+    columns = (
+        "policy",
+        "level",
+        "size",
+        "seed",
+        "completion",
+        "steps to 99 %",
+        "to rule",
+        "mean score",
+    )
     print_table(f"{results[0].run.episodes} held-out terrains each", columns, rows)

@@ -42,7 +42,11 @@ REFINE_CHECKPOINT = "refine.pt"
     type=click.Choice(["authors", "rllib"]),
     help="With paper: sizes of the network as in the authors' repository, or RLlib's.  [default: authors]",
 )
-@click.option("--appendix", is_flag=True, help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.")
+@click.option(
+    "--appendix",
+    is_flag=True,
+    help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.",
+)
 @levels_option("random")
 @sizes_option("21")
 @click.option(
@@ -50,21 +54,37 @@ REFINE_CHECKPOINT = "refine.pt"
     type=click.FloatRange(min=0, min_open=True),
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
-@click.option("--steps", type=click.IntRange(min=1), help="Train for this many moves instead, rounded up to whole updates.")
+@click.option(
+    "--steps",
+    type=click.IntRange(min=1),
+    help="Train for this many moves instead, rounded up to whole updates.",
+)
 @click.option(
     "--refine",
     "rounds",
     type=click.IntRange(min=1),
     help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes of --refine.  [default: one for each core]")
-@seed_option("The same seed, steps and rounds give the same weights.")
-@click.option("--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @click.option(
-    "--resume", is_flag=True, help="Go on with the run in --out; give the options it began with, --steps as it printed."
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes of --refine.  [default: one for each core]",
+)
+@seed_option("The same seed, steps and rounds give the same weights.")
+@click.option(
+    "--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]"
 )
 @click.option(
-    "--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True, help="Where the network computes."
+    "--resume",
+    is_flag=True,
+    help="Go on with the run in --out; give the options it began with, --steps as it printed.",
+)
+@click.option(
+    "--device",
+    type=click.Choice(["cpu", "cuda"]),
+    default="cpu",
+    show_default=True,
+    help="Where the network computes.",
 )
 def train(
     recipe: str,
@@ -101,9 +121,13 @@ def train(
     if minutes is not None and steps is not None:
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
     if resume and (steps is None or out is None):
-        raise click.UsageError("--resume needs --out and the --steps that the run began with (its first line printed them)")
+        raise click.UsageError(
+            "--resume needs --out and the --steps that the run began with (its first line printed them)"
+        )
     if recipe != "paper" and (appendix or network):
-        raise click.UsageError("--appendix and --network are of the paper's recipe; add --recipe paper, or leave them out")
+        raise click.UsageError(
+            "--appendix and --network are of the paper's recipe; add --recipe paper, or leave them out"
+        )
     from marsexplorer.training.config import APPENDIX_PASSES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.run_folder import resumed_config
@@ -111,18 +135,34 @@ def train(
     configs = configs_of(levels, sizes)
     _check_rounds(rounds, workers, recipe, sizes)
     _check_device(device)
-    changes: dict[str, Any] = {**(APPENDIX_PASSES if appendix else {}), **({"network": network} if network else {})}
+    changes: dict[str, Any] = {
+        **(APPENDIX_PASSES if appendix else {}),
+        **({"network": network} if network else {}),
+    }
     config = replace(RECIPES[recipe], **changes)
-    folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
+    folder = (
+        out
+        or Path("runs")
+        / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
+    )
     if not resume and (folder / "checkpoint.pt").exists():
-        raise click.UsageError(f"{folder} holds a run already; go on with --resume, or give another --out")
+        raise click.UsageError(
+            f"{folder} holds a run already; go on with --resume, or give another --out"
+        )
     if resume and rounds is None and (folder / REFINE_CHECKPOINT).exists():
-        raise click.UsageError(f"the run in {folder} is being refined; give the --refine that it began with")
+        raise click.UsageError(
+            f"the run in {folder} is being refined; give the --refine that it began with"
+        )
     try:
         if resume:
             config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
-        options = " ".join([*(f"--level {level}" for level in levels), *(f"--size {_size_text(size)}" for size in sizes)])
+        options = " ".join(
+            [
+                *(f"--level {level}" for level in levels),
+                *(f"--size {_size_text(size)}" for size in sizes),
+            ]
+        )
         what = f"{recipe}{' --appendix' if appendix else ''}{f' --network {network}' if network else ''}"
         refining = f" --refine {rounds}" if rounds else ""
         command = f"marsexplorer train --recipe {what} {options} --steps {steps}{refining} --seed {seed} --out {folder.name}"
@@ -132,24 +172,36 @@ def train(
         if rounds:
             _refine(run, trained, rounds, workers, command)
     except OSError as error:
-        raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
+        raise click.ClickException(
+            f"cannot write to {folder}: {reason(error)}; choose another --out"
+        ) from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
 
-def _check_rounds(rounds: int | None, workers: int | None, recipe: str, sizes: tuple[Any, ...]) -> None:
+def _check_rounds(
+    rounds: int | None, workers: int | None, recipe: str, sizes: tuple[Any, ...]
+) -> None:
     """Raise UsageError where a policy cannot be refined as it was asked for."""
     if rounds is None:
         if workers is not None:
-            raise click.UsageError("--workers are the processes of --refine; add it, or leave them out")
+            raise click.UsageError(
+                "--workers are the processes of --refine; add it, or leave them out"
+            )
         return
     if recipe == "paper":
-        raise click.UsageError("--refine is for the recipes best and priced; the paper's network is not refined")
+        raise click.UsageError(
+            "--refine is for the recipes best and priced; the paper's network is not refined"
+        )
     if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
-        raise click.UsageError("--refine plays square grids of sides 21 to 84; give such a --size, or leave --refine out")
+        raise click.UsageError(
+            "--refine plays square grids of sides 21 to 84; give such a --size, or leave --refine out"
+        )
 
 
-def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str, suffix: str) -> Path:
+def _train(
+    run: TrainingRun, steps: int, folder: Path, resume: bool, command: str, suffix: str
+) -> Path:
     """Make the run, write its folder, print how the policy does on held-out terrains and return its file."""
     from marsexplorer.training.ppo import train as train_network
     from marsexplorer.training.run_folder import RunFolder
@@ -164,13 +216,20 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
         except KeyboardInterrupt:
             if run.is_between_updates:
                 run_folder.save()
-            click.echo(f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume", err=True)
+            click.echo(
+                f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume",
+                err=True,
+            )
             raise
-    click.echo(f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, _measured(run))}")
+    click.echo(
+        f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, _measured(run))}"
+    )
     return run_folder.policy
 
 
-def _refine(run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str) -> None:
+def _refine(
+    run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str
+) -> None:
     """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
     from marsexplorer.evaluation.episodes import cores
     from marsexplorer.policies.files.card import read_card
@@ -179,17 +238,24 @@ def _refine(run: TrainingRun, trained: Path, rounds: int, workers: int | None, c
 
     folder, processes = trained.parent, workers or cores()
     sizes = tuple(config.rows for config in run.env_configs)
-    refine_run = RefineRun(load_net(trained), run.seed, config_for(rounds, sizes, was_refined=False))
+    refine_run = RefineRun(
+        load_net(trained), run.seed, config_for(rounds, sizes, was_refined=False)
+    )
     file = folder / f"{folder.resolve().name}.safetensors"
     own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
     log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
-    output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, False, log, checkpoint)
+    output = RefineOutput(
+        file, refine_run, rounds, read_card(trained), own_card, False, log, checkpoint
+    )
     output.resume()
     try:
         refine_policy(output, processes)
     except KeyboardInterrupt:
         done = refine_run.rounds_done
-        click.echo(f"stopped after {done} of {rounds} rounds of refining; go on with: {command} --resume", err=True)
+        click.echo(
+            f"stopped after {done} of {rounds} rounds of refining; go on with: {command} --resume",
+            err=True,
+        )
         raise
     click.echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
 
@@ -201,7 +267,9 @@ def _measured(run: TrainingRun) -> list[EnvConfig]:
 
 def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     """Return what the policy's card says besides the numbers of the run."""
-    where = ", ".join(dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs))
+    where = ", ".join(
+        dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
+    )
     what = "PPO as in the paper" if run.config.name == "paper" else "A network trained by PPO"
     if run.config.sees_prices:
         what = "A network that began as rules by the prices of unknown cells, trained by PPO"
@@ -240,7 +308,9 @@ def _check_device(device: str) -> None:
     import torch
 
     if not torch.cuda.is_available():
-        raise click.UsageError("--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out")
+        raise click.UsageError(
+            "--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out"
+        )
 
 
 @contextmanager
@@ -252,7 +322,12 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("playing"), BarColumn(), TextColumn("{task.fields[note]}"), TimeRemainingColumn())
+    columns = (
+        TextColumn("playing"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=run.num_updates, note="")
         started, first_step, printed = time.monotonic(), run.global_step, 0.0
@@ -261,11 +336,15 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
             nonlocal printed
             now = time.monotonic()
             speed = (metrics.global_step - first_step) / max(now - started, 1e-9)
-            episodes = f"{metrics.episode_steps:.1f} moves an episode, {metrics.explored:.1%} explored"
+            episodes = (
+                f"{metrics.episode_steps:.1f} moves an episode, {metrics.explored:.1%} explored"
+            )
             played = f"{metrics.global_step / 1e6:.2f} M moves, {speed:,.0f}/s"
             note = f"{played}: return {metrics.episode_return:.0f}, {episodes}"
             progress.update(task, completed=run.updates_done, note=note)
-            if not console.is_terminal and (now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates):
+            if not console.is_terminal and (
+                now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates
+            ):
                 click.echo(f"{note}, entropy {metrics.entropy:.2f}", err=True)
                 printed = now
 

@@ -45,7 +45,13 @@ CHECK_FACTOR = 5
     show_default=True,
     help="The parameters for 21x21, for 42x42, for 84x84, both the first and the last, or all; between, they change gradually.",
 )
-@click.option("--generations", type=click.IntRange(min=1), default=40, show_default=True, help="Generations of CMA-ES.")
+@click.option(
+    "--generations",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    help="Generations of CMA-ES.",
+)
 @click.option(
     "--terrains",
     type=click.IntRange(min=2),
@@ -54,10 +60,23 @@ CHECK_FACTOR = 5
     help="Of each level at 21x21; fewer on larger grids, in proportion to their cells.",
 )
 @seed_option("Of CMA-ES: the same one, the same run.")
-@click.option("--from", "given", type=PATH, help="A parameters.json of an earlier run.  [default: the shipped parameters]")
+@click.option(
+    "--from",
+    "given",
+    type=PATH,
+    help="A parameters.json of an earlier run.  [default: the shipped parameters]",
+)
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/tuned]")
-@click.option("--resume", is_flag=True, help="Go on with the run in --out, which was begun with the same options.")
-@click.option("--ablate", is_flag=True, help="Tune nothing: print what each term is good for, on held-out terrains.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the run in --out, which was begun with the same options.",
+)
+@click.option(
+    "--ablate",
+    is_flag=True,
+    help="Tune nothing: print what each term is good for, on held-out terrains.",
+)
 def tune(
     levels: tuple[str, ...],
     sizes: tuple[int | tuple[int, int], ...],
@@ -93,7 +112,9 @@ def tune(
     if ablate:
         _ablate(start, configs, terrains)
         return
-    config = TuneConfig(configs, terrains, {"both": ("small", "large"), "all": ENDS}.get(end, (end,)), seed, start)
+    config = TuneConfig(
+        configs, terrains, {"both": ("small", "large"), "all": ENDS}.get(end, (end,)), seed, start
+    )
     folder = out or Path("runs") / "tuned"
     run = _begin(config, folder, resume)
     try:
@@ -115,15 +136,21 @@ def _begin(config: TuneConfig, folder: Path, resume: bool) -> TuneRun:
     log = folder / "log.jsonl"
     if not resume:
         if log.exists():
-            raise click.UsageError(f"{folder} holds a run already; go on with it (--resume) or give another --out")
+            raise click.UsageError(
+                f"{folder} holds a run already; go on with it (--resume) or give another --out"
+            )
         return TuneRun(config)
     try:
         first, *lines = [json.loads(line) for line in log.read_text().splitlines()]
         values = [line["values"] for line in lines]
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise click.UsageError(f"no run to go on with at {log}; begin one without --resume") from error
+        raise click.UsageError(
+            f"no run to go on with at {log}; begin one without --resume"
+        ) from error
     if first != json.loads(json.dumps(asdict(config))):
-        raise click.UsageError(f"{folder} was begun with other options; give the same ones, or another --out")
+        raise click.UsageError(
+            f"{folder} was begun with other options; give the same ones, or another --out"
+        )
     return TuneRun(config, values)
 
 
@@ -135,22 +162,37 @@ def _tune(run: TuneRun, generations: int, folder: Path) -> None:
     def work(advance: Callable[[int, int], None]) -> Ratios:
         with ThreadPoolExecutor(cores()) as pool:
             while run.generations < generations:
-                run.run_generation(pool, lambda done: advance(run.generations * run.points + done, generations * run.points))
+                run.run_generation(
+                    pool,
+                    lambda done: advance(
+                        run.generations * run.points + done, generations * run.points
+                    ),
+                )
                 lines = [asdict(run.config), *({"values": values} for values in run.values)]
                 folder.mkdir(parents=True, exist_ok=True)
                 with write_whole(folder / "log.jsonl") as file:
                     file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
                 with write_whole(folder / "parameters.json") as file:
                     file.write((json.dumps(asdict(run.rule), indent=1) + "\n").encode())
-            episodes = make_episodes(run.config.configs, CHECK_FACTOR * run.config.terrains, CHECK_SEED)
-            return compare_rules(run.config.start, {"after the run": run.rule}, episodes, pool, advance)
+            episodes = make_episodes(
+                run.config.configs, CHECK_FACTOR * run.config.terrains, CHECK_SEED
+            )
+            return compare_rules(
+                run.config.start, {"after the run": run.rule}, episodes, pool, advance
+            )
 
     try:
         with progress("tuning") as advance:
             found = interruptible(lambda: work(advance))
     except OSError as error:
-        raise click.ClickException(f"cannot write to {folder}: {reason(error)}; choose another --out") from error
-    _print(f"Moves to 99 %, divided by those before the run, from seed {CHECK_SEED} on", found, run.config.configs)
+        raise click.ClickException(
+            f"cannot write to {folder}: {reason(error)}; choose another --out"
+        ) from error
+    _print(
+        f"Moves to 99 %, divided by those before the run, from seed {CHECK_SEED} on",
+        found,
+        run.config.configs,
+    )
     click.echo(folder / "parameters.json")
 
 
@@ -160,22 +202,36 @@ def _ablate(rule: SizedRule, configs: tuple[EnvConfig, ...], terrains: int) -> N
 
     def work(advance: Callable[[int, int], None]) -> Ratios:
         with ThreadPoolExecutor(cores()) as pool:
-            return compare_rules(rule, ablations(rule), make_episodes(configs, terrains, HELD_OUT_SEED), pool, advance)
+            return compare_rules(
+                rule,
+                ablations(rule),
+                make_episodes(configs, terrains, HELD_OUT_SEED),
+                pool,
+                advance,
+            )
 
     with progress("playing") as advance:
         found = interruptible(lambda: work(advance))
-    _print(f"Moves to 99 %, divided by those of the whole rule, from seed {HELD_OUT_SEED} on", found, configs)
+    _print(
+        f"Moves to 99 %, divided by those of the whole rule, from seed {HELD_OUT_SEED} on",
+        found,
+        configs,
+    )
 
 
 def _print(title: str, found: Ratios, configs: tuple[EnvConfig, ...]) -> None:
     """Print a table for each size: a row for each rule and a column for each level."""
     for size in dict.fromkeys((config.rows, config.cols) for config in configs):
-        places = [place for place, config in enumerate(configs) if (config.rows, config.cols) == size]
+        places = [
+            place for place, config in enumerate(configs) if (config.rows, config.cols) == size
+        ]
         rows = []
         for name, ratios in found.items():
             cells = (ratios[place] for place in places)
             rows.append([name, *(f"{mean:.3f} ± {high - mean:.3f}" for mean, _, high in cells)])
-        print_table(f"{title}, {size[0]}x{size[1]}", ["", *(configs[place].level for place in places)], rows)
+        print_table(
+            f"{title}, {size[0]}x{size[1]}", ["", *(configs[place].level for place in places)], rows
+        )
 
 
 def _read_rule(path: Path) -> SizedRule:
@@ -184,6 +240,10 @@ def _read_rule(path: Path) -> SizedRule:
     try:
         return read_rule(json.loads(path.read_text()))
     except OSError as error:
-        raise click.UsageError(f"cannot read {path}: {reason(error)}; give the parameters.json of a run") from error
+        raise click.UsageError(
+            f"cannot read {path}: {reason(error)}; give the parameters.json of a run"
+        ) from error
     except (ValueError, TypeError, KeyError) as error:
-        raise click.UsageError(f"{path} holds no parameters of frontier-priced; give the parameters.json of a run") from error
+        raise click.UsageError(
+            f"{path} holds no parameters of frontier-priced; give the parameters.json of a run"
+        ) from error

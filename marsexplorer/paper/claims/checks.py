@@ -50,14 +50,28 @@ def run(names: Iterable[str] = CHECKS) -> list[dict[str, Any]]:
         if name not in CHECKS:
             raise ValueError(f"no check {name!r}; choose from: {', '.join(CHECKS)}")
         finding = CHECKS[name]()
-        lines.append({"kind": "check", "claim": name, "holds": bool(finding.holds), "measured": finding.measured})
+        lines.append(
+            {
+                "kind": "check",
+                "claim": name,
+                "holds": bool(finding.holds),
+                "measured": finding.measured,
+            }
+        )
     return lines
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the checks that the command line names, all by default, and print what they found."""
-    parser = argparse.ArgumentParser(prog=COMMAND, description="Test the paper's statements on the environment.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"checks to run; all by default: {', '.join(CHECKS)}")
+    parser = argparse.ArgumentParser(
+        prog=COMMAND, description="Test the paper's statements on the environment."
+    )
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"checks to run; all by default: {', '.join(CHECKS)}",
+    )
     parser.add_argument("--out", type=Path, help="also write the lines to this file (JSON Lines)")
     options = parser.parse_args(arguments)
     try:
@@ -65,7 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ValueError as error:
         parser.error(str(error))
     for line in lines:
-        print(f"{line['claim']}: {'holds' if line['holds'] else 'does not hold'}. {line['measured']}.")
+        print(
+            f"{line['claim']}: {'holds' if line['holds'] else 'does not hold'}. {line['measured']}."
+        )
     if options.out is not None:
         with write_whole(options.out) as file:
             file.write("".join(json.dumps(line) + "\n" for line in lines).encode())

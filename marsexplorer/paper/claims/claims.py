@@ -12,7 +12,15 @@ from marsexplorer.paper.claims import policy_claims as played
 from marsexplorer.paper.claims import training_claims as training
 from marsexplorer.paper.claims.checks import CHECKS
 from marsexplorer.paper.claims.shipped import Results
-from marsexplorer.paper.claims.verdicts import DIFFERENT, NOTHING, PEOPLE, REPRODUCED, Decide, Judgement, verdict
+from marsexplorer.paper.claims.verdicts import (
+    DIFFERENT,
+    NOTHING,
+    PEOPLE,
+    REPRODUCED,
+    Decide,
+    Judgement,
+    verdict,
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,9 @@ def settled(measured: str, said: str, command: str | None = None) -> Claim:
 
 
 PLAYERS = settled(
-    "no closed study with people exists yet; until then no figure has a human line", PEOPLE, "marsexplorer report"
+    "no closed study with people exists yet; until then no figure has a human line",
+    PEOPLE,
+    "marsexplorer report",
 )
 FIGURE = "marsexplorer paper --figure"
 
@@ -61,10 +71,15 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
         REPRODUCED,
         "marsexplorer bench",
     ),
-    "manual": settled("people drive the rover in a browser, by arrow keys too", REPRODUCED, "marsexplorer serve"),
-    "rllib": settled("PPO by our own trainer; A2C, Rainbow and SAC by tianshou 2; all settings below", DIFFERENT),
+    "manual": settled(
+        "people drive the rover in a browser, by arrow keys too", REPRODUCED, "marsexplorer serve"
+    ),
+    "rllib": settled(
+        "PPO by our own trainer; A2C, Rainbow and SAC by tianshou 2; all settings below", DIFFERENT
+    ),
     "network": settled(
-        "the paper gives no sizes; what ran stands in the rows *network* of the [settings](#settings)", DIFFERENT
+        "the paper gives no sizes; what ran stands in the rows *network* of the [settings](#settings)",
+        DIFFERENT,
     ),
     "a3c": settled(
         "A2C: the same loss as A3C's, computed synchronously, so no gradient is stale",

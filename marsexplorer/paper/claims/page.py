@@ -22,7 +22,9 @@ from marsexplorer.paper.claims.verdicts import VERDICTS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "paper.md"
 PICTURES = PAGE.parent / "pictures" / "paper"
-ROW = re.compile(r"^\| `(?P<name>[a-z0-9-]+)` \|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M)
+ROW = re.compile(
+    r"^\| `(?P<name>[a-z0-9-]+)` \|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M
+)
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$", re.M | re.S)
 
 
@@ -74,8 +76,13 @@ def unchanging(draw: Callable[[], str]) -> Callable[[Results], str]:
     return lambda results: draw()
 
 
-BLOCKS = trained_blocks.BLOCKS | {f"settings {name}": unchanging(partial(as_table, name)) for name in ALGORITHMS}
-BLOCKS |= {f"pictures {name}": unchanging(partial(pictures.as_markdown, name, PICTURES)) for name in pictures.PICTURES}
+BLOCKS = trained_blocks.BLOCKS | {
+    f"settings {name}": unchanging(partial(as_table, name)) for name in ALGORITHMS
+}
+BLOCKS |= {
+    f"pictures {name}": unchanging(partial(pictures.as_markdown, name, PICTURES))
+    for name in pictures.PICTURES
+}
 """What stands between `<!-- drawn: NAME -->` and `<!-- end -->`, besides the summary."""
 
 

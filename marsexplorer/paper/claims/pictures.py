@@ -45,7 +45,11 @@ def draw(target: Path, source: Path = FOLDER) -> list[Path]:
     """Draw the pictures for which there are results into the folder `target`; return their paths."""
     records = read(source).records
     trained = [record for record in records if record.trial.level == LEVEL]
-    by_level = [record for record in records if record.trial.level != LEVEL and record.trial.algorithm == "ppo"]
+    by_level = [
+        record
+        for record in records
+        if record.trial.level != LEVEL and record.trial.algorithm == "ppo"
+    ]
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as folder:
         scratch = Path(folder)
@@ -56,10 +60,16 @@ def draw(target: Path, source: Path = FOLDER) -> list[Path]:
         for draw_figure in (figure6.draw, figure7.draw):
             _draw_if_shipped(draw_figure, source, scratch)
         names = (name for pictures in PICTURES.values() for name in pictures)
-        return [shrink(scratch / f"{name}.png", target / f"{name}.png") for name in names if (scratch / f"{name}.png").exists()]
+        return [
+            shrink(scratch / f"{name}.png", target / f"{name}.png")
+            for name in names
+            if (scratch / f"{name}.png").exists()
+        ]
 
 
-def _draw_if_shipped(draw_figure: Callable[[Path, Path], list[Path]], source: Path, scratch: Path) -> None:
+def _draw_if_shipped(
+    draw_figure: Callable[[Path, Path], list[Path]], source: Path, scratch: Path
+) -> None:
     with suppress(FileNotFoundError):  # no results of the figure
         draw_figure(source, scratch)
 
@@ -68,8 +78,13 @@ def shrink(source: Path, target: Path) -> Path:
     """Write a picture with a palette, at most LARGEST_WIDTH pixels wide; return its path."""
     image = Image.open(source).convert("RGB")
     if image.width > LARGEST_WIDTH:
-        image = image.resize((LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(target, optimize=True)
+        image = image.resize(
+            (LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)),
+            Image.Resampling.LANCZOS,
+        )
+    image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        target, optimize=True
+    )
     return target
 
 
@@ -80,4 +95,7 @@ def as_markdown(figure: str, folder: Path) -> str:
         for name, text in PICTURES[figure].items()
         if (folder / f"{name}.png").exists()
     ]
-    return "\n\n".join(lines) or f"No results of figure {figure[-1]} are shipped yet, so there is no picture."
+    return (
+        "\n\n".join(lines)
+        or f"No results of figure {figure[-1]} are shipped yet, so there is no picture."
+    )

@@ -12,10 +12,26 @@ from collections.abc import Mapping, Sequence
 from marsexplorer.config import LEVELS
 from marsexplorer.evaluation import RULES
 from marsexplorer.paper.claims.shipped import Results
-from marsexplorer.paper.claims.verdicts import NOT_REPRODUCED, NOT_YET, NOTHING, PARTLY, REPRODUCED, Judgement, partly
+from marsexplorer.paper.claims.verdicts import (
+    NOT_REPRODUCED,
+    NOT_YET,
+    NOTHING,
+    PARTLY,
+    REPRODUCED,
+    Judgement,
+    partly,
+)
 from marsexplorer.paper.episodes.play import Line
 from marsexplorer.paper.episodes.quadrants import QuadrantCourse, Rate, quadrant_map
-from marsexplorer.paper.episodes.scale import PER_CENT, Estimate, ScaleRow, compare, group_by_place, scale_rows, steps_of
+from marsexplorer.paper.episodes.scale import (
+    PER_CENT,
+    Estimate,
+    ScaleRow,
+    compare,
+    group_by_place,
+    scale_rows,
+    steps_of,
+)
 from marsexplorer.paper.episodes.visits import course_rates, obstacles_of
 
 PAPER_LEVELS = tuple(level for level in LEVELS if level != "random")
@@ -33,7 +49,9 @@ def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
     for line in lines:
         if line["policy"].startswith(LEARNT) and line["level"] in PAPER_LEVELS:
             found.setdefault(line["policy"], {})[line["level"]] = line
-    return {policy: by_level for policy, by_level in found.items() if len(by_level) == len(PAPER_LEVELS)}
+    return {
+        policy: by_level for policy, by_level in found.items() if len(by_level) == len(PAPER_LEVELS)
+    }
 
 
 def span(shares: Sequence[float]) -> str:
@@ -60,21 +78,30 @@ def hilbert(results: Results) -> Judgement:
     own = learners(results.plays[6])
     if not own or not results.walks:
         return NOTHING
-    rules = {(line["policy"], line["level"]): never_back(line) for line in results.plays[6] if line["policy"] in RULES}
+    rules = {
+        (line["policy"], line["level"]): never_back(line)
+        for line in results.plays[6]
+        if line["policy"] in RULES
+    }
     parts, held = [], {}
     for policy, by_level in own.items():
         rates = {level: never_back(line) for level, line in by_level.items()}
         held[policy] = [
-            rate.low > 0.5 and all(rate.low > other.high for (_, at), other in rules.items() if at == level)
+            rate.low > 0.5
+            and all(rate.low > other.high for (_, at), other in rules.items() if at == level)
             for level, rate in rates.items()
         ]
         shares = span([rate.share for rate in rates.values()])
         parts.append(f"`{policy}` {shares}, a majority and above both rules on {sum(held[policy])}")
     for rule in RULES:
-        shares = span([rate.share for (policy, _), rate in rules.items() if policy == rule] or [float("nan")])
+        shares = span(
+            [rate.share for (policy, _), rate in rules.items() if policy == rule] or [float("nan")]
+        )
         parts.append(f"`{rule}` {shares}")
     parts += [f"walks by `{walk['null']}` {never_back(walk).share:.2f}" for walk in results.walks]
-    return decided([f"share of a U without going back on the 12 levels: {parts[0]}", *parts[1:]], held)
+    return decided(
+        [f"share of a U without going back on the 12 levels: {parts[0]}", *parts[1:]], held
+    )
 
 
 def same_family(results: Results) -> Judgement:
@@ -82,12 +109,17 @@ def same_family(results: Results) -> Judgement:
     own = learners(results.plays[6])
     parts, held = [], {}
     for policy, by_level in own.items():
-        orders = [[QuadrantCourse.of_code(code).entered for code in line["courses"]] for line in by_level.values()]
+        orders = [
+            [QuadrantCourse.of_code(code).entered for code in line["courses"]]
+            for line in by_level.values()
+        ]
         every = [order for each in orders for order in each]
         common = max(set(every), key=every.count)
         shares = [each.count(common) / len(each) for each in orders]
         held[policy] = [share > 0.9 for share in shares]
-        parts.append(f"`{policy}` enters the quadrants in one order in {span(shares)} of the episodes of a level")
+        parts.append(
+            f"`{policy}` enters the quadrants in one order in {span(shares)} of the episodes of a level"
+        )
     return decided(parts, held) if own else NOTHING
 
 
@@ -99,8 +131,12 @@ def dexterous(results: Results) -> Judgement:
         lines = [by_level[level] for level in DENSEST]
         crashed = [line["outcomes"].get("collided", 0) / line["played"] for line in lines]
         explored = [line["outcomes"].get("explored", 0) / line["played"] for line in lines]
-        held[policy] = [crash < 0.05 and done > 0.9 for crash, done in zip(crashed, explored, strict=True)]
-        parts.append(f"`{policy}` collided in {span(crashed)} and completed {span(explored)} of the episodes there")
+        held[policy] = [
+            crash < 0.05 and done > 0.9 for crash, done in zip(crashed, explored, strict=True)
+        ]
+        parts.append(
+            f"`{policy}` collided in {span(crashed)} and completed {span(explored)} of the episodes there"
+        )
     return decided(parts, held) if own else NOTHING
 
 
@@ -110,10 +146,15 @@ def discovered(results: Results) -> Judgement:
     check = results.checks.get("discovered-obstacles")
     parts, held = [check["measured"]] if check else [], {}
     for policy, by_level in own.items():
-        found = [obstacles_of(line, quadrant_map(line["rows"], line["cols"])) for line in by_level.values()]
+        found = [
+            obstacles_of(line, quadrant_map(line["rows"], line["cols"]))
+            for line in by_level.values()
+        ]
         held[policy] = [not each.blind_spots for each in found]
         correlations = span([each.correlation for each in found])
-        parts.append(f"`{policy}`: correlation {correlations}, no blind spot on {sum(held[policy])} of 12 levels")
+        parts.append(
+            f"`{policy}`: correlation {correlations}, no blind spot on {sum(held[policy])} of 12 levels"
+        )
     return decided(parts, held) if own else Judgement("; ".join(parts), NOT_YET)
 
 
@@ -141,16 +182,26 @@ def less_distance(results: Results) -> Judgement:
     for policy in own:
         ratios = [[to_better_rule(group, policy, share) for share in PER_CENT] for group in groups]
         held[policy] = [ratio is not None and ratio.high < 1 for each in ratios for ratio in each]
-        texts = [" ".join(f"{ratio.mean:.2f}" if ratio else "none" for ratio in each) for each in ratios]
+        texts = [
+            " ".join(f"{ratio.mean:.2f}" if ratio else "none" for ratio in each) for each in ratios
+        ]
         parts.append(
             f"`{policy}` {texts[0]} at 42x42 and {texts[1]} at 84x84, less with certainty at {sum(held[policy])} of 10"
         )
-    return decided([f"moves over the better rule's to {', '.join(map(str, PER_CENT))} %: {parts[0]}", *parts[1:]], held)
+    return decided(
+        [
+            f"moves over the better rule's to {', '.join(map(str, PER_CENT))} %: {parts[0]}",
+            *parts[1:],
+        ],
+        held,
+    )
 
 
 def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate | None:
     """Return the ratio of a policy's moves to a share of the cells to those of the rule that is better at that share."""
-    better = min((group[rule] for rule in RULES), key=lambda line: float(steps_of(line, per_cent).mean()))
+    better = min(
+        (group[rule] for rule in RULES), key=lambda line: float(steps_of(line, per_cent).mean())
+    )
     return compare(group[policy], better, per_cent)
 
 
@@ -159,7 +210,10 @@ def last_shares(policies: dict[str, list[ScaleRow]]) -> list[str]:
     texts = []
     for policy, rows in policies.items():
         shares = [row.last_share for row in rows]
-        texts.append(f"`{policy}` " + " and ".join(f"{s.mean:.2f} ± {s.high - s.mean:.2f}" if s else "none" for s in shares))
+        texts.append(
+            f"`{policy}` "
+            + " and ".join(f"{s.mean:.2f} ± {s.high - s.mean:.2f}" if s else "none" for s in shares)
+        )
     return texts
 
 
@@ -168,7 +222,11 @@ def knee(results: Results) -> Judgement:
     _, rules = scaled(results)
     if len(rules) < len(RULES):
         return NOTHING
-    held = [row.last_share is not None and row.last_share.low > CONSTANT_PACE for rows in rules.values() for row in rows]
+    held = [
+        row.last_share is not None and row.last_share.low > CONSTANT_PACE
+        for rows in rules.values()
+        for row in rows
+    ]
     words = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84: "
     return Judgement(words + "; ".join(last_shares(rules)), partly(held))
 
@@ -180,8 +238,14 @@ def no_knee(results: Results) -> Judgement:
         return NOTHING
     held = {}
     for policy, rows in own.items():
-        pairs = [(row.last_share, [rule[k].last_share for rule in rules.values()]) for k, row in enumerate(rows)]
-        held[policy] = [mine is not None and all(each and mine.high < each.low for each in theirs) for mine, theirs in pairs]
+        pairs = [
+            (row.last_share, [rule[k].last_share for rule in rules.values()])
+            for k, row in enumerate(rows)
+        ]
+        held[policy] = [
+            mine is not None and all(each and mine.high < each.low for each in theirs)
+            for mine, theirs in pairs
+        ]
     return decided(["the same share: " + "; ".join(last_shares(own))], held)
 
 
@@ -191,9 +255,15 @@ def scales(results: Results) -> Judgement:
     parts, held = [], {}
     for policy, rows in own.items():
         completes = [row.completion > 0.9 for row in rows]
-        held[policy] = [*completes, *(row.to_rule is not None and row.to_rule.low < 1 for row in rows)]
+        held[policy] = [
+            *completes,
+            *(row.to_rule is not None and row.to_rule.low < 1 for row in rows),
+        ]
         ratios = [f"{row.to_rule.mean:.2f}" if row.to_rule else "no" for row in rows]
         pairs = zip(rows, ratios, strict=True)
-        texts = [f"{row.completion:.0%} of the terrains in {ratio} of the better rule's moves" for row, ratio in pairs]
+        texts = [
+            f"{row.completion:.0%} of the terrains in {ratio} of the better rule's moves"
+            for row, ratio in pairs
+        ]
         parts.append(f"`{policy}` completes {' and '.join(texts)} at 42x42 and 84x84")
     return decided(parts, held) if own and rules else NOTHING

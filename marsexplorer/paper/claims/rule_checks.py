@@ -48,7 +48,10 @@ def actions() -> Finding:
         episode.step(action)
         moved.append((episode.position[0] - 4, episode.position[1] - 4))
     holds = moved == [(-1, 0), (0, 1), (1, 0), (0, -1)]
-    return Finding(holds, f"actions 0 to 3 move the rover by {', '.join(f'({row}, {col})' for row, col in moved)}")
+    return Finding(
+        holds,
+        f"actions 0 to 3 move the rover by {', '.join(f'({row}, {col})' for row, col in moved)}",
+    )
 
 
 def state() -> Finding:
@@ -62,11 +65,18 @@ def state() -> Finding:
             episode.step(rule.act(episode.codes))
             matrix = episode.observation()
             found.update(np.unique(matrix.round(6)).tolist())
-            rovers.add((int((matrix == np.float32(0.6)).sum()), bool(matrix[episode.position] == np.float32(0.6))))
+            rovers.add(
+                (
+                    int((matrix == np.float32(0.6)).sum()),
+                    bool(matrix[episode.position] == np.float32(0.6)),
+                )
+            )
             moves += 1
     values = sorted(round(value, 1) for value in found)
     holds = values == [0.0, 0.3, 0.6, 1.0] and rovers == {(1, True)}
-    return Finding(holds, f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone")
+    return Finding(
+        holds, f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone"
+    )
 
 
 def reward() -> Finding:
@@ -77,17 +87,25 @@ def reward() -> Finding:
         valid = episode.steps - int(episode.outcome in ("collided", "out_of_bounds", "explored"))
         right += sum(episode.rewards[k] == new[k] - 0.5 for k in range(valid))
         moves += valid
-    return Finding(right == moves and R_MOVE == 0.5, f"{right:,} of {moves:,} valid moves earned their new cells less {R_MOVE}")
+    return Finding(
+        right == moves and R_MOVE == 0.5,
+        f"{right:,} of {moves:,} valid moves earned their new cells less {R_MOVE}",
+    )
 
 
 def invalid() -> Finding:
     """An invalid move costs n and ends the episode; nothing else of its reward remains (eq. 8)."""
     config = EnvConfig()
-    ended = [each for each in played(config, "blind", 20 * EPISODES) if each.outcome in ("collided", "out_of_bounds")]
+    ended = [
+        each
+        for each in played(config, "blind", 20 * EPISODES)
+        if each.outcome in ("collided", "out_of_bounds")
+    ]
     holds = all(episode.rewards[-1] == -config.n for episode in ended)
     crashes = sum(episode.outcome == "collided" for episode in ended)
     return Finding(
-        holds, f"{len(ended):,} invalid moves, {crashes:,} of them into obstacles: each gave -{config.n} and ended it"
+        holds,
+        f"{len(ended):,} invalid moves, {crashes:,} of them into obstacles: each gave -{config.n} and ended it",
     )
 
 
@@ -95,11 +113,17 @@ def bonus() -> Finding:
     """The move that brings the discovered share to beta earns n on top, and ends the episode (eq. 8)."""
     config = EnvConfig()
     ended = list(played(config, "frontier-cost"))
-    rewards = [episode.rewards[-1] - (episode.discoveries[-1] - episode.discoveries[-2] - 0.5) for episode in ended]
+    rewards = [
+        episode.rewards[-1] - (episode.discoveries[-1] - episode.discoveries[-2] - 0.5)
+        for episode in ended
+    ]
     enough = all(e.discoveries[-1] / config.n >= 0.99 > e.discoveries[-2] / config.n for e in ended)
-    holds = enough and set(rewards) == {float(config.n)} and all(e.outcome == "explored" for e in ended)
+    holds = (
+        enough and set(rewards) == {float(config.n)} and all(e.outcome == "explored" for e in ended)
+    )
     return Finding(
-        holds, f"{len(ended)} completed episodes: each ended with the move that passed 99 % and gave {config.n} more"
+        holds,
+        f"{len(ended)} completed episodes: each ended with the move that passed 99 % and gave {config.n} more",
     )
 
 

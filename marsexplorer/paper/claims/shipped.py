@@ -37,9 +37,16 @@ class Results:
 
     def trials(self, **wanted: Any) -> list[Record]:
         """Return the longest finished trials with these values (algorithm, variant, level, size), by seed."""
-        found = [each for each in self.records if all(getattr(each.trial, name) == value for name, value in wanted.items())]
+        found = [
+            each
+            for each in self.records
+            if all(getattr(each.trial, name) == value for name, value in wanted.items())
+        ]
         longest = max((record.trial.moves for record in found), default=0)
-        return sorted((each for each in found if each.trial.moves == longest), key=lambda record: record.trial.seed)
+        return sorted(
+            (each for each in found if each.trial.moves == longest),
+            key=lambda record: record.trial.seed,
+        )
 
 
 def read(folder: Path = FOLDER) -> Results:

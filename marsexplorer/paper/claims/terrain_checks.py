@@ -32,18 +32,23 @@ def table_1() -> Finding:
     """Grid 21x21, radius 6, done at 99 %."""
     config = EnvConfig()
     holds = (config.rows, config.cols, config.sensor_radius, config.beta) == (21, 21, 6, 0.99)
-    measured = (
-        f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} ({config.target} cells)"
+    measured = f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} ({config.target} cells)"
+    return Finding(
+        holds, f"{measured}; cut off after {config.limit} moves, of which the paper says nothing"
     )
-    return Finding(holds, f"{measured}; cut off after {config.limit} moves, of which the paper says nothing")
 
 
 def diversity() -> Finding:
     """Each episode has a terrain of its own, and a seed gives it again."""
     terrains = drawn("random")
     distinct = len({each.tobytes() for each in terrains})
-    again = all((generate(EnvConfig(), seed) == terrains[seed]).all() for seed in range(0, TERRAINS, 50))
-    return Finding(distinct == TERRAINS and again, f"{distinct:,} distinct terrains in {TERRAINS:,} seeds, each the same again")
+    again = all(
+        (generate(EnvConfig(), seed) == terrains[seed]).all() for seed in range(0, TERRAINS, 50)
+    )
+    return Finding(
+        distinct == TERRAINS and again,
+        f"{distinct:,} distinct terrains in {TERRAINS:,} seeds, each the same again",
+    )
 
 
 def random_obstacles() -> Finding:
@@ -67,7 +72,10 @@ def lattice() -> Finding:
         counts |= {int(ndimage.label(each)[1]) for each in drawn(level)}
     steps = set(np.diff(LATTICE).tolist())
     measured = f"rows and columns {', '.join(map(str, LATTICE))}; {', '.join(map(str, sorted(counts)))} separate obstacles in "
-    return Finding(counts == {9} and len(steps) == 1, measured + f"each of {2 * TERRAINS:,} terrains of 1-1-1 and 1-2-1")
+    return Finding(
+        counts == {9} and len(steps) == 1,
+        measured + f"each of {2 * TERRAINS:,} terrains of 1-1-1 and 1-2-1",
+    )
 
 
 def topology() -> Finding:
@@ -76,11 +84,11 @@ def topology() -> Finding:
     for level in ("1-1-1", "2-1-1", "3-1-1"):
         rows = np.flatnonzero(drawn(level).any((0, 2)))
         found[level] = (int(rows.min()), int(rows.max()))
-    wanted = {f"{t}-1-1": (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20)) for t in (1, 2, 3)}
+    wanted = {
+        f"{t}-1-1": (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20)) for t in (1, 2, 3)
+    }
     text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in found.items())
-    measured = (
-        f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block rows "
-    )
+    measured = f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block rows "
     return Finding(found == wanted, f"{measured}{text} ({TERRAINS:,} terrains each)")
 
 
@@ -88,11 +96,16 @@ def morphology() -> Finding:
     """d_m decides how large obstacles become."""
     sides, areas = {}, {}
     for level in ("1-1-1", "1-2-1"):
-        parts = [part for each in drawn(level) for part in ndimage.find_objects(ndimage.label(each)[0])]
+        parts = [
+            part for each in drawn(level) for part in ndimage.find_objects(ndimage.label(each)[0])
+        ]
         shapes = np.array([[axis.stop - axis.start for axis in part] for part in parts])
         sides[level], areas[level] = int(shapes.max()), float(shapes.prod(1).mean())
     holds = areas["1-2-1"] > areas["1-1-1"] and [*sides.values()] == [2, 4]
-    text = ", ".join(f"sides of 1 to {sides[each]} and {areas[each]:.2f} cells in the mean on {each}" for each in sides)
+    text = ", ".join(
+        f"sides of 1 to {sides[each]} and {areas[each]:.2f} cells in the mean on {each}"
+        for each in sides
+    )
     return Finding(holds, f"{text} ({TERRAINS:,} terrains each)")
 
 

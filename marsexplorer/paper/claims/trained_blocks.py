@@ -44,7 +44,12 @@ def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def trained(results: Results) -> str:
     """Return the table of the policies of figure 4: all four algorithms, by the letter, as they work, and tuned."""
-    found = [each for name in ALGORITHMS for variant in TITLES for each in of_figure_4(results, name, variant)]
+    found = [
+        each
+        for name in ALGORITHMS
+        for variant in TITLES
+        for each in of_figure_4(results, name, variant)
+    ]
     return as_table(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
 
 
@@ -77,14 +82,24 @@ def aims(results: Results) -> str:
             reached = "too few seeds" if seeds < SEEDS else "yes" if works.mean >= AIM else "no"
             shown = [percent(each) if each else "" for each in (letter, works, tuned)]
             rows.append([NAMES[name], *shown, str(seeds), reached])
-    columns = ("algorithm", "completes by the letter", "completes as it works", "completes tuned", "seeds as it works")
+    columns = (
+        "algorithm",
+        "completes by the letter",
+        "completes as it works",
+        "completes tuned",
+        "seeds as it works",
+    )
     return as_table((*columns, f"{AIM:.0%} reached"), rows)
 
 
 def changes_of(results: Results, algorithm: str) -> list[str]:
     """Return the changes of which an algorithm has trainings without them, or with them alone."""
-    variants = {record.trial.variant for record in results.records if record.trial.algorithm == algorithm}
-    found = {each.removeprefix(start) for each in variants for start in STARTS if each.startswith(start)}
+    variants = {
+        record.trial.variant for record in results.records if record.trial.algorithm == algorithm
+    }
+    found = {
+        each.removeprefix(start) for each in variants for start in STARTS if each.startswith(start)
+    }
     return sorted(each for each in found if "+" not in each)
 
 
@@ -95,7 +110,14 @@ def ablations(results: Results) -> str:
         whole = [completion(results, name, variant) for variant in WITHOUT]
         for change in changes_of(results, name):
             others = [completion(results, name, start + change) for start in STARTS]
-            lost = max((both.mean - one.mean for both, one in zip(whole, others, strict=False) if both and one), default=0.0)
+            lost = max(
+                (
+                    both.mean - one.mean
+                    for both, one in zip(whole, others, strict=False)
+                    if both and one
+                ),
+                default=0.0,
+            )
             shown = [percent(each) if each else "" for each in others]
             rows.append((lost, [NAMES[name], f"`{change}`", *shown]))
     columns = (
@@ -106,7 +128,9 @@ def ablations(results: Results) -> str:
         "the letter with it alone",
         "the letter without it",
     )
-    return as_table(columns, [row for _, row in sorted(rows, key=lambda each: (each[1][0], -each[0]))])
+    return as_table(
+        columns, [row for _, row in sorted(rows, key=lambda each: (each[1][0], -each[0]))]
+    )
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {

@@ -35,7 +35,9 @@ TOPOLOGIES, MORPHOLOGIES, BONUSES = (1, 2, 3), (1, 2), (1, 2)
 
 def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
     """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
-    found = {name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS}
+    found = {
+        name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS
+    }
     return found if all(len(each) >= SEEDS for each in found.values()) else {}
 
 
@@ -54,14 +56,27 @@ def every(trials: dict[str, list[Record]]) -> list[Record]:
 def score_at(record: Record, axis: str, limit: float) -> float:
     """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is within the limit; NaN before the first."""
     points = zip(record.curve[axis], record.curve["score"], strict=True)
-    return next((score for x, score in reversed([*points]) if x is not None and score is not None and x <= limit), np.nan)
+    return next(
+        (
+            score
+            for x, score in reversed([*points])
+            if x is not None and score is not None and x <= limit
+        ),
+        np.nan,
+    )
 
 
 def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Values]:
     """Return the scores by algorithm, best first, at the end or where the shortest trial has ended on `axis`."""
-    ends = [float(record.curve[axis][-1] or 0) for each in trials.values() for record in each] if axis else [np.inf]
+    ends = (
+        [float(record.curve[axis][-1] or 0) for each in trials.values() for record in each]
+        if axis
+        else [np.inf]
+    )
     found = {
-        name: np.array([score_at(record, axis or "moves", min(ends)) for record in each], np.float64)
+        name: np.array(
+            [score_at(record, axis or "moves", min(ends)) for record in each], np.float64
+        )
         for name, each in trials.items()
     }
     return dict(sorted(found.items(), key=lambda item: -np.nan_to_num(item[1].mean(), nan=-1)))
@@ -69,7 +84,10 @@ def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Va
 
 def order(scores: dict[str, Values]) -> str:
     """Return algorithms and their scores in words, best first."""
-    known = {name: "too early to say" if np.isnan(values).any() else mean_of(values) for name, values in scores.items()}
+    known = {
+        name: "too early to say" if np.isnan(values).any() else mean_of(values)
+        for name, values in scores.items()
+    }
     return ", ".join(f"{name} {words}" for name, words in known.items())
 
 
@@ -82,12 +100,16 @@ def best(results: Results) -> Judgement:
             continue
         views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
         scores = {words: scores_at(trials, axis) for words, axis in views.items()}
-        parts.append(f"{column}: " + "; ".join(f"{words} {order(each)}" for words, each in scores.items()))
+        parts.append(
+            f"{column}: " + "; ".join(f"{words} {order(each)}" for words, each in scores.items())
+        )
         if variant == "paper":
             first, second = list(scores["at the end"].items())[:2]
             wins = first[0] == "ppo" and is_above(first[1], second[1])
     letter = every(figure_4(results, "paper"))
-    return decided(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
+    return (
+        decided(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
+    )
 
 
 def second(results: Results) -> Judgement:
@@ -119,19 +141,38 @@ def with_bonus(record: Record) -> float:
     ended either way is known, so the two can be counted.
     """
     last = {name: column[-1] for name, column in record.curve.items()}
-    config, other = record.trial.config, EnvConfig.of(record.trial.level[:-1] + "1", record.trial.size)
-    gained = float(last["score"] or 0) * (config.r_invalid + config.r_bonus + config.n) - config.r_invalid
-    explored, invalid = float(last["explored"] or 0), float(last["collided"] or 0) + float(last["out_of_bounds"] or 0)
-    ends = (other.r_bonus - config.r_bonus) * explored - (other.r_invalid - config.r_invalid) * invalid
+    config, other = (
+        record.trial.config,
+        EnvConfig.of(record.trial.level[:-1] + "1", record.trial.size),
+    )
+    gained = (
+        float(last["score"] or 0) * (config.r_invalid + config.r_bonus + config.n)
+        - config.r_invalid
+    )
+    explored, invalid = (
+        float(last["explored"] or 0),
+        float(last["collided"] or 0) + float(last["out_of_bounds"] or 0),
+    )
+    ends = (other.r_bonus - config.r_bonus) * explored - (
+        other.r_invalid - config.r_invalid
+    ) * invalid
     return score(other, gained + ends)
 
 
-def by_level(results: Results, measure: Callable[[Record], float], variant: str) -> dict[str, Values]:
+def by_level(
+    results: Results, measure: Callable[[Record], float], variant: str
+) -> dict[str, Values]:
     """Return a measure of PPO's trainings on each of the 12 levels: float64[seeds] each; empty until all have SEEDS."""
     levels = [f"{t}-{m}-{b}" for t in TOPOLOGIES for m in MORPHOLOGIES for b in BONUSES]
-    trials = {level: results.trials(algorithm="ppo", variant=variant, level=level, size=21) for level in levels}
+    trials = {
+        level: results.trials(algorithm="ppo", variant=variant, level=level, size=21)
+        for level in levels
+    }
     count = min(map(len, trials.values()))
-    found = {level: np.array([measure(each) for each in own[:count]], np.float64) for level, own in trials.items()}
+    found = {
+        level: np.array([measure(each) for each in own[:count]], np.float64)
+        for level, own in trials.items()
+    }
     return found if count >= SEEDS else {}
 
 
@@ -183,7 +224,10 @@ def effect(finals: dict[str, Values], element: int) -> Values:
     """Return the effect of one element of the difficulty (0 d_t, 1 d_m, 2 d_b) for each seed: highest less lowest mean."""
     values = sorted({level.split("-")[element] for level in finals})
     means = [
-        np.mean([each for level, each in finals.items() if level.split("-")[element] == value], axis=0) for value in values
+        np.mean(
+            [each for level, each in finals.items() if level.split("-")[element] == value], axis=0
+        )
+        for value in values
     ]
     spread: Values = np.max(means, axis=0) - np.min(means, axis=0)
     return spread
@@ -192,13 +236,17 @@ def effect(finals: dict[str, Values], element: int) -> Values:
 def effects(finals: dict[str, dict[str, Values]]) -> tuple[dict[str, Values], str]:
     """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS."""
     found = {
-        name: {measure: effect(values, k) for measure, values in finals.items()} for k, name in enumerate(("d_t", "d_m", "d_b"))
+        name: {measure: effect(values, k) for measure, values in finals.items()}
+        for k, name in enumerate(("d_t", "d_m", "d_b"))
     }
     words = "; ".join(
-        f"{name} " + ", ".join(f"{mean_of(values)} of {measure}" for measure, values in each.items())
+        f"{name} "
+        + ", ".join(f"{mean_of(values)} of {measure}" for measure, values in each.items())
         for name, each in found.items()
     )
-    return {name: each[COMPARABLE] for name, each in found.items()}, f"spread between its values: {words}"
+    return {
+        name: each[COMPARABLE] for name, each in found.items()
+    }, f"spread between its values: {words}"
 
 
 def morphology_first(results: Results) -> Judgement:
@@ -216,7 +264,11 @@ def morphology_degrades(results: Results) -> Judgement:
 
     def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
         small, large = (
-            np.mean([each for level, each in finals["score"].items() if level.split("-")[1] == m], axis=0) for m in ("1", "2")
+            np.mean(
+                [each for level, each in finals["score"].items() if level.split("-")[1] == m],
+                axis=0,
+            )
+            for m in ("1", "2")
         )
         holds = is_above(small, large) and float(small.mean() - large.mean()) > SERIOUS
         return f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", holds
@@ -230,7 +282,9 @@ def hardest(results: Results) -> Judgement:
     def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
         wanted = {level: finals["score"][level] for level in ("3-2-1", "3-2-2")}
         words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
-        return f"final score: {words}", all(0.6 <= values.mean() < 0.7 for values in wanted.values())
+        return f"final score: {words}", all(
+            0.6 <= values.mean() < 0.7 for values in wanted.values()
+        )
 
     return on_levels(results, measure)
 

@@ -17,7 +17,14 @@ from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.paper.episodes.play import Line, Play
 from marsexplorer.paper.job import Job
 
-TERRAINS = {"1-1": "1-1-1", "1-2": "1-2-1", "2-1": "2-1-1", "2-2": "2-2-1", "3-1": "3-1-1", "3-2": "3-2-1"}
+TERRAINS = {
+    "1-1": "1-1-1",
+    "1-2": "1-2-1",
+    "2-1": "2-1-1",
+    "2-2": "2-2-1",
+    "3-1": "3-1-1",
+    "3-2": "3-2-1",
+}
 """d_t and d_m -> a level with such terrains; d_b changes the rewards alone."""
 EPISODES = {"small": 20, "full": 100}
 """Budget -> terrains of each level."""
@@ -39,4 +46,8 @@ class Difficulty(Play):
 
 def jobs(budget: str, size: int) -> list[Job]:
     """Return the jobs that measure the six kinds of terrain."""
-    return [Difficulty(policy, level, size, EPISODES[budget]) for level in TERRAINS.values() for policy in (INFORMED, *RULES)]
+    return [
+        Difficulty(policy, level, size, EPISODES[budget])
+        for level in TERRAINS.values()
+        for policy in (INFORMED, *RULES)
+    ]

@@ -81,7 +81,10 @@ class NullWalks:
         own, identity = folder / self.name, self.identity
         own.mkdir(parents=True, exist_ok=True)
         if self.kind == "blocks":
-            courses = [quadrant_course(path, BLOCKS, BLOCKS).code for path in hamiltonian_paths(BLOCKS, BLOCKS)]
+            courses = [
+                quadrant_course(path, BLOCKS, BLOCKS).code
+                for path in hamiltonian_paths(BLOCKS, BLOCKS)
+            ]
             write_lines(own / "result.jsonl", [{**identity, "moves": None, "courses": courses}])
             return
         head, *walked = read_lines(own / "walks.jsonl") or [identity]
@@ -90,14 +93,19 @@ class NullWalks:
         saved = time.monotonic()
         for seed in range(len(walked), self.walks):
             path = self._walk(seed)
-            walked.append({"moves": len(path) - 1, "course": quadrant_course(path, self.size, self.size).code})
+            walked.append(
+                {"moves": len(path) - 1, "course": quadrant_course(path, self.size, self.size).code}
+            )
             if time.monotonic() - saved > SAVE_EVERY_S:
                 write_lines(own / "walks.jsonl", [identity, *walked])
                 saved = time.monotonic()
             on_progress(len(walked) / self.walks)
         write_lines(own / "walks.jsonl", [identity, *walked])
         moves = round(sum(walk["moves"] for walk in walked) / len(walked), 2)
-        write_lines(own / "result.jsonl", [{**identity, "moves": moves, "courses": [walk["course"] for walk in walked]}])
+        write_lines(
+            own / "result.jsonl",
+            [{**identity, "moves": moves, "courses": [walk["course"] for walk in walked]}],
+        )
 
     def _walk(self, seed: int) -> list[int]:
         """Return the cells of the walk of a seed."""

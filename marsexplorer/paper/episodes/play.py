@@ -136,7 +136,9 @@ class Play:
         own, identity = folder / self.name, self.identity
         own.mkdir(parents=True, exist_ok=True)
         head, *played = read_lines(own / "episodes.jsonl") or [identity]
-        if not identity.items() <= head.items():  # of another file of the policy, or of other terrains
+        if (
+            not identity.items() <= head.items()
+        ):  # of another file of the policy, or of other terrains
             head, played = identity, []
         before, begun, saved = head.get("cpu_s", 0.0), time.process_time(), time.monotonic()
 
@@ -154,7 +156,10 @@ class Play:
         save()
         results = [self._replay(line) for line in played if line["actions"] is not None]
         cpu_s = read_lines(own / "episodes.jsonl")[0]["cpu_s"]
-        write_lines(own / "result.jsonl", [{**identity, "cpu_s": cpu_s, **endings(results), **self.measure(results)}])
+        write_lines(
+            own / "result.jsonl",
+            [{**identity, "cpu_s": cpu_s, **endings(results), **self.measure(results)}],
+        )
 
     def _player(self) -> Callable[[int], str | None]:
         """Return what plays the episode of a seed and returns its moves, a digit each; None when the search finds no walk."""
@@ -225,4 +230,6 @@ def read_lines(path: Path) -> list[Line]:
 def write_lines(path: Path, lines: Sequence[Line]) -> None:
     """Write a file of JSON Lines whole, without spaces."""
     with write_whole(path) as file:
-        file.write("".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode())
+        file.write(
+            "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode()
+        )

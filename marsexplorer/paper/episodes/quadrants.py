@@ -41,7 +41,9 @@ class QuadrantCourse:
     @property
     def makes_u(self) -> bool:
         """Whether the first entries are those of a U from the path's first quadrant: all four, the third opposite the first."""
-        return len(self.entered) == len(QUADRANTS) and self.entered[2] == (self.entered[0] + 2) % len(QUADRANTS)
+        return len(self.entered) == len(QUADRANTS) and self.entered[2] == (
+            self.entered[0] + 2
+        ) % len(QUADRANTS)
 
     @property
     def never_goes_back(self) -> bool:
@@ -57,7 +59,12 @@ class QuadrantCourse:
     def of_code(cls, code: str) -> QuadrantCourse:
         """Return the course that a code stands for; ValueError for text that is none."""
         entered, colon, changes = code.partition(":")
-        if not colon or not changes.isdigit() or not set(entered) <= set("0123") or len(set(entered)) != len(entered):
+        if (
+            not colon
+            or not changes.isdigit()
+            or not set(entered) <= set("0123")
+            or len(set(entered)) != len(entered)
+        ):
             raise ValueError(f'expected the code of a course like "0321:3", got {code!r}')
         return cls(tuple(int(each) for each in entered), int(changes))
 

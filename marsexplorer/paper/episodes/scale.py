@@ -55,7 +55,8 @@ class Coverage(Play):
             "mean": _rounded(curves.mean(axis=0)) if results else [],
             "sd": _rounded(curves.std(axis=0, ddof=1)) if len(results) > 1 else [],
             "reached": {
-                str(per_cent): [moves_until(by_seed.get(seed), cells) for seed in seeds] for per_cent, cells in needed.items()
+                str(per_cent): [moves_until(by_seed.get(seed), cells) for seed in seeds]
+                for per_cent, cells in needed.items()
             },
         }
 
@@ -109,7 +110,9 @@ def moves_until(result: Result | None, cells: int) -> int | None:
 def steps_of(line: Line, per_cent: int = 99) -> Floats:
     """Return float64[episodes], the moves to a share of PER_CENT by terrain: the limit where missed, NaN where not played."""
     limit = line["rows"] * line["cols"]
-    steps = np.array([limit if each is None else each for each in line["reached"][str(per_cent)]], np.float64)
+    steps = np.array(
+        [limit if each is None else each for each in line["reached"][str(per_cent)]], np.float64
+    )
     if line["policy"] == INFORMED:  # it reaches 99 % or finds no walk at all
         steps[steps == limit] = np.nan
     return steps
@@ -117,7 +120,9 @@ def steps_of(line: Line, per_cent: int = 99) -> Floats:
 
 def last_shares(line: Line) -> Floats:
     """Return float64[...], for each episode that reached 99 % the share of its moves that it made from 90 % on."""
-    reached = np.array([line["reached"][str(per_cent)] for per_cent in (KNEE, 99)], np.float64)  # None becomes NaN
+    reached = np.array(
+        [line["reached"][str(per_cent)] for per_cent in (KNEE, 99)], np.float64
+    )  # None becomes NaN
     before, whole = reached[:, ~np.isnan(reached[1])]
     return np.asarray((whole - before)[whole > 0] / whole[whole > 0])
 

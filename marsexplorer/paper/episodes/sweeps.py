@@ -118,7 +118,10 @@ def from_corner(path: NDArray[np.int32], rows: int, cols: int) -> NDArray[np.int
 def hamiltonian_paths(rows: int, cols: int) -> Iterator[list[int]]:
     """Yield every Hamiltonian path from (0, 0), cells flat; there are 52 on 4 x 4, 824 on 5 x 5 and 22,144 on 6 x 6."""
     cells = rows * cols
-    neighbours = [[int(there) for a in range(4) if (there := neighbour(cell, a, rows, cols)) >= 0] for cell in range(cells)]
+    neighbours = [
+        [int(there) for a in range(4) if (there := neighbour(cell, a, rows, cols)) >= 0]
+        for cell in range(cells)
+    ]
     path, visited = [0], [True] + [False] * (cells - 1)
 
     def extend() -> Iterator[list[int]]:

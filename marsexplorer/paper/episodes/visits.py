@@ -56,7 +56,10 @@ class Visits(Play):
         drawn, discoverable = obstacle_maps(config, [result.seed for result in results])
         maps = dict(zip(MAPS, (visits, drawn, discoverable, found), strict=True))
         courses = [course_of(result).code for result in results]
-        return {**{name: counts.reshape(-1).tolist() for name, counts in maps.items()}, "courses": courses}
+        return {
+            **{name: counts.reshape(-1).tolist() for name, counts in maps.items()},
+            "courses": courses,
+        }
 
 
 @dataclass(frozen=True)
@@ -118,12 +121,17 @@ def map_of(line: Line, name: str) -> Counts:
 def obstacles_of(line: Line, quadrants: NDArray[Any]) -> Obstacles:
     """Return how the obstacles found match those drawn, from a result and `quadrant_map` of its size."""
     drawn, discoverable, found = (map_of(line, name) for name in MAPS[1:])
-    shares = [found[quadrants == code].sum() / max(1, discoverable[quadrants == code].sum()) for code in range(4)]
+    shares = [
+        found[quadrants == code].sum() / max(1, discoverable[quadrants == code].sum())
+        for code in range(4)
+    ]
     blind = (discoverable >= BLIND_EPISODES) & (found < BLIND_SHARE * discoverable)
     return Obstacles(
         found_share=float(found.sum() / max(1, discoverable.sum())),
         distance=float(abs(drawn / max(1, drawn.sum()) - found / max(1, found.sum())).sum() / 2),
-        correlation=float(np.corrcoef(drawn.reshape(-1), found.reshape(-1))[0, 1]) if found.std() and drawn.std() else 0.0,
+        correlation=float(np.corrcoef(drawn.reshape(-1), found.reshape(-1))[0, 1])
+        if found.std() and drawn.std()
+        else 0.0,
         quadrant_shares=(float(shares[0]), float(shares[1]), float(shares[2]), float(shares[3])),
         blind_spots=tuple(np.flatnonzero(blind).tolist()),
     )

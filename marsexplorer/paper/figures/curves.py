@@ -70,15 +70,23 @@ class Record:
 def read_records(folder: Path) -> list[Record]:
     """Return the finished trials whose folders lie in `folder`, by name."""
     logs = (read_log(path) for path in sorted(folder.glob("*/log.jsonl")))
-    return [record_of(lines) for lines in logs if lines and lines[0].get("kind") == "trial" and lines[-1]["kind"] == "result"]
+    return [
+        record_of(lines)
+        for lines in logs
+        if lines and lines[0].get("kind") == "trial" and lines[-1]["kind"] == "result"
+    ]
 
 
 def record_of(lines: Sequence[dict[str, Any]]) -> Record:
     """Return the record of a finished trial from the lines of its log; the curve keeps its first full and its last line."""
     head, *curve, result = lines
     curve = [line for line in curve if line["episodes"] >= EPISODES_PER_LINE] or curve
-    kept = sorted({round(number) for number in np.linspace(0, len(curve) - 1, min(POINTS, len(curve)))})
-    columns = {name: [_rounded(name, curve[number].get(name)) for number in kept] for name in COLUMNS}
+    kept = sorted(
+        {round(number) for number in np.linspace(0, len(curve) - 1, min(POINTS, len(curve)))}
+    )
+    columns = {
+        name: [_rounded(name, curve[number].get(name)) for number in kept] for name in COLUMNS
+    }
     result = {name: value for name, value in result.items() if name != "kind"}
     return Record(Trial(**head["trial"]), head["settings"], head["versions"], columns, result)
 
@@ -103,7 +111,9 @@ class Band:
 
 def band(records: Sequence[Record], column: str, against: str) -> Band | None:
     """Return the mean of a column over seeds against "moves" or "cpu_s"; None where no seed has two points."""
-    seeds = [points for record in records if len((points := _points(record, column, against))[0]) >= 2]
+    seeds = [
+        points for record in records if len((points := _points(record, column, against))[0]) >= 2
+    ]
     if not seeds:
         return None
     first, last = max(x[0] for x, _ in seeds), min(x[-1] for x, _ in seeds)
@@ -133,7 +143,14 @@ def draw_band(axes: Axes, found: Band, unit: float = 1.0, **style: Any) -> None:
     """Draw a mean as a line and its interval as a surface; `unit` is what one on the x axis stands for."""
     axes.plot(found.x / unit, found.mean, linewidth=1.8, **style)
     if found.low is not None and found.high is not None:
-        axes.fill_between(found.x / unit, found.low, found.high, color=style["color"], alpha=BAND_ALPHA, linewidth=0)
+        axes.fill_between(
+            found.x / unit,
+            found.low,
+            found.high,
+            color=style["color"],
+            alpha=BAND_ALPHA,
+            linewidth=0,
+        )
 
 
 def set_moves_axis(axes: Axes) -> None:

@@ -33,16 +33,25 @@ DPI = 160
 def in_order(names: Sequence[str]) -> list[str]:
     """Return the different names: those in ORDER first, then the others as they came."""
     known = dict.fromkeys(names)
-    return [*(name for name in ORDER if name in known), *(name for name in known if name not in ORDER)]
+    return [
+        *(name for name in ORDER if name in known),
+        *(name for name in known if name not in ORDER),
+    ]
 
 
 def colours_of(names: Sequence[str]) -> dict[str, str]:
     """Return a colour for each policy; what was trained by A2C, Rainbow or SAC has its algorithm's, as in figure 4."""
     algorithms = {name: name.split("-")[0] for name in names}
-    trained = {name: ALGORITHM_COLOURS[each] for name, each in algorithms.items() if each in ("a2c", "rainbow", "sac")}
+    trained = {
+        name: ALGORITHM_COLOURS[each]
+        for name, each in algorithms.items()
+        if each in ("a2c", "rainbow", "sac")
+    }
     fixed = dict(zip(ORDER, FIXED_COLOURS, strict=True)) | trained
     others = [name for name in in_order(names) if name not in fixed]
-    return fixed | {name: SPARE_COLOURS[number % len(SPARE_COLOURS)] for number, name in enumerate(others)}
+    return fixed | {
+        name: SPARE_COLOURS[number % len(SPARE_COLOURS)] for number, name in enumerate(others)
+    }
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -66,8 +75,24 @@ def plain(axes: Axes, title: str = "") -> None:
 def heading(figure: Figure, title: str, text: str) -> None:
     """Put a title above everything, and below it what the picture shows, in lines that are broken by hand."""
     height = figure.get_figheight()
-    figure.text(0.1 / figure.get_figwidth(), 1 - 0.08 / height, title, va="top", fontsize=13, fontweight="bold", color=INK)
-    figure.text(0.1 / figure.get_figwidth(), 1 - 0.36 / height, text, va="top", fontsize=8.5, color=SOFT_INK, linespacing=1.35)
+    figure.text(
+        0.1 / figure.get_figwidth(),
+        1 - 0.08 / height,
+        title,
+        va="top",
+        fontsize=13,
+        fontweight="bold",
+        color=INK,
+    )
+    figure.text(
+        0.1 / figure.get_figwidth(),
+        1 - 0.36 / height,
+        text,
+        va="top",
+        fontsize=8.5,
+        color=SOFT_INK,
+        linespacing=1.35,
+    )
     engine = figure.get_layout_engine()
     assert isinstance(engine, ConstrainedLayoutEngine)
     engine.set(rect=(0, 0, 1, 1 - (0.48 + 0.16 * len(text.splitlines())) / height))

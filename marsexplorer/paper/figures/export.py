@@ -28,11 +28,18 @@ def write_records(records: Sequence[Record], path: Path) -> Path:
         if key not in known:
             known[key] = len(known)
             lines.append({"kind": "settings", "id": known[key], **common})
-        own = {"trial": vars(record.trial), "settings": known[key], "curve": record.curve, "result": record.result}
+        own = {
+            "trial": vars(record.trial),
+            "settings": known[key],
+            "curve": record.curve,
+            "result": record.result,
+        }
         lines.append({"kind": "trial", **own})
     path.parent.mkdir(parents=True, exist_ok=True)
     with write_whole(path) as file:
-        file.write("".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode())
+        file.write(
+            "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode()
+        )
     return path
 
 
@@ -45,7 +52,10 @@ def add_records(records: Sequence[Record], path: Path) -> Path:
     new = {_kind_of(record.trial) for record in records}
     old = read_exported(path) if path.is_file() else []
     kept = [record for record in old if _kind_of(record.trial) not in new]
-    return write_records(sorted([*kept, *records], key=lambda record: (_place_of(record.trial), record.trial.seed)), path)
+    return write_records(
+        sorted([*kept, *records], key=lambda record: (_place_of(record.trial), record.trial.seed)),
+        path,
+    )
 
 
 def _kind_of(trial: Trial) -> tuple[str, str, str, int]:
@@ -55,7 +65,9 @@ def _kind_of(trial: Trial) -> tuple[str, str, str, int]:
 def _place_of(trial: Trial) -> tuple[int, tuple[str, str, str, int]]:
     """Return what kinds are sorted by: the columns of figure 4 first, in their order, then the others by name."""
     columns = list(TITLES)
-    return columns.index(trial.variant) if trial.variant in columns else len(columns), _kind_of(trial)
+    return columns.index(trial.variant) if trial.variant in columns else len(columns), _kind_of(
+        trial
+    )
 
 
 def read_exported(path: Path) -> list[Record]:
@@ -69,7 +81,11 @@ def read_exported(path: Path) -> list[Record]:
             else:
                 common = settings[line["settings"]]
                 trial = Trial(**line["trial"])
-                records.append(Record(trial, common["settings"], common["versions"], line["curve"], line["result"]))
+                records.append(
+                    Record(
+                        trial, common["settings"], common["versions"], line["curve"], line["result"]
+                    )
+                )
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path} is no file of trials that --export wrote") from error
     return records

@@ -20,7 +20,14 @@ from marsexplorer.paper.episodes.difficulty import TERRAINS
 from marsexplorer.paper.episodes.gathered import read_results
 from marsexplorer.paper.episodes.play import Line
 from marsexplorer.paper.figures.curves import TITLES, Record, band, draw_band, set_moves_axis
-from marsexplorer.paper.figures.drawing import SOFT_INK, colours_of, heading, new_figure, plain, save
+from marsexplorer.paper.figures.drawing import (
+    SOFT_INK,
+    colours_of,
+    heading,
+    new_figure,
+    plain,
+    save,
+)
 from marsexplorer.paper.figures.figure4 import ROWS, seeds_text
 from marsexplorer.paper.figures.trained_table import Mean, rows_of
 
@@ -54,7 +61,12 @@ def draw(records: Sequence[Record], difficulty: Sequence[Line], folder: Path) ->
     for variant in sorted({record.trial.variant for record in records}):
         own = [record for record in records if record.trial.variant == variant]
         paths.append(save(levels_figure(own, variant), folder / f"figure5-{variant}.png"))
-        paths.append(save(difficulty_figure(own, variant, difficulty), folder / f"figure5-difficulty-{variant}.png"))
+        paths.append(
+            save(
+                difficulty_figure(own, variant, difficulty),
+                folder / f"figure5-difficulty-{variant}.png",
+            )
+        )
     return paths
 
 
@@ -72,10 +84,19 @@ def levels_figure(records: Sequence[Record], variant: str) -> Figure:
             axes.set_ylim(-0.02, 1.02)
             set_moves_axis(axes)
     handles = [
-        Line2D([], [], color=colour, linestyle=style, linewidth=1.8, label=f"d_m = {morphology}, {BONUS_NAMES[bonus]}")
+        Line2D(
+            [],
+            [],
+            color=colour,
+            linestyle=style,
+            linewidth=1.8,
+            label=f"d_m = {morphology}, {BONUS_NAMES[bonus]}",
+        )
         for (morphology, bonus), (colour, style) in LINES.items()
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.5)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.5
+    )
     text = f"{seeds_text(records)}. As played in training: means of the last 100 episodes."
     heading(figure, f"PPO on the 12 levels, {TITLES.get(variant, variant)}", text)
     return figure
@@ -89,7 +110,9 @@ def _draw_panel(axes: Axes, records: Sequence[Record], topology: int, name: str)
             draw_band(axes, found, color=colour, linestyle=style)
 
 
-def difficulty_figure(records: Sequence[Record], variant: str, difficulty: Sequence[Line]) -> Figure:
+def difficulty_figure(
+    records: Sequence[Record], variant: str, difficulty: Sequence[Line]
+) -> Figure:
     """Plot what the trained policies reach on held-out terrains of each kind, and the moves that others need there."""
     limit = records[0].trial.config.limit
     figure = new_figure(7.6, 7.6)
@@ -99,7 +122,13 @@ def difficulty_figure(records: Sequence[Record], variant: str, difficulty: Seque
             kind, bonus = row.level[:-2], int(row.level[-1])
             colour, _ = LINES[int(kind[-1]), bonus]
             filled = colour if bonus == 1 else "white"
-            _draw_mean(axes, list(TERRAINS).index(kind) + OFFSETS[bonus], getattr(row, name), colour, filled)
+            _draw_mean(
+                axes,
+                list(TERRAINS).index(kind) + OFFSETS[bonus],
+                getattr(row, name),
+                colour,
+                filled,
+            )
         axes.set_ylabel(words)
         plain(axes)
     for line in difficulty:
@@ -107,8 +136,16 @@ def difficulty_figure(records: Sequence[Record], variant: str, difficulty: Seque
     for axes in panels[:-1]:
         axes.set_ylim(-0.06, 1.06)
     panels[-1].set_ylim(bottom=0)
-    panels[-1].set_xticks(range(len(TERRAINS)), [f"d_t {kind[0]}, d_m {kind[-1]}" for kind in TERRAINS])
-    figure.legend(handles=_handles(difficulty), loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)
+    panels[-1].set_xticks(
+        range(len(TERRAINS)), [f"d_t {kind[0]}, d_m {kind[-1]}" for kind in TERRAINS]
+    )
+    figure.legend(
+        handles=_handles(difficulty),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=8.5,
+    )
     text = (
         f"{seeds_text(records)}, on held-out terrains; an unfinished episode counts {limit} moves.\n"
         "Bars: what the rules need there, and a search that is shown the map, means over terrains."
@@ -126,16 +163,35 @@ def _draw_mean(axes: Axes, at: float, mean: Mean, colour: str, filled: str) -> N
 def _draw_reference(axes: Axes, line: Line) -> None:
     """Draw the moves of a rule or of the informed search as a bar across its kind of terrain."""
     at, mean = list(TERRAINS).index(line["level"][:-2]), line["steps_to_99"]["mean"]
-    axes.plot([at - 0.34, at + 0.34], [mean, mean], color=colours_of([line["policy"]])[line["policy"]], linewidth=1.8)
+    axes.plot(
+        [at - 0.34, at + 0.34],
+        [mean, mean],
+        color=colours_of([line["policy"]])[line["policy"]],
+        linewidth=1.8,
+    )
 
 
 def _handles(difficulty: Sequence[Line]) -> list[Line2D]:
     handles = [
-        Line2D([], [], linestyle="", marker="o", color=colour, markerfacecolor=colour if bonus == 1 else "white", label=words)
+        Line2D(
+            [],
+            [],
+            linestyle="",
+            marker="o",
+            color=colour,
+            markerfacecolor=colour if bonus == 1 else "white",
+            label=words,
+        )
         for (morphology, bonus), (colour, _) in LINES.items()
         if (words := f"PPO, d_m = {morphology}, {BONUS_NAMES[bonus]}")
     ]
     found = {line["policy"] for line in difficulty}
     colours = colours_of(sorted(found))
     names = [name for name in (*RULES, INFORMED) if name in found]
-    return [*handles, *(Line2D([], [], color=colours.get(name, SOFT_INK), linewidth=1.8, label=name) for name in names)]
+    return [
+        *handles,
+        *(
+            Line2D([], [], color=colours.get(name, SOFT_INK), linewidth=1.8, label=name)
+            for name in names
+        ),
+    ]

@@ -57,7 +57,10 @@ BLUE, GREEN, RED = "#08306b", "#00692c", "#c1121f"
 
 
 def jobs(
-    policies: Sequence[str] = POLICIES, levels: Sequence[str] = DIFFICULTIES, episodes: int = EPISODES, size: int = 21
+    policies: Sequence[str] = POLICIES,
+    levels: Sequence[str] = DIFFICULTIES,
+    episodes: int = EPISODES,
+    size: int = 21,
 ) -> list[Job]:
     """Return the jobs of the figure: each policy on each level, and the walks of the null.
 
@@ -69,10 +72,14 @@ def jobs(
     plays = []
     for policy in policies:
         for level in levels:
-            label = Path(policy.replace(f"-{LEVEL_PLACE}", "")).stem if LEVEL_PLACE in policy else ""
+            label = (
+                Path(policy.replace(f"-{LEVEL_PLACE}", "")).stem if LEVEL_PLACE in policy else ""
+            )
             play = Visits(policy.replace(LEVEL_PLACE, level), level, size, episodes, label=label)
             if not can_play(play.policy, play.config):
-                raise ValueError(f"{policy} cannot play {size}x{size}; choose policies that can, or their size")
+                raise ValueError(
+                    f"{policy} cannot play {size}x{size}; choose policies that can, or their size"
+                )
             plays.append(play)
     if len({play.name for play in plays}) < len(plays):
         raise ValueError(f"each policy needs a name of its own, got {', '.join(policies)}")
@@ -87,10 +94,16 @@ def draw(results: Path, pictures: Path | None = None) -> list[Path]:
     pictures = pictures or results
     pictures.mkdir(parents=True, exist_ok=True)
     lines = read_results(results, FIGURE)
-    plays, nulls = [line for line in lines if "policy" in line], [line for line in lines if "null" in line]
+    plays, nulls = (
+        [line for line in lines if "policy" in line],
+        [line for line in lines if "null" in line],
+    )
     nulls.sort(key=lambda line: list(NULLS).index(line["null"]))
     policies = in_order([line["policy"] for line in plays])
-    drawn = [save(heat_figure(_own(plays, policy)), pictures / f"figure6-{policy}.png") for policy in policies]
+    drawn = [
+        save(heat_figure(_own(plays, policy)), pictures / f"figure6-{policy}.png")
+        for policy in policies
+    ]
     if plays:
         drawn.append(save(quadrants_figure(plays, nulls), pictures / "figure6-quadrants.png"))
     return [*drawn, save_text(table(plays, nulls), pictures / "figure6.md")]
@@ -102,7 +115,9 @@ def heat_figure(lines: Sequence[Line]) -> Figure:
     own = {line["level"]: line for line in lines}
     columns = 4 if len(groups) > 6 else min(3, len(groups))
     if columns == 3:  # a row for each size of the obstacles
-        groups = sorted(groups, key=lambda levels: (LEVELS[levels[0]].morphology, LEVELS[levels[0]].topology))
+        groups = sorted(
+            groups, key=lambda levels: (LEVELS[levels[0]].morphology, LEVELS[levels[0]].topology)
+        )
     rows = -(-len(groups) // columns)
     panel = 9.6 / columns
     figure = new_figure(9.6, (panel + 0.38) * rows + 1.55)
@@ -133,7 +148,10 @@ def merge_levels(lines: Sequence[Line]) -> list[tuple[str, ...]]:
         groups.setdefault((LEVELS[level].topology, LEVELS[level].morphology), []).append(level)
     merged: list[tuple[str, ...]] = []
     for levels in groups.values():
-        done = {level: {line["policy"]: line["visits"] for line in lines if line["level"] == level} for level in levels}
+        done = {
+            level: {line["policy"]: line["visits"] for line in lines if line["level"] == level}
+            for level in levels
+        }
         is_same = all(done[level] == done[levels[0]] for level in levels)
         merged += [tuple(levels)] if is_same else [(level,) for level in levels]
     return merged
@@ -148,9 +166,15 @@ def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
     figure = new_figure(9.6, 0.15 * len(groups) * (len(policies) + 1) + 0.3 * len(nulls) + 2.0)
     panels = figure.subplots(1, 2, sharey=True)
     null_rows = [len(groups) - 0.1 + 0.5 * number for number in range(len(nulls))]
-    for axes, which, title in zip(panels, (0, 1), ("Visits the quadrants in a U", "A U, and never goes back"), strict=True):
+    for axes, which, title in zip(
+        panels, (0, 1), ("Visits the quadrants in a U", "A U, and never goes back"), strict=True
+    ):
         for line in (each for each in plays if each["level"] in row_of):
-            at = row_of[line["level"]] + (policies.index(line["policy"]) + 0.5) / (len(policies) + 1) - 0.5
+            at = (
+                row_of[line["level"]]
+                + (policies.index(line["policy"]) + 0.5) / (len(policies) + 1)
+                - 0.5
+            )
             _draw_rate(axes, course_rates(line)[which], at, colours[line["policy"]])
         for at, line in zip(null_rows, nulls, strict=True):
             _draw_rate(axes, course_rates(line)[which], at, INK, "D")
@@ -170,7 +194,14 @@ def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
     for policy in policies:
         panels[0].plot([], [], "o", color=colours[policy], markersize=5, label=policy)
     if nulls:
-        panels[0].plot([], [], "D", color=INK, markersize=4, label="walks that nobody trained, without obstacles")
+        panels[0].plot(
+            [],
+            [],
+            "D",
+            color=INK,
+            markersize=4,
+            label="walks that nobody trained, without obstacles",
+        )
     figure.legend(loc="outside lower left", ncols=5, frameon=False, fontsize=8.5, labelcolor=INK)
     heading(figure, "The first order of the Hilbert curve", _explanation(plays))
     return figure
@@ -196,7 +227,10 @@ def table(plays: Sequence[Line], nulls: Sequence[Line]) -> str:
 def _own(lines: Sequence[Line], policy: str) -> list[Line]:
     """Return the results of a policy in the order of the levels."""
     names = list(LEVELS)
-    return sorted((line for line in lines if line["policy"] == policy), key=lambda line: names.index(line["level"]))
+    return sorted(
+        (line for line in lines if line["policy"] == policy),
+        key=lambda line: names.index(line["level"]),
+    )
 
 
 def _level_words(levels: Sequence[str]) -> str:
@@ -219,7 +253,15 @@ def _rate_text(rate: Rate) -> str:
 
 def _draw_rate(axes: Axes, rate: Rate, at: float, colour: str, marker: str = "o") -> None:
     axes.plot([rate.low, rate.high], [at, at], color=colour, linewidth=1.4, solid_capstyle="round")
-    axes.plot(rate.share, at, marker, color=colour, markersize=4.5, markeredgecolor="white", markeredgewidth=0.5)
+    axes.plot(
+        rate.share,
+        at,
+        marker,
+        color=colour,
+        markersize=4.5,
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+    )
 
 
 def _most(lines: Sequence[Line], name: str) -> float:
@@ -237,14 +279,18 @@ def _fading() -> Colormap:
     return LinearSegmentedColormap.from_list("visits", [SAND, "#9db8d9", "#3f6fb0", BLUE])
 
 
-def _draw_maps(axes: Axes, line: Line, levels: Sequence[str], visits: Normalize, size: tuple[float, float]) -> None:
+def _draw_maps(
+    axes: Axes, line: Line, levels: Sequence[str], visits: Normalize, size: tuple[float, float]
+) -> None:
     """Draw visits as cells, obstacles found as squares on them, the borders of the quadrants, and a cross on a blind spot.
 
     size  the most obstacles found on a cell, per episode, and the side of their square in points
     """
     rows, cols, played = line["rows"], line["cols"], max(1, line["played"])
     obstacles = obstacles_of(line, quadrant_map(rows, cols))
-    axes.imshow(map_of(line, "visits") / played, cmap=_fading(), norm=visits, interpolation="nearest")
+    axes.imshow(
+        map_of(line, "visits") / played, cmap=_fading(), norm=visits, interpolation="nearest"
+    )
     found = map_of(line, "found") / played
     row, col = np.nonzero(found)
     _draw_squares(axes, col, row, found[row, col], size)
@@ -258,24 +304,40 @@ def _draw_maps(axes: Axes, line: Line, levels: Sequence[str], visits: Normalize,
     for spine in axes.spines.values():
         spine.set_color(LINE_COLOUR)
     makes_u, never_goes_back = (per_cent(rate.share) for rate in course_rates(line))
-    axes.set_title(_level_words(levels), loc="left", fontsize=9, fontweight="bold", color=INK, pad=4)
+    axes.set_title(
+        _level_words(levels), loc="left", fontsize=9, fontweight="bold", color=INK, pad=4
+    )
     text = f"U {makes_u}, without going back {never_goes_back}\n"
     text += f"{per_cent(obstacles.found_share)} of the obstacles found, {line['steps']:.0f} moves"
     axes.set_xlabel(text, fontsize=8, color=SOFT_INK, labelpad=4)
 
 
 def _draw_squares(
-    axes: Axes, x: NDArray[np.int64], y: NDArray[np.int64], shares: NDArray[np.float64], size: tuple[float, float]
+    axes: Axes,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    size: tuple[float, float],
 ) -> None:
     """Draw a square for each share; its area is in proportion. size: the largest share, and the side for it in points."""
     most, side = size
-    axes.scatter(x, y, s=shares / most * side**2, marker="s", color=GREEN, linewidths=0.3, edgecolors="white")
+    axes.scatter(
+        x, y, s=shares / most * side**2, marker="s", color=GREEN, linewidths=0.3, edgecolors="white"
+    )
 
 
-def _key_to_maps(figure: Figure, panels: Sequence[Axes], visits: Normalize, size: tuple[float, float]) -> None:
+def _key_to_maps(
+    figure: Figure, panels: Sequence[Axes], visits: Normalize, size: tuple[float, float]
+) -> None:
     """Put the colours of visits and the squares of obstacles below the panels."""
     bar = figure.colorbar(
-        ScalarMappable(visits, _fading()), ax=panels, location="bottom", shrink=0.45, anchor=(0.0, 0.0), aspect=36, pad=0.02
+        ScalarMappable(visits, _fading()),
+        ax=panels,
+        location="bottom",
+        shrink=0.45,
+        anchor=(0.0, 0.0),
+        aspect=36,
+        pad=0.02,
     )
     bar.set_label("visits of a cell, per episode", fontsize=8, color=SOFT_INK)
     bar.ax.tick_params(labelsize=7.5, colors=SOFT_INK, length=0)

@@ -22,7 +22,16 @@ from marsexplorer.evaluation import INFORMED, RULES
 from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.paper.episodes.gathered import read_results
 from marsexplorer.paper.episodes.play import EPISODES, Line, can_play
-from marsexplorer.paper.episodes.scale import KNEE, PER_CENT, Coverage, Estimate, compare, group_by_place, scale_rows, steps_of
+from marsexplorer.paper.episodes.scale import (
+    KNEE,
+    PER_CENT,
+    Coverage,
+    Estimate,
+    compare,
+    group_by_place,
+    scale_rows,
+    steps_of,
+)
 from marsexplorer.paper.figures.drawing import (
     INK,
     SAND,
@@ -142,7 +151,9 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
     panels = figure.subplots(2, len(sizes), squeeze=False, sharey=True)
     for size, steps, shares in zip(sizes, *panels, strict=True):
         for row in (each for each in rows if each.size == size):
-            at = levels.index(row.level) + (policies.index(row.policy) - (len(policies) - 1) / 2) * 0.8 / len(policies)
+            at = levels.index(row.level) + (
+                policies.index(row.policy) - (len(policies) - 1) / 2
+            ) * 0.8 / len(policies)
             _draw_estimate(steps, row.steps, at, colours[row.policy])
             _draw_estimate(shares, row.last_share, at, colours[row.policy])
         shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
@@ -171,7 +182,9 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
 def shares_figure(lines: Sequence[Line]) -> Figure:
     """Draw the moves to each share of PER_CENT over those of REFERENCE, a panel for each level and size."""
     places, levels, sizes = _places(lines)
-    policies = [policy for policy in in_order([line["policy"] for line in lines]) if policy != REFERENCE]
+    policies = [
+        policy for policy in in_order([line["policy"] for line in lines]) if policy != REFERENCE
+    ]
     colours = colours_of([*policies, REFERENCE])
     figure = new_figure(WIDTH, 2.4 * len(levels) + 1.5)
     panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
@@ -179,10 +192,20 @@ def shares_figure(lines: Sequence[Line]) -> Figure:
         for size, axes in zip(sizes, row, strict=True):
             group = places.get((level, size), {})
             for policy in (each for each in policies if each in group):
-                aside = 0.08 * (policies.index(policy) - (len(policies) - 1) / 2)  # intervals do not cover each other
-                found = ((at, compare(group[policy], group.get(REFERENCE), share)) for at, share in enumerate(PER_CENT))
+                aside = 0.08 * (
+                    policies.index(policy) - (len(policies) - 1) / 2
+                )  # intervals do not cover each other
+                found = (
+                    (at, compare(group[policy], group.get(REFERENCE), share))
+                    for at, share in enumerate(PER_CENT)
+                )
                 ratios = [(at + aside, ratio) for at, ratio in found]
-                _draw_ratios(axes, [(at, ratio) for at, ratio in ratios if ratio is not None], policy, colours[policy])
+                _draw_ratios(
+                    axes,
+                    [(at, ratio) for at, ratio in ratios if ratio is not None],
+                    policy,
+                    colours[policy],
+                )
             plain(axes, f"level {level}, {size} x {size}")
             if not group:
                 _leave_empty(axes)
@@ -205,8 +228,13 @@ def table(lines: Sequence[Line]) -> str:
     text = "| policy | level | size | terrains | explored | moves to 99 % | to rule | to informed | from 90 % on |\n"
     text += "|---|---|---|---|---|---|---|---|---|\n"
     names, policies = list(LEVELS), in_order([line["policy"] for line in lines])
-    for row in sorted(scale_rows(lines), key=lambda row: (row.size, names.index(row.level), policies.index(row.policy))):
-        ratios = " | ".join(_estimate_text(each, "{:.3f}") for each in (row.to_rule, row.to_informed))
+    for row in sorted(
+        scale_rows(lines),
+        key=lambda row: (row.size, names.index(row.level), policies.index(row.policy)),
+    ):
+        ratios = " | ".join(
+            _estimate_text(each, "{:.3f}") for each in (row.to_rule, row.to_informed)
+        )
         text += f"| {row.policy} | {row.level} | {row.size} | {row.terrains} | {per_cent(row.completion)} | "
         text += f"{_estimate_text(row.steps, '{:.1f}')} | {ratios} | {_estimate_text(row.last_share, '{:.1%}')} |\n"
     return text
@@ -223,7 +251,13 @@ def shares_table(lines: Sequence[Line]) -> str:
             group = places.get((level, size), {})
             for policy in (each for each in policies if each in group):
                 text += f"| {policy} | {level} | {size} | "
-                text += " | ".join(_share_text(group[policy], group.get(REFERENCE), share) for share in PER_CENT) + " |\n"
+                text += (
+                    " | ".join(
+                        _share_text(group[policy], group.get(REFERENCE), share)
+                        for share in PER_CENT
+                    )
+                    + " |\n"
+                )
     return text
 
 
@@ -234,7 +268,9 @@ def _share_text(line: Line, reference: Line | None, share: int) -> str:
     return f"{moves}: {_estimate_text(compare(line, reference, share), '{:.2f}')}"
 
 
-def _places(lines: Sequence[Line]) -> tuple[dict[tuple[str, int], dict[str, Line]], list[str], list[int]]:
+def _places(
+    lines: Sequence[Line],
+) -> tuple[dict[tuple[str, int], dict[str, Line]], list[str], list[int]]:
     """Return the results by level and size, the levels in the order of LEVELS, and the sizes."""
     groups = group_by_place(lines)
     levels = [level for level in LEVELS if any(place[0] == level for place in groups)]
@@ -250,7 +286,15 @@ def _estimate_text(estimate: Estimate | None, form: str) -> str:
 
 def _leave_empty(axes: Axes) -> None:
     """Say in a panel that there are no results for it."""
-    axes.text(0.5, 0.5, "no results here", transform=axes.transAxes, ha="center", fontsize=8.5, color=SOFT_INK)
+    axes.text(
+        0.5,
+        0.5,
+        "no results here",
+        transform=axes.transAxes,
+        ha="center",
+        fontsize=8.5,
+        color=SOFT_INK,
+    )
     axes.set_xticks([])
     axes.grid(visible=False)
 
@@ -258,30 +302,74 @@ def _leave_empty(axes: Axes) -> None:
 def _draw_curve(axes: Axes, line: Line, colour: str) -> None:
     mean, sd = 100 * np.array(line["mean"]), 100 * np.array(line["sd"])
     moves = line["stride"] * np.arange(len(mean))
-    moves, mean, sd = (np.append(each, end) for each, end in ((moves, 10 * moves[-1] + 1), (mean, mean[-1]), (sd, sd[-1])))
+    moves, mean, sd = (
+        np.append(each, end)
+        for each, end in ((moves, 10 * moves[-1] + 1), (mean, mean[-1]), (sd, sd[-1]))
+    )
     half = sd * t_quantile(line["played"] - 1) / np.sqrt(line["played"])
     for width, alpha in ((sd, 0.10), (half, 0.28)):
-        axes.fill_between(moves, mean - width, np.minimum(mean + width, 100), color=colour, alpha=alpha, linewidth=0)
-    axes.plot(moves, mean, color=colour, linewidth=1.5, linestyle="--" if line["policy"] == INFORMED else "-")
+        axes.fill_between(
+            moves,
+            mean - width,
+            np.minimum(mean + width, 100),
+            color=colour,
+            alpha=alpha,
+            linewidth=0,
+        )
+    axes.plot(
+        moves,
+        mean,
+        color=colour,
+        linewidth=1.5,
+        linestyle="--" if line["policy"] == INFORMED else "-",
+    )
 
 
 def _draw_estimate(axes: Axes, estimate: Estimate | None, at: float, colour: str) -> None:
     if estimate is not None:
-        axes.plot([estimate.low, estimate.high], [at, at], color=colour, linewidth=2, solid_capstyle="round")
-        axes.plot(estimate.mean, at, "o", color=colour, markersize=5, markeredgecolor="white", markeredgewidth=0.6)
+        axes.plot(
+            [estimate.low, estimate.high],
+            [at, at],
+            color=colour,
+            linewidth=2,
+            solid_capstyle="round",
+        )
+        axes.plot(
+            estimate.mean,
+            at,
+            "o",
+            color=colour,
+            markersize=5,
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+        )
 
 
-def _draw_ratios(axes: Axes, ratios: Sequence[tuple[float, Estimate]], policy: str, colour: str) -> None:
+def _draw_ratios(
+    axes: Axes, ratios: Sequence[tuple[float, Estimate]], policy: str, colour: str
+) -> None:
     """Draw a line through the ratios, each at its place, with their intervals."""
     at, found = [place for place, _ in ratios], [ratio for _, ratio in ratios]
     means = [ratio.mean for ratio in found]
-    axes.vlines(at, [ratio.low for ratio in found], [ratio.high for ratio in found], color=colour, linewidth=2)
-    axes.plot(at, means, "--o" if policy == INFORMED else "-o", color=colour, markersize=4, linewidth=1.3)
+    axes.vlines(
+        at,
+        [ratio.low for ratio in found],
+        [ratio.high for ratio in found],
+        color=colour,
+        linewidth=2,
+    )
+    axes.plot(
+        at, means, "--o" if policy == INFORMED else "-o", color=colour, markersize=4, linewidth=1.3
+    )
 
 
 def _right_edge(lines: Sequence[Line]) -> float:
     """Return the moves at the right edge of a panel, of the policies that explore at least half of their terrains."""
-    steps = [steps_of(line) for line in lines if 2 * line["outcomes"].get("explored", 0) >= line["played"]]
+    steps = [
+        steps_of(line)
+        for line in lines
+        if 2 * line["outcomes"].get("explored", 0) >= line["played"]
+    ]
     found = np.concatenate(steps) if steps else np.array([1.0])
     return float(np.nanquantile(found, SHOWN_SHARE))
 
@@ -290,5 +378,18 @@ def _legend(figure: Figure, policies: Sequence[str], colours: dict[str, str]) ->
     axes = figure.axes[0]
     for policy in policies:
         name = "informed search (shown the true map)" if policy == INFORMED else policy
-        axes.plot([], [], "--" if policy == INFORMED else "-", color=colours[policy], linewidth=2, label=name)
-    figure.legend(loc="outside lower left", ncols=min(6, len(policies)), frameon=False, fontsize=8.5, labelcolor=INK)
+        axes.plot(
+            [],
+            [],
+            "--" if policy == INFORMED else "-",
+            color=colours[policy],
+            linewidth=2,
+            label=name,
+        )
+    figure.legend(
+        loc="outside lower left",
+        ncols=min(6, len(policies)),
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=INK,
+    )

@@ -70,13 +70,18 @@ class Row:
 def rows_of(records: Sequence[Record]) -> list[Row]:
     """Return the rows, by variant in the order of TITLES, the others after them by name, then algorithm, then level."""
     rank = {variant: place for place, variant in enumerate(TITLES)}
-    by_variant = sorted(grouped(records).items(), key=lambda each: (rank.get(each[0][1], len(rank)), each[0][1], *each[0]))
+    by_variant = sorted(
+        grouped(records).items(),
+        key=lambda each: (rank.get(each[0][1], len(rank)), each[0][1], *each[0]),
+    )
     return [_row(group) for _, group in by_variant]
 
 
 def _row(group: Sequence[Record]) -> Row:
     trial, results = group[0].trial, [record.result for record in group]
-    means = {name: Mean.of([result[name] for result in results]) for name in MEASURES if name != "ratio"}
+    means = {
+        name: Mean.of([result[name] for result in results]) for name in MEASURES if name != "ratio"
+    }
     ratio = Mean.of([result["steps"] / result["best_rule_steps"] for result in results])
     return Row(
         trial.algorithm,
@@ -110,8 +115,21 @@ TABLE_COLUMNS = (
 def cells_of(row: Row) -> list[str]:
     """Return a row as text, under TABLE_COLUMNS."""
     shares = [_percent(each) for each in (row.coverage, row.completion)]
-    begun = [NAMES.get(row.algorithm, row.algorithm), row.variant, row.level, str(row.seeds), count_text(row.moves)]
-    return [*begun, f"{row.cpu_minutes:.1f}", row.score.text(3), *shares, row.steps.text(0), row.ratio.text(2)]
+    begun = [
+        NAMES.get(row.algorithm, row.algorithm),
+        row.variant,
+        row.level,
+        str(row.seeds),
+        count_text(row.moves),
+    ]
+    return [
+        *begun,
+        f"{row.cpu_minutes:.1f}",
+        row.score.text(3),
+        *shares,
+        row.steps.text(0),
+        row.ratio.text(2),
+    ]
 
 
 def _percent(share: Mean) -> str:
@@ -141,7 +159,10 @@ def _flat(row: Row) -> dict[str, str | float | None]:
     for name, value in asdict(row).items():
         if isinstance(value, dict):
             flat |= {name: round(value["mean"], 5)}
-            flat |= {f"{name}_{end}": None if value[end] is None else round(value[end], 5) for end in ("low", "high")}
+            flat |= {
+                f"{name}_{end}": None if value[end] is None else round(value[end], 5)
+                for end in ("low", "high")
+            }
         else:
             flat[name] = round(value, 3) if isinstance(value, float) else value
     return flat

@@ -61,7 +61,10 @@ def _run_remotely(job: Job, folder: str, board: Any) -> Report | None:
 
 
 def run_on_ray(
-    jobs: Sequence[Job], folder: Path, address: str, on_change: Callable[[Forecast], None] | None = None
+    jobs: Sequence[Job],
+    folder: Path,
+    address: str,
+    on_change: Callable[[Forecast], None] | None = None,
 ) -> list[Failure]:
     """Run what is not done in `folder` on the cluster at `address` and return the jobs that failed.
 

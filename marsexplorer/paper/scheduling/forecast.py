@@ -55,7 +55,9 @@ class Forecast:
         courses = {}
         for job in jobs:
             is_done, is_begun = job.is_done(folder), (folder / job.name).exists()
-            course = Course(_kind(job), job.forecast, before=1.0 if is_done else None if is_begun else 0.0)
+            course = Course(
+                _kind(job), job.forecast, before=1.0 if is_done else None if is_begun else 0.0
+            )
             course.share, course.is_ended = float(is_done), is_done
             courses[job.name] = course
         return cls(workers, courses)
@@ -100,12 +102,19 @@ class Forecast:
 
     def _left(self) -> dict[str, float]:
         """Return the CPU seconds to go of each job that has not ended."""
-        open_courses = {name: course for name, course in self.courses.items() if not course.is_ended}
+        open_courses = {
+            name: course for name, course in self.courses.items() if not course.is_ended
+        }
         overall = _ratio(self.courses.values(), 1.0)
         ratios = {}
         for kind in {course.kind for course in open_courses.values()}:
-            ratios[kind] = _ratio((course for course in self.courses.values() if course.kind == kind), overall)
-        return {name: ratios[each.kind] * each.forecast * (1.0 - each.share) for name, each in open_courses.items()}
+            ratios[kind] = _ratio(
+                (course for course in self.courses.values() if course.kind == kind), overall
+            )
+        return {
+            name: ratios[each.kind] * each.forecast * (1.0 - each.share)
+            for name, each in open_courses.items()
+        }
 
     def _slowness(self) -> float:
         """Return how many seconds a CPU second takes: more than one where other programs use the cores too."""

@@ -33,7 +33,12 @@ LOCK_PATIENCE_S = 3.0
 """Seconds to wait for the lock: workers of a run that was killed save, and hold it until then."""
 TRIES = 3
 """Times that a job is begun whose process is killed."""
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
 
 
 class BusyError(RuntimeError):
@@ -74,7 +79,9 @@ def lock(folder: Path, patience_s: float | None = None) -> Iterator[int]:
                 break
             except BlockingIOError:
                 if time.monotonic() > deadline:
-                    raise BusyError(f"another run is at work in {folder}; wait for it, or give another --out") from None
+                    raise BusyError(
+                        f"another run is at work in {folder}; wait for it, or give another --out"
+                    ) from None
                 time.sleep(0.1)
         yield file.fileno()
 
@@ -98,7 +105,10 @@ class Schedule:
     ) -> None:
         self._folder, self._workers = folder, workers
         self.forecast = Forecast.of(jobs, folder, workers)
-        self._on_change, self._on_stop = on_change or (lambda forecast: None), on_stop or (lambda: None)
+        self._on_change, self._on_stop = (
+            on_change or (lambda forecast: None),
+            on_stop or (lambda: None),
+        )
         self._waiting = deque(job for job in jobs if not self.forecast.courses[job.name].is_ended)
         self._tries = {job.name: 0 for job in jobs}
         self._spent: dict[str, tuple[float, float]] = {job.name: (0.0, 0.0) for job in jobs}
@@ -127,7 +137,11 @@ class Schedule:
         self._tries[job.name] += 1
         with _one_thread(), _without_interrupts():
             spawn = multiprocessing.get_context("spawn")
-            process = spawn.Process(target=work, args=(job, self._folder, other, Inherited(lock_descriptor)), name=job.name)
+            process = spawn.Process(
+                target=work,
+                args=(job, self._folder, other, Inherited(lock_descriptor)),
+                name=job.name,
+            )
             process.start()
             self._running.append(_Worker(job, process, own, time.monotonic()))
         other.close()
@@ -164,7 +178,10 @@ class Schedule:
             self._spent[name] = (course.cpu_s, course.wall_s)
             self._waiting.appendleft(worker.job)
         else:
-            self._fail(name, f"its process was ended {TRIES} times, the last time with code {worker.process.exitcode}")
+            self._fail(
+                name,
+                f"its process was ended {TRIES} times, the last time with code {worker.process.exitcode}",
+            )
 
     def _fail(self, name: str, error: str) -> None:
         self.forecast.end(name, is_done=False)

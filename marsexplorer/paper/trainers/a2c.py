@@ -38,7 +38,11 @@ class A2CTrainer(TianshouTrainer):
         net = PolicyNetwork(own.shape(config, "policy", critic="shared"))
         actor = Actor(net, self.form, own.light)
         policy = ProbabilisticActorPolicy(
-            actor=actor, dist_fn=categorical, action_space=MOVES, deterministic_eval=False, action_scaling=False
+            actor=actor,
+            dist_fn=categorical,
+            action_space=MOVES,
+            deterministic_eval=False,
+            action_scaling=False,
         )
         algorithm = A2C(
             policy=policy,
@@ -71,7 +75,9 @@ class A2CTrainer(TianshouTrainer):
         self._buffer.reset()
         for _ in range(self._own.num_steps):
             with torch.no_grad():
-                actions = self.algorithm.policy(Batch(obs=self.environments.obs, info=Batch())).act.numpy()
+                actions = self.algorithm.policy(
+                    Batch(obs=self.environments.obs, info=Batch())
+                ).act.numpy()
             add(self._buffer, self.environments.step(actions))
 
 

@@ -28,4 +28,6 @@ def load_generators_state(state: dict[str, Any]) -> None:
     """Set both generators as `generators_state` returned them."""
     torch.set_rng_state(state["torch"])
     position, has_gauss, gauss = state["numpy_position"]
-    np.random.set_state(("MT19937", state["numpy"].numpy().astype(np.uint32), int(position), int(has_gauss), gauss))
+    np.random.set_state(
+        ("MT19937", state["numpy"].numpy().astype(np.uint32), int(position), int(has_gauss), gauss)
+    )

@@ -55,4 +55,6 @@ class ObservationBytes:
         if not self.features:
             return (tensor.view(-1, self.rows, self.cols),)
         moves = tensor[:, PICTURE_BYTES:].contiguous().view(torch.float32)
-        return tensor[:, :PICTURE_BYTES].reshape(-1, PLANES, PICTURE_CELLS), moves.view(-1, 4, ACTION_FEATURES)
+        return tensor[:, :PICTURE_BYTES].reshape(-1, PLANES, PICTURE_CELLS), moves.view(
+            -1, 4, ACTION_FEATURES
+        )

@@ -20,11 +20,17 @@ STEPS_OF_ROUND = 16
 class OffPolicyTrainer(TianshouTrainer, ABC):
     """The trainer of an algorithm that learns from a replay buffer; a round is some moves of every environment."""
 
-    def __init__(self, settings: dict[str, Any], own: OffPolicy, config: EnvConfig, seed: int, moves: int) -> None:
+    def __init__(
+        self, settings: dict[str, Any], own: OffPolicy, config: EnvConfig, seed: int, moves: int
+    ) -> None:
         super().__init__(settings, own, config, seed)
         self._off_policy = own
-        capacity = min(own.buffer_size, -(-moves // own.num_envs) * own.num_envs)  # a longer one would never be full
-        self._buffer = make_replay(capacity, own.num_envs, self.form.width, own.priority_alpha, own.priority_beta)
+        capacity = min(
+            own.buffer_size, -(-moves // own.num_envs) * own.num_envs
+        )  # a longer one would never be full
+        self._buffer = make_replay(
+            capacity, own.num_envs, self.form.width, own.priority_alpha, own.priority_beta
+        )
 
     @abstractmethod
     def act(self) -> NDArray[np.int64]:
@@ -42,7 +48,11 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
             before, self.moves = self.moves, self.moves + own.num_envs
             if self.moves > own.learning_starts:
                 for _ in range(self.moves // own.moves_per_update - before // own.moves_per_update):
-                    steps.append(self.numbers(self.algorithm.update(self._buffer, sample_size=own.batch_size)))
+                    steps.append(
+                        self.numbers(
+                            self.algorithm.update(self._buffer, sample_size=own.batch_size)
+                        )
+                    )
         names = steps[0] if steps else {}
         return {name: float(np.mean([step[name] for step in steps])) for name in names}
 

@@ -31,7 +31,9 @@ CHANGES: dict[str, dict[str, Any]] = {
     "rate": {"learning_rate": 3e-4, "final_learning_rate": 3e-4},
 }
 OTHERS = {"name", "network", "mask", "gamma", *CHANGES["reward"]}
-CHANGES["batch"] = {field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS}
+CHANGES["batch"] = {
+    field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS
+}
 """Name of a change -> the settings that it changes; all but "rate" are those of the recipe `best`.
 
 reward    units of moves, nothing at the end

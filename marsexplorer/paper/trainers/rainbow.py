@@ -60,12 +60,20 @@ class RainbowTrainer(OffPolicyTrainer):
         """Return the best moves by the network with new noise, and some at random."""
         first, last = self._own.epsilon
         policy, obs = self.algorithm.policy, self.environments.obs
-        policy.set_eps_training(first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves))
+        policy.set_eps_training(
+            first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves)
+        )
         sample_noise(self.net)
         with torch.no_grad():
             actions = policy(Batch(obs=obs)).act
-            is_valid = ~invalid_moves(self.form.unpack(obs)).numpy() if self._own.mask else np.ones((len(obs), 4))
-        tried: NDArray[np.int64] = policy.add_exploration_noise(actions, Batch(obs=Batch(mask=is_valid)))
+            is_valid = (
+                ~invalid_moves(self.form.unpack(obs)).numpy()
+                if self._own.mask
+                else np.ones((len(obs), 4))
+            )
+        tried: NDArray[np.int64] = policy.add_exploration_noise(
+            actions, Batch(obs=Batch(mask=is_valid))
+        )
         return tried
 
     def numbers(self, stats: Any) -> dict[str, float]:
@@ -90,7 +98,9 @@ class BestOfDistributions(C51Policy):
         asked: Any = self.model if model is None else model
         distributions, _ = asked(batch.obs)
         found = Batch()
-        found.__dict__.update(logits=distributions, act=asked.best(batch.obs, distributions), state=None)
+        found.__dict__.update(
+            logits=distributions, act=asked.best(batch.obs, distributions), state=None
+        )
         return found
 
 
@@ -117,7 +127,9 @@ class NStepRainbow(RainbowDQN):
     def _sample_noise(model: nn.Module) -> bool:
         return sample_noise(model)
 
-    def _preprocess_batch(self, batch: Any, buffer: ReplayBuffer, indices: NDArray[np.int64]) -> Any:
+    def _preprocess_batch(
+        self, batch: Any, buffer: ReplayBuffer, indices: NDArray[np.int64]
+    ) -> Any:
         batch = super()._preprocess_batch(batch, buffer, indices)
         last = indices
         for _ in range(self.n_step - 1):

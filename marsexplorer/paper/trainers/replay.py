@@ -71,14 +71,19 @@ def replay_state(buffer: PrioritizedVectorReplayBuffer) -> dict[str, Any]:
         "columns": {name: torch.from_numpy(columns[name][filled]) for name in PLAIN},
         "priorities": torch.from_numpy(leaves.copy()),
         "extremes": [float(buffer._max_prio), float(buffer._min_prio)],
-        "parts": [[*(int(getattr(part, name)) for name in COUNTERS), int(part.last_index[0])] for part in buffer.buffers],
+        "parts": [
+            [*(int(getattr(part, name)) for name in COUNTERS), int(part.last_index[0])]
+            for part in buffer.buffers
+        ],
         "returns": [float(part._ep_return) for part in buffer.buffers],
     }
 
 
 def load_replay_state(buffer: PrioritizedVectorReplayBuffer, state: dict[str, Any]) -> None:
     """Set everything as `replay_state` returned it, in a buffer that was made alike."""
-    for at, (part, counters, total) in enumerate(zip(buffer.buffers, state["parts"], state["returns"], strict=True)):
+    for at, (part, counters, total) in enumerate(
+        zip(buffer.buffers, state["parts"], state["returns"], strict=True)
+    ):
         for name, value in zip(COUNTERS, counters, strict=False):
             setattr(part, name, value)
         part.last_index[0], part._ep_return = counters[-1], total
@@ -96,20 +101,31 @@ def load_replay_state(buffer: PrioritizedVectorReplayBuffer, state: dict[str, An
 
 def _filled(buffer: PrioritizedVectorReplayBuffer) -> NDArray[np.int64]:
     """Return the indices of the rows that hold a move."""
-    return np.concatenate([start + np.arange(count) for start, count in zip(buffer._offset, buffer._lengths, strict=True)])
+    return np.concatenate(
+        [
+            start + np.arange(count)
+            for start, count in zip(buffer._offset, buffer._lengths, strict=True)
+        ]
+    )
 
 
-def _compress(obs: NDArray[np.uint8], next_obs: NDArray[np.uint8], filled: NDArray[np.int64]) -> Tensor:
+def _compress(
+    obs: NDArray[np.uint8], next_obs: NDArray[np.uint8], filled: NDArray[np.int64]
+) -> Tensor:
     """Return the boards of the filled rows as uint8[...]: each observation, and at once what followed."""
     stream, pieces = zlib.compressobj(1), []
     for at in range(0, len(filled), ROWS_AT_ONCE):
         rows = filled[at : at + ROWS_AT_ONCE]
-        pieces.append(stream.compress(np.concatenate([obs[rows], next_obs[rows]], axis=1).tobytes()))
+        pieces.append(
+            stream.compress(np.concatenate([obs[rows], next_obs[rows]], axis=1).tobytes())
+        )
     pieces.append(stream.flush())
     return torch.frombuffer(bytearray(b"".join(pieces)), dtype=torch.uint8)
 
 
-def _decompress(packed: Tensor, obs: NDArray[np.uint8], next_obs: NDArray[np.uint8], filled: NDArray[np.int64]) -> None:
+def _decompress(
+    packed: Tensor, obs: NDArray[np.uint8], next_obs: NDArray[np.uint8], filled: NDArray[np.int64]
+) -> None:
     """Write the boards into the filled rows."""
     width = obs.shape[1]
     both = np.frombuffer(zlib.decompress(packed.numpy().tobytes()), np.uint8).reshape(-1, 2 * width)

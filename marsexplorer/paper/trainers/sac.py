@@ -30,9 +30,14 @@ class SACTrainer(OffPolicyTrainer):
         own = SACSettings(**SAC_VARIANTS.settings_for(variant))
         super().__init__(asdict(own), own, config, seed, moves)
         net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
-        critics = [QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form, own.light) for _ in range(2)]
+        critics = [
+            QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form, own.light)
+            for _ in range(2)
+        ]
         self._alpha = AutoAlpha(
-            own.target_entropy * float(np.log(4)), float(np.log(own.initial_alpha)), adam(own.learning_rate)
+            own.target_entropy * float(np.log(4)),
+            float(np.log(own.initial_alpha)),
+            adam(own.learning_rate),
         )
         optimizer = adam(own.learning_rate)
         algorithm = DiscreteSAC(
@@ -52,12 +57,18 @@ class SACTrainer(OffPolicyTrainer):
     def act(self) -> NDArray[np.int64]:
         """Return moves drawn from the policy."""
         with torch.no_grad():
-            actions: NDArray[np.int64] = self.algorithm.policy(Batch(obs=self.environments.obs, info=Batch())).act.numpy()
+            actions: NDArray[np.int64] = self.algorithm.policy(
+                Batch(obs=self.environments.obs, info=Batch())
+            ).act.numpy()
         return actions
 
     def numbers(self, stats: Any) -> dict[str, float]:
         """Return losses and the weight of the entropy after a gradient step."""
-        return {"policy_loss": stats.actor_loss, "value_loss": stats.critic1_loss, "alpha": stats.alpha}
+        return {
+            "policy_loss": stats.actor_loss,
+            "value_loss": stats.critic1_loss,
+            "alpha": stats.alpha,
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that changes, the optimiser of the entropy's weight included, which tianshou leaves out."""

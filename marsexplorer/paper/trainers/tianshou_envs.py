@@ -56,7 +56,9 @@ class Transitions:
 class Environments:
     """Environments of one configuration; `obs` uint8[num_envs, width] is what they show now."""
 
-    def __init__(self, config: EnvConfig, num_envs: int, seed: int, form: ObservationBytes, rewards: Rewards) -> None:
+    def __init__(
+        self, config: EnvConfig, num_envs: int, seed: int, form: ObservationBytes, rewards: Rewards
+    ) -> None:
         self.form, self._rewards = form, rewards
         self.envs = TrainingEnvs(config, num_envs, 10**12 * (seed + 1), form.make_encoder)
         self.obs = form.pack(self.envs.observe())

@@ -35,7 +35,9 @@ class Actor(_Reads):
 
     net: PolicyNetwork
 
-    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> tuple[Tensor, Any]:
+    def forward(
+        self, obs: NDArray[np.uint8], state: Any = None, info: Any = None
+    ) -> tuple[Tensor, Any]:
         return self._ask(self.net.logits, obs), state
 
 
@@ -62,11 +64,15 @@ class Distributions(_Reads):
 
     net: CategoricalNetwork
 
-    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> tuple[Tensor, Any]:
+    def forward(
+        self, obs: NDArray[np.uint8], state: Any = None, info: Any = None
+    ) -> tuple[Tensor, Any]:
         return self._ask(self.net, obs), state
 
     def best(self, obs: NDArray[np.uint8], distributions: Tensor) -> NDArray[np.int64]:
         """Return the move of the highest expected return of each, int64[num], never an invalid one where the network masks."""
         expected = (distributions * self.net.support).sum(2)
-        best: NDArray[np.int64] = self.net.fill_invalid(expected, self._form.unpack(obs)).argmax(1).numpy()
+        best: NDArray[np.int64] = (
+            self.net.fill_invalid(expected, self._form.unpack(obs)).argmax(1).numpy()
+        )
         return best

@@ -10,7 +10,11 @@ import torch
 from tianshou.algorithm import Algorithm
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.paper.trainers.generators import generators_state, load_generators_state, seed_generators
+from marsexplorer.paper.trainers.generators import (
+    generators_state,
+    load_generators_state,
+    seed_generators,
+)
 from marsexplorer.paper.trainers.observation_bytes import ObservationBytes
 from marsexplorer.paper.trainers.tianshou_envs import Environments, Rewards
 from marsexplorer.paper.trainers.tianshou_kernels import cache_kernels
@@ -31,7 +35,9 @@ class TianshouTrainer:
     algorithm: Algorithm[Any, Any]
     net: PaperNetwork
 
-    def __init__(self, settings: dict[str, Any], common: Common, config: EnvConfig, seed: int) -> None:
+    def __init__(
+        self, settings: dict[str, Any], common: Common, config: EnvConfig, seed: int
+    ) -> None:
         cache_kernels()
         torch.set_num_threads(1)
         seed_generators(seed)
@@ -45,7 +51,9 @@ class TianshouTrainer:
         """Take the algorithm, and the network that the policy file has."""
         self.algorithm, self.net = algorithm, net
         algorithm.train()
-        vars(algorithm)["train"] = lambda mode=True: algorithm  # tianshou would visit every module twice a gradient step
+        vars(algorithm)["train"] = lambda mode=True: (
+            algorithm
+        )  # tianshou would visit every module twice a gradient step
         algorithm.policy.is_within_training_step = True
 
     def state_dict(self) -> dict[str, Any]:
@@ -61,7 +69,9 @@ class TianshouTrainer:
         """Set everything as `state_dict` returned it."""
         self.moves = state["moves"]
         self.environments.load_state_dict(state["environments"])
-        self.algorithm.load_state_dict(dict(state["algorithm"]))  # tianshou takes the optimisers out of it
+        self.algorithm.load_state_dict(
+            dict(state["algorithm"])
+        )  # tianshou takes the optimisers out of it
         load_generators_state(state["generators"])
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:

@@ -35,7 +35,11 @@ class Variants:
         """The names of the variants; besides, paper+CHANGE stands for any set of changes."""
         return [
             "paper",
-            *(each for name, added in self._sets.items() for each in (name, *(f"{name}-no-{one}" for one in added))),
+            *(
+                each
+                for name, added in self._sets.items()
+                for each in (name, *(f"{name}-no-{one}" for one in added))
+            ),
         ]
 
     @property

@@ -31,11 +31,16 @@ class Archive:
         if len(members) > MOST_MEMBERS:
             raise self.refuse(f"at most {MOST_MEMBERS} files in {what}", f"{len(members)}")
         for member in members:
-            if member.filename.startswith(("/", "\\")) or ".." in Path(member.filename.replace("\\", "/")).parts:
+            if (
+                member.filename.startswith(("/", "\\"))
+                or ".." in Path(member.filename.replace("\\", "/")).parts
+            ):
                 raise self.refuse("names that stay inside the archive", repr(member.filename)[:60])
         unpacked = sum(member.file_size for member in members)
         if unpacked > LARGEST:
-            raise self.refuse(f"{what} of at most {LARGEST >> 20} MiB unpacked", f"{unpacked >> 20} MiB")
+            raise self.refuse(
+                f"{what} of at most {LARGEST >> 20} MiB unpacked", f"{unpacked >> 20} MiB"
+            )
         self.names = [member.filename for member in members]
 
     def refuse(self, expected: str, came: str) -> PolicyFileError:
@@ -49,7 +54,14 @@ class Archive:
         try:
             with self._zip.open(name) as member:
                 data = member.read(most + 1)
-        except (zipfile.BadZipFile, ValueError, NotImplementedError, EOFError, RuntimeError, OSError) as error:
+        except (
+            zipfile.BadZipFile,
+            ValueError,
+            NotImplementedError,
+            EOFError,
+            RuntimeError,
+            OSError,
+        ) as error:
             raise self.refuse(f"{name} whole", f"{type(error).__name__}: {error}"[:80]) from error
         except Exception as error:  # zlib, lzma and bz2 each have an error of their own
             raise self.refuse(f"{name} whole", f"{type(error).__name__}: {error}"[:80]) from error
@@ -63,7 +75,11 @@ def read_file(path: Path, advice: str) -> bytes:
     try:
         size = path.stat().st_size
         if size > LARGEST:
-            raise refuse(path, f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB", advice)
+            raise refuse(
+                path, f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB", advice
+            )
         return path.read_bytes()
     except OSError as error:
-        raise refuse(path, "a file that can be read", f"{type(error).__name__}: {error.strerror}", advice) from error
+        raise refuse(
+            path, "a file that can be read", f"{type(error).__name__}: {error.strerror}", advice
+        ) from error

@@ -39,7 +39,9 @@ def of_paper() -> dict[str, Path]:
     return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
 
 
-POLICY_ADVICE = "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
+POLICY_ADVICE = (
+    "give the path of a .safetensors policy with its card inside, as `marsexplorer train` writes it"
+)
 
 
 def refuse(path: Path, expected: str, came: str, advice: str = POLICY_ADVICE) -> PolicyFileError:
@@ -53,10 +55,16 @@ def read_header(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             length = int.from_bytes(file.read(8), "little")
             if not 2 <= length <= LARGEST_HEADER:
-                raise refuse(path, f"a safetensors header of at most {LARGEST_HEADER} bytes", f"a length of {length}")
+                raise refuse(
+                    path,
+                    f"a safetensors header of at most {LARGEST_HEADER} bytes",
+                    f"a length of {length}",
+                )
             header = json.loads(file.read(length))
     except OSError as error:
-        raise refuse(path, "a file that can be read", f"{type(error).__name__}: {error.strerror}") from error
+        raise refuse(
+            path, "a file that can be read", f"{type(error).__name__}: {error.strerror}"
+        ) from error
     except (ValueError, RecursionError) as error:
         if isinstance(error, PolicyFileError):
             raise

@@ -99,7 +99,9 @@ def convert_file(source: Path, target: Path) -> None:
     card = json.loads(metadata["card"])
     names = current_tensor_names(card.get("format"), list(header))
     converted = {"__metadata__": {**metadata, "card": json.dumps(current_card(card), indent=1)}}
-    text = json.dumps(converted | {names[name]: place for name, place in header.items()}, separators=(",", ":")).encode()
+    text = json.dumps(
+        converted | {names[name]: place for name, place in header.items()}, separators=(",", ":")
+    ).encode()
     text += b" " * (-len(text) % 8)  # tensors begin at a multiple of 8 bytes
     target.write_bytes(len(text).to_bytes(8, "little") + text + data[end:])
 
@@ -114,5 +116,7 @@ def _with_current_keys(value: Any) -> Any:
     for key, part in value.items():
         names = NEWER_KEYS.get(key, {}) if isinstance(part, dict) else {}
         inside = _with_current_keys(part)
-        card[key] = {names.get(name, name): each for name, each in inside.items()} if names else inside
+        card[key] = (
+            {names.get(name, name): each for name, each in inside.items()} if names else inside
+        )
     return card

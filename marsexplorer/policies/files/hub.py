@@ -69,11 +69,18 @@ def push(path: Path, repo: str, *, is_private: bool = False, token: str | None =
 
     HubError when the hub refuses or cannot be reached; nothing is half-written then.
     """
-    files = {path.name: path.read_bytes(), "config.json": card_json(path), "README.md": model_card(path, repo).encode()}
+    files = {
+        path.name: path.read_bytes(),
+        "config.json": card_json(path),
+        "README.md": model_card(path, repo).encode(),
+    }
     api = _api(token)
     with _hub_errors(_checked(repo)):
         api.create_repo(repo, private=is_private, exist_ok=True)
-        added = [CommitOperationAdd(path_in_repo=name, path_or_fileobj=content) for name, content in files.items()]
+        added = [
+            CommitOperationAdd(path_in_repo=name, path_or_fileobj=content)
+            for name, content in files.items()
+        ]
         api.create_commit(repo, added, commit_message=f"Upload the policy {path.stem}")
     return f"{api.endpoint}/{repo}"
 
@@ -91,7 +98,9 @@ def pull(repo: str, folder: Path, *, revision: str | None = None, token: str | N
         siblings = api.model_info(repo, revision=revision).siblings or []
         found = [each.rfilename for each in siblings if each.rfilename.endswith(SUFFIX)]
         if len(found) != 1:
-            raise HubError(f"expected one {SUFFIX} file in {repo}, found {len(found)}: {', '.join(found) or 'none'}")
+            raise HubError(
+                f"expected one {SUFFIX} file in {repo}, found {len(found)}: {', '.join(found) or 'none'}"
+            )
         source = Path(api.hf_hub_download(repo, found[0], revision=revision))
     read_card(source)
     folder.mkdir(parents=True, exist_ok=True)
@@ -138,10 +147,18 @@ def _words(path: Path, card: dict[str, Any], repo: str) -> str:
     lines += [f"or `marsexplorer.policies.load({path.name!r})` in Python.", ""]
     if "command" in card:
         lines += ["## How it was made", f"`{card['command']}`", ""]
-    results = {setting: figures for setting, figures in card.get("results", {}).items() if isinstance(figures, dict)}
+    results = {
+        setting: figures
+        for setting, figures in card.get("results", {}).items()
+        if isinstance(figures, dict)
+    }
     if results:
         keys = list(dict.fromkeys(key for figures in results.values() for key in figures))
-        lines += ["## Results", "| setting | " + " | ".join(keys) + " |", "|---" * (len(keys) + 1) + "|"]
+        lines += [
+            "## Results",
+            "| setting | " + " | ".join(keys) + " |",
+            "|---" * (len(keys) + 1) + "|",
+        ]
         lines += [
             f"| {setting} | " + " | ".join(str(figures.get(key, "")) for key in keys) + " |"
             for setting, figures in results.items()
@@ -149,7 +166,9 @@ def _words(path: Path, card: dict[str, Any], repo: str) -> str:
         lines.append("")
     if "limits" in card:
         lines += ["## Limits", str(card["limits"]), ""]
-    lines += ["`config.json` has the whole card. The environment is that of Koutras et al. (2021), arXiv:2107.09996."]
+    lines += [
+        "`config.json` has the whole card. The environment is that of Koutras et al. (2021), arXiv:2107.09996."
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -162,7 +181,9 @@ def _checked(repo: str) -> str:
 
 def _api(token: str | None) -> HfApi:
     """Return a client of the hub, or of the server that HF_ENDPOINT names."""
-    return HfApi(endpoint=os.environ.get("HF_ENDPOINT"), token=token, library_name="marsexplorer-playground")
+    return HfApi(
+        endpoint=os.environ.get("HF_ENDPOINT"), token=token, library_name="marsexplorer-playground"
+    )
 
 
 @contextmanager
@@ -177,9 +198,13 @@ def _hub_errors(repo: str) -> Iterator[None]:
     except RevisionNotFoundError as error:
         raise HubError(f"{repo} has no such revision; look at its list of commits") from error
     except RepositoryNotFoundError as error:
-        raise HubError(f"no repository {repo} that you may see; check the name, or run `hf auth login`") from error
+        raise HubError(
+            f"no repository {repo} that you may see; check the name, or run `hf auth login`"
+        ) from error
     except LocalEntryNotFoundError as error:
-        raise HubError("the hub could not be reached while a file was read; check the connection, or HF_ENDPOINT") from error
+        raise HubError(
+            "the hub could not be reached while a file was read; check the connection, or HF_ENDPOINT"
+        ) from error
     except EntryNotFoundError as error:
         raise HubError(f"a file of {repo} went missing while it was read; try again") from error
     except HFValidationError as error:
@@ -188,6 +213,10 @@ def _hub_errors(repo: str) -> Iterator[None]:
         said = error.server_message or (str(error).splitlines() or [type(error).__name__])[0]
         raise HubError(f"the hub refused: {said}") from error
     except RuntimeError as error:
-        raise HubError(f"the hub did not take the file: {error.__cause__ or error}; try again") from error
+        raise HubError(
+            f"the hub did not take the file: {error.__cause__ or error}; try again"
+        ) from error
     except (httpx2.TransportError, OSError) as error:
-        raise HubError(f"the hub could not be reached: {error}; check the connection, or HF_ENDPOINT") from error
+        raise HubError(
+            f"the hub could not be reached: {error}; check the connection, or HF_ENDPOINT"
+        ) from error

@@ -29,10 +29,15 @@ class ImportedPolicy:
     thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
     """
 
-    def __init__(self, name: str, evaluate: Evaluate, size: tuple[int, int] | None, raw: bool, masked: bool) -> None:
+    def __init__(
+        self, name: str, evaluate: Evaluate, size: tuple[int, int] | None, raw: bool, masked: bool
+    ) -> None:
         self.name, self.size = name, size
         self._evaluate, self._raw, self._masked = evaluate, raw, masked
-        self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), float("nan"))
+        self._thought: tuple[NDArray[np.float32], float] = (
+            np.full(4, 0.25, np.float32),
+            float("nan"),
+        )
 
     def reset(self, seed: int) -> None:
         """Do nothing: such a policy remembers nothing and draws nothing."""

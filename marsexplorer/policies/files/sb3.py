@@ -27,7 +27,14 @@ SB3_ADVICE = (
     "save a PPO, A2C, TRPO or MaskablePPO with MlpPolicy, or with the TerrainFeatures of examples/sb3_maskable_ppo.py, "
     "and give that zip"
 )
-ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "LeakyReLU": nn.LeakyReLU, "GELU": nn.GELU, "SiLU": nn.SiLU}
+ACTIVATIONS = {
+    "Tanh": nn.Tanh,
+    "ReLU": nn.ReLU,
+    "ELU": nn.ELU,
+    "LeakyReLU": nn.LeakyReLU,
+    "GELU": nn.GELU,
+    "SiLU": nn.SiLU,
+}
 LARGEST_TEXT = 8 << 20
 OTHERS = {
     "q_net": "a DQN",
@@ -46,36 +53,55 @@ class TerrainFeatures(nn.Module):
         super().__init__()
         narrow, wide = channels
         self.cnn = nn.Sequential(
-            nn.Conv2d(4, narrow, 3, 2, 1), nn.ReLU(), nn.Conv2d(narrow, wide, 3, 2, 1), nn.ReLU(), nn.Flatten()
+            nn.Conv2d(4, narrow, 3, 2, 1),
+            nn.ReLU(),
+            nn.Conv2d(narrow, wide, 3, 2, 1),
+            nn.ReLU(),
+            nn.Flatten(),
         )
-        self.linear = nn.Sequential(nn.Linear(wide * -(-size[0] // 4) * -(-size[1] // 4), width), nn.ReLU())
+        self.linear = nn.Sequential(
+            nn.Linear(wide * -(-size[0] // 4) * -(-size[1] // 4), width), nn.ReLU()
+        )
 
     def forward(self, observation: Tensor) -> Tensor:
         codes = (observation * 3.2).round().long().clamp(0, 3)
-        features: Tensor = self.linear(self.cnn(nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()))
+        features: Tensor = self.linear(
+            self.cnn(nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float())
+        )
         return features
 
 
 class MlpExtractor(nn.Module):
     """Dense layers for the policy and others for the value, an activation after each."""
 
-    def __init__(self, policy_sizes: list[int], value_sizes: list[int], activation: type[nn.Module]) -> None:
+    def __init__(
+        self, policy_sizes: list[int], value_sizes: list[int], activation: type[nn.Module]
+    ) -> None:
         super().__init__()
-        self.policy_net, self.value_net = dense(policy_sizes, activation), dense(value_sizes, activation)
+        self.policy_net, self.value_net = (
+            dense(policy_sizes, activation),
+            dense(value_sizes, activation),
+        )
 
 
 class ActorCritic(nn.Module):
     """An ActorCriticPolicy of Stable-Baselines3, its modules and so its tensors named as there; shapes as in `tensors`."""
 
-    def __init__(self, tensors: dict[str, Tensor], size: tuple[int, int], activation: type[nn.Module]) -> None:
+    def __init__(
+        self, tensors: dict[str, Tensor], size: tuple[int, int], activation: type[nn.Module]
+    ) -> None:
         super().__init__()
         self.features_extractor: nn.Module = nn.Flatten()
         width = size[0] * size[1]
         if "features_extractor.linear.0.weight" in tensors:
-            narrow, wide = (tensors[f"features_extractor.cnn.{at}.weight"].shape[0] for at in (0, 2))
+            narrow, wide = (
+                tensors[f"features_extractor.cnn.{at}.weight"].shape[0] for at in (0, 2)
+            )
             width = tensors["features_extractor.linear.0.weight"].shape[0]
             self.features_extractor = TerrainFeatures((narrow, wide), size, width)
-        policy_sizes, value_sizes = ([width, *widths(tensors, net)] for net in ("policy_net", "value_net"))
+        policy_sizes, value_sizes = (
+            [width, *widths(tensors, net)] for net in ("policy_net", "value_net")
+        )
         self.mlp_extractor = MlpExtractor(policy_sizes, value_sizes, activation)
         self.action_net = nn.Linear(policy_sizes[-1], 4)
         self.value_net = nn.Linear(value_sizes[-1], 1)
@@ -89,7 +115,13 @@ class ActorCritic(nn.Module):
 
 def dense(sizes: list[int], activation: type[nn.Module]) -> nn.Sequential:
     """Return dense layers of these sizes with an activation after each, numbered 0, 2, 4, ... as Stable-Baselines3 does."""
-    return nn.Sequential(*(part for inside, out in pairwise(sizes) for part in (nn.Linear(inside, out), activation())))
+    return nn.Sequential(
+        *(
+            part
+            for inside, out in pairwise(sizes)
+            for part in (nn.Linear(inside, out), activation())
+        )
+    )
 
 
 def widths(tensors: dict[str, Tensor], net: str) -> list[int]:
@@ -111,7 +143,9 @@ def load_sb3(path: Path) -> ImportedPolicy:
     _check_extractor(archive, description)
     net = _filled(archive, tensors, size, _activation(archive, description))
 
-    def evaluate(observation: NDArray[Any], mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], float]:
+    def evaluate(
+        observation: NDArray[Any], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], float]:
         if torch.get_num_threads() != 1:
             torch.set_num_threads(1)
         with torch.inference_mode():
@@ -130,7 +164,9 @@ def _description(archive: Archive) -> dict[str, Any]:
         if isinstance(error, PolicyFileError):
             raise
         raise archive.refuse("a file named data that is JSON", "bytes that are none") from error
-    if not isinstance(description, dict) or not isinstance(description.get("policy_class", {}), dict):
+    if not isinstance(description, dict) or not isinstance(
+        description.get("policy_class", {}), dict
+    ):
         raise archive.refuse("a description of the model in data", type(description).__name__)
     return description
 
@@ -138,8 +174,14 @@ def _description(archive: Archive) -> dict[str, Any]:
 def _board(archive: Archive, description: dict[str, Any]) -> tuple[tuple[int, int], bool]:
     """Return the size of the board that the model was made for, and whether it saw uint8 codes."""
     space = description.get("observation_space")
-    shape, kind = (space.get("_shape"), str(space.get("dtype"))) if isinstance(space, dict) else (None, "")
-    if not isinstance(shape, list) or len(shape) != 2 or not all(type(side) is int and 5 <= side <= 1024 for side in shape):
+    shape, kind = (
+        (space.get("_shape"), str(space.get("dtype"))) if isinstance(space, dict) else (None, "")
+    )
+    if (
+        not isinstance(shape, list)
+        or len(shape) != 2
+        or not all(type(side) is int and 5 <= side <= 1024 for side in shape)
+    ):
         raise archive.refuse("observations [rows, cols]", f"the shape {shape}"[:60])
     if kind not in ("float32", "uint8"):
         raise archive.refuse("observations float32 or uint8", kind[:40])
@@ -149,15 +191,28 @@ def _board(archive: Archive, description: dict[str, Any]) -> tuple[tuple[int, in
 def _check_extractor(archive: Archive, description: dict[str, Any]) -> None:
     """Refuse a features extractor that is not Stable-Baselines3's own flattening or TerrainFeatures, by name."""
     given = description.get("policy_kwargs")
-    name = str(given.get("features_extractor_class", "FlattenExtractor")) if isinstance(given, dict) else "FlattenExtractor"
-    if re.split(r"[.\s]", name.removesuffix("'>"))[-1] not in ("FlattenExtractor", "TerrainFeatures"):
-        raise archive.refuse("MlpPolicy alone or with TerrainFeatures", f"the features extractor {name}"[:90])
+    name = (
+        str(given.get("features_extractor_class", "FlattenExtractor"))
+        if isinstance(given, dict)
+        else "FlattenExtractor"
+    )
+    if re.split(r"[.\s]", name.removesuffix("'>"))[-1] not in (
+        "FlattenExtractor",
+        "TerrainFeatures",
+    ):
+        raise archive.refuse(
+            "MlpPolicy alone or with TerrainFeatures", f"the features extractor {name}"[:90]
+        )
 
 
 def _activation(archive: Archive, description: dict[str, Any]) -> type[nn.Module]:
     """Return the activation of the dense layers, Tanh when none is named."""
     given = description.get("policy_kwargs")
-    name = str(given["activation_fn"]) if isinstance(given, dict) and "activation_fn" in given else "Tanh"
+    name = (
+        str(given["activation_fn"])
+        if isinstance(given, dict) and "activation_fn" in given
+        else "Tanh"
+    )
     match = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>|(\w+)", name)
     word = (match[1] or match[2]) if match else ""
     if word not in ACTIVATIONS:
@@ -165,20 +220,35 @@ def _activation(archive: Archive, description: dict[str, Any]) -> type[nn.Module
     return ACTIVATIONS[word]
 
 
-def _filled(archive: Archive, tensors: dict[str, Tensor], size: tuple[int, int], activation: type[nn.Module]) -> ActorCritic:
+def _filled(
+    archive: Archive, tensors: dict[str, Tensor], size: tuple[int, int], activation: type[nn.Module]
+) -> ActorCritic:
     """Return the network with the weights in it; weights that are not its own are refused by name."""
     for name in tensors:
         if (owner := OTHERS.get(name.split(".")[0])) is not None:
             raise archive.refuse("an actor-critic policy", f"{owner} ({name})"[:80])
-    own = {name: tensor for name, tensor in tensors.items() if not name.startswith(("pi_features_", "vf_features_"))}
-    missing = next((name for name in ("action_net.weight", "value_net.weight") if name not in own), None)
+    own = {
+        name: tensor
+        for name, tensor in tensors.items()
+        if not name.startswith(("pi_features_", "vf_features_"))
+    }
+    missing = next(
+        (name for name in ("action_net.weight", "value_net.weight") if name not in own), None
+    )
     if missing:
         raise archive.refuse("an actor-critic policy", f"no {missing}")
     seen = {name for name in own if name.startswith("features_extractor.")}
-    expected = {f"features_extractor.{part}.{kind}" for part in ("cnn.0", "cnn.2", "linear.0") for kind in ("weight", "bias")}
+    expected = {
+        f"features_extractor.{part}.{kind}"
+        for part in ("cnn.0", "cnn.2", "linear.0")
+        for kind in ("weight", "bias")
+    }
     if seen and seen != expected:
         odd = min(seen ^ expected)
-        raise archive.refuse("MlpPolicy alone or with TerrainFeatures", f"a features extractor of its own ({odd})"[:90])
+        raise archive.refuse(
+            "MlpPolicy alone or with TerrainFeatures",
+            f"a features extractor of its own ({odd})"[:90],
+        )
     flat = next((name for name, tensor in own.items() if not 1 <= tensor.ndim <= 4), None)
     if flat:
         raise archive.refuse(f"weights in {flat}", f"a tensor of {own[flat].ndim} dimensions")
@@ -186,7 +256,9 @@ def _filled(archive: Archive, tensors: dict[str, Tensor], size: tuple[int, int],
         net = ActorCritic(own, size, activation).eval()
     expected_tensors = net.state_dict()
     if odd_names := set(own) ^ set(expected_tensors):
-        raise archive.refuse("the weights of MlpPolicy alone or with TerrainFeatures", f"{min(odd_names)}"[:80])
+        raise archive.refuse(
+            "the weights of MlpPolicy alone or with TerrainFeatures", f"{min(odd_names)}"[:80]
+        )
     for name, tensor in expected_tensors.items():
         if own[name].shape != tensor.shape:
             raise archive.refuse(f"{name} {list(tensor.shape)}", f"{list(own[name].shape)}")

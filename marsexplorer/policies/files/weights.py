@@ -32,22 +32,40 @@ TENSOR_PARTS = {
 }
 """All that the pickle of a dictionary of float32 tensors names."""
 
-CALLING_OPERATIONS = {"STACK_GLOBAL", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX", "EXT1", "EXT2", "EXT4", "PERSID"}
+CALLING_OPERATIONS = {
+    "STACK_GLOBAL",
+    "INST",
+    "OBJ",
+    "NEWOBJ",
+    "NEWOBJ_EX",
+    "EXT1",
+    "EXT2",
+    "EXT4",
+    "PERSID",
+}
 """Operations that call or fetch what GLOBAL does not name; weights need none."""
 
 
-def save_network(net: nn.Module, path: Path, card: dict[str, Any], file_format: str = NETWORK_FORMAT) -> None:
+def save_network(
+    net: nn.Module, path: Path, card: dict[str, Any], file_format: str = NETWORK_FORMAT
+) -> None:
     """Write a policy file, whole or not at all: the weights of a network, and its card with the format added."""
     save_tensors(net.state_dict(), path, card, file_format)
 
 
-def save_tensors(tensors: Mapping[str, Tensor], path: Path, card: dict[str, Any], file_format: str) -> None:
+def save_tensors(
+    tensors: Mapping[str, Tensor], path: Path, card: dict[str, Any], file_format: str
+) -> None:
     """Write a policy file, whole or not at all: weights by name, and their card with the format in the place of its own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     own = {name: value for name, value in card.items() if name != "format"}
     stored = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     with replace_whole(path) as unfinished:
-        save_file(stored, unfinished, metadata={"card": json.dumps({"format": file_format, **own}, indent=1)})
+        save_file(
+            stored,
+            unfinished,
+            metadata={"card": json.dumps({"format": file_format, **own}, indent=1)},
+        )
 
 
 def read_weights(net: nn.Module, path: Path) -> None:
@@ -57,13 +75,19 @@ def read_weights(net: nn.Module, path: Path) -> None:
         with safe_open(path, "pt") as file:
             names = current_tensor_names(read_stored_card(path).get("format"), list(file.keys()))
             if sorted(names.values()) != sorted(expected):
-                raise refuse(path, f"the {len(expected)} tensors of the network", f"{len(names)} others")
+                raise refuse(
+                    path, f"the {len(expected)} tensors of the network", f"{len(names)} others"
+                )
             tensors = {current: file.get_tensor(stored) for stored, current in names.items()}
     except (SafetensorError, OSError) as error:
         raise refuse(path, "a whole safetensors file", str(error)[:80]) from error
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != expected[name] or tensor.dtype != torch.float32:
-            raise refuse(path, f"{name} float32{list(expected[name])}", f"{tensor.dtype} {list(tensor.shape)}")
+            raise refuse(
+                path,
+                f"{name} float32{list(expected[name])}",
+                f"{tensor.dtype} {list(tensor.shape)}",
+            )
         if not bool(torch.isfinite(tensor).all()):
             raise refuse(path, f"finite numbers in {name}", "others")
     net.load_state_dict(tensors)
@@ -80,14 +104,26 @@ def read_torch_tensors(archive: Archive, name: str) -> dict[str, Tensor]:
     try:
         loaded: Any = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds for a broken file
-        raise archive.refuse(f"weights in {name}", f"{type(error).__name__}: {error}".splitlines()[0][:80]) from error
+        raise archive.refuse(
+            f"weights in {name}", f"{type(error).__name__}: {error}".splitlines()[0][:80]
+        ) from error
     if not isinstance(loaded, dict):
         raise archive.refuse(f"a dictionary of tensors in {name}", type(loaded).__name__)
     tensors = {}
     for key, tensor in loaded.items():
-        if not isinstance(key, str) or not isinstance(tensor, Tensor) or tensor.dtype != torch.float32:
-            raise archive.refuse(f"named float32 tensors in {name}", f"{key!r}: {type(tensor).__name__}"[:80])
-        if tensor.layout != torch.strided or tensor.numel() * 4 > LARGEST or not bool(torch.isfinite(tensor).all()):
+        if (
+            not isinstance(key, str)
+            or not isinstance(tensor, Tensor)
+            or tensor.dtype != torch.float32
+        ):
+            raise archive.refuse(
+                f"named float32 tensors in {name}", f"{key!r}: {type(tensor).__name__}"[:80]
+            )
+        if (
+            tensor.layout != torch.strided
+            or tensor.numel() * 4 > LARGEST
+            or not bool(torch.isfinite(tensor).all())
+        ):
             raise archive.refuse(f"finite numbers in {key} of {name}", "others")
         tensors[key] = tensor.detach().contiguous()
     return tensors
@@ -98,9 +134,14 @@ def _check_pickle(archive: Archive, name: str) -> None:
     try:
         for operation, argument, _ in pickletools.genops(archive.read(name, LARGEST_PICKLE)):
             if operation.name == "GLOBAL" and argument not in TENSOR_PARTS:
-                raise archive.refuse("weights and nothing else", f"a pickle that calls {str(argument).replace(' ', '.')[:60]}")
+                raise archive.refuse(
+                    "weights and nothing else",
+                    f"a pickle that calls {str(argument).replace(' ', '.')[:60]}",
+                )
             if operation.name in CALLING_OPERATIONS:
-                raise archive.refuse("weights and nothing else", f"a pickle with the operation {operation.name}")
+                raise archive.refuse(
+                    "weights and nothing else", f"a pickle with the operation {operation.name}"
+                )
     except ValueError as error:
         if type(error) is not ValueError:
             raise

@@ -59,8 +59,12 @@ def fill_bitboards(codes, view):
 def count_visible(view, row, col):
     """Return how many unknown cells are expected to be seen from grid cell (row, col), left as window bits in `visible`."""
     unknown, blocked, sight, visible, stride, radius = view
-    first = row * stride  # the window begins `radius` rows above the cell, in the padded map at the cell's own row
-    return find_visible(unknown, first, np.uint64(0), blocked, first, stride, col, radius, sight, visible, 0)
+    first = (
+        row * stride
+    )  # the window begins `radius` rows above the cell, in the padded map at the cell's own row
+    return find_visible(
+        unknown, first, np.uint64(0), blocked, first, stride, col, radius, sight, visible, 0
+    )
 
 
 @kernel
@@ -93,7 +97,11 @@ def count_visible_everywhere(codes, visited, view, new_cells):
     fill_bitboards(codes, view)
     for row in range(codes.shape[0]):
         for col in range(codes.shape[1]):
-            is_free = codes[row, col] != UNKNOWN and codes[row, col] != OBSTACLE and visited[row, col] == 0
+            is_free = (
+                codes[row, col] != UNKNOWN
+                and codes[row, col] != OBSTACLE
+                and visited[row, col] == 0
+            )
             new_cells[row, col] = count_visible(view, row, col) if is_free else 0
 
 
@@ -126,7 +134,9 @@ class VisibilityMap:
         """Return the number of unknown cells expected to be seen from (row, col)."""
         return int(count_visible(self.view, row, col))
 
-    def expected_everywhere(self, codes: NDArray[np.uint8], visited: NDArray[np.uint8]) -> NDArray[np.int64]:
+    def expected_everywhere(
+        self, codes: NDArray[np.uint8], visited: NDArray[np.uint8]
+    ) -> NDArray[np.int64]:
         """Return how many unknown cells are expected to be seen from each cell, int64[rows, cols].
 
         codes, visited  uint8[rows, cols]; 0 for unknown and blocked cells, and for visited ones, which have nothing new

@@ -39,7 +39,9 @@ def shared_net(policy: Policy) -> object | None:
     return policy.net if isinstance(policy, BatchablePolicy) else None
 
 
-def act_many(policies: Sequence[Policy], observations: Sequence[NDArray[Any]]) -> list[int | Exception]:
+def act_many(
+    policies: Sequence[Policy], observations: Sequence[NDArray[Any]]
+) -> list[int | Exception]:
     """Return every board's action, or what its policy raised: the others are decided all the same.
 
     policies      different objects, each with its own memory; networks shared by several are asked once
@@ -50,7 +52,9 @@ def act_many(policies: Sequence[Policy], observations: Sequence[NDArray[Any]]) -
     for at, (policy, observation) in enumerate(zip(policies, observations, strict=True)):
         try:
             if isinstance(policy, BatchablePolicy):
-                groups.setdefault(id(policy.net), []).append((at, policy, policy.extract_features(observation)))
+                groups.setdefault(id(policy.net), []).append(
+                    (at, policy, policy.extract_features(observation))
+                )
             else:
                 answers[at] = int(policy.act(observation))
         except Exception as error:
@@ -61,12 +65,18 @@ def act_many(policies: Sequence[Policy], observations: Sequence[NDArray[Any]]) -
     return answers
 
 
-def _act_with_shared_net(group: Sequence[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]]) -> list[int | Exception]:
+def _act_with_shared_net(
+    group: Sequence[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]],
+) -> list[int | Exception]:
     """Return the actions of boards that share a network."""
     net = group[0][1].net
     try:
         inputs = [own for _, _, own in group]
-        stacked = inputs[0] if len(inputs) == 1 else tuple(np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
+        stacked = (
+            inputs[0]
+            if len(inputs) == 1
+            else tuple(np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
+        )
         logits, values = net.infer(*stacked)
         for at, own in enumerate(inputs):
             best, second = np.sort(logits[at])[:-3:-1]

@@ -150,7 +150,10 @@ def look_ahead(candidates, count, distance, first_actions, action, new_cells, di
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
     for k in range(count):
         cell = candidates[k]
-        new, moves = float(new_cells[cell]), distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1)
+        new, moves = (
+            float(new_cells[cell]),
+            distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1),
+        )
         nearest = min(nearest, float(moves))
         short, middle, long = (
             max(short, new * discounts[0, moves]),
@@ -187,19 +190,28 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         board, cell, new_cells = codes[i], cells[i], all_new_cells[i]
 
         # 1. What would a scan discover, from every cell? Only what changed since the last board is counted again.
-        kept_board = (all_known[i], all_counts[i], (all_unknown[i], all_blocked[i], sight, visible, stride, radius))
+        kept_board = (
+            all_known[i],
+            all_counts[i],
+            (all_unknown[i], all_blocked[i], sight, visible, stride, radius),
+        )
         left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
-        reached, count = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue), 0
+        reached, count = (
+            search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue),
+            0,
+        )
         for k in range(reached):
             there = queue[k]
             candidates[count] = there
             count += np.int64((visited[i, there] == 0) & (new_cells[there] > 0))
 
         # 3. The pictures, and where the three rules would go.
-        draw_pictures(board, cell // cols, cell % cols, new_cells, visited[i], distance, nearness, planes[i])
+        draw_pictures(
+            board, cell // cols, cell % cols, new_cells, visited[i], distance, nearness, planes[i]
+        )
         find_rule_goals(candidates, count, distance, new_cells, goals)
 
         # 4. The numbers of each valid move; those of an invalid one are all 0.
@@ -212,7 +224,9 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
             features[0] = 1.0
             features[1] = 0.0 if visited[i, near] else new_cells[near] * 0.1
             features[2] = visited[i, near]
-            look_ahead(candidates, count, distance, first_actions, action, new_cells, discounts, features)
+            look_ahead(
+                candidates, count, distance, first_actions, action, new_cells, discounts, features
+            )
             for rule in range(3):
                 goal = goals[rule]
                 begins_path = goal >= 0 and first_actions[goal] >> action & 1
@@ -232,7 +246,17 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         if moves.shape[2] > ACTION_FEATURES:
             size = (rows, cols)
             if half_sides.shape[0] > 0:
-                value_actions(candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found)
+                value_actions(
+                    candidates,
+                    count,
+                    distance,
+                    first_actions,
+                    new_cells,
+                    size,
+                    kept_board,
+                    rules,
+                    found,
+                )
             write_priced_features(size, found, columns, moves[i])
 
 
@@ -246,7 +270,13 @@ class FeatureExtractor:
     """
 
     def __init__(
-        self, num: int, rows: int, cols: int, radius: int, sees_prices: bool = False, rules: Sequence[int] | None = None
+        self,
+        num: int,
+        rows: int,
+        cols: int,
+        radius: int,
+        sees_prices: bool = False,
+        rules: Sequence[int] | None = None,
     ) -> None:
         self.size = (rows, cols)
         tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))
@@ -254,7 +284,9 @@ class FeatureExtractor:
         half_sides = tables.half_sides if has_prices else tables.half_sides[:0]
         self._priced = (half_sides, tables.arrays, tables.found, tables.columns)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
-        self.moves: NDArray[np.float32] = np.zeros((num, 4, num_action_features(sees_prices)), np.float32)
+        self.moves: NDArray[np.float32] = np.zeros(
+            (num, 4, num_action_features(sees_prices)), np.float32
+        )
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
         self._lidar = sight, row_words(cols, radius), radius
         self._kept = (
@@ -279,12 +311,27 @@ class FeatureExtractor:
         )
 
     def __call__(
-        self, codes: NDArray[np.uint8], cells: NDArray[np.int64], visited: NDArray[np.uint8], headings: NDArray[np.int64]
+        self,
+        codes: NDArray[np.uint8],
+        cells: NDArray[np.int64],
+        visited: NDArray[np.uint8],
+        headings: NDArray[np.int64],
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
-        extract_features(codes, cells, visited, headings, self._lidar, self._kept, self._scratch, self._priced, planes, moves)
+        extract_features(
+            codes,
+            cells,
+            visited,
+            headings,
+            self._lidar,
+            self._kept,
+            self._scratch,
+            self._priced,
+            planes,
+            moves,
+        )
         return planes, moves
 
 
@@ -296,7 +343,10 @@ class RememberedFeatures:
     """
 
     def __init__(
-        self, sensor_radius: int, sees_prices: bool = False, find_rules: Callable[[int, int], Sequence[int]] | None = None
+        self,
+        sensor_radius: int,
+        sees_prices: bool = False,
+        find_rules: Callable[[int, int], Sequence[int]] | None = None,
     ) -> None:
         self._radius, self._sees_prices, self._find_rules = sensor_radius, sees_prices, find_rules
         self._extractor: FeatureExtractor | None = None
@@ -306,7 +356,9 @@ class RememberedFeatures:
         rows, cols = memory.codes.shape
         if self._extractor is None or self._extractor.size != (rows, cols):
             rules = self._find_rules(rows, cols) if self._find_rules else None
-            self._extractor = FeatureExtractor(1, rows, cols, self._radius, self._sees_prices, rules)
+            self._extractor = FeatureExtractor(
+                1, rows, cols, self._radius, self._sees_prices, rules
+            )
         cell = np.array([memory.position[0] * cols + memory.position[1]])
         visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
         return self._extractor(memory.codes[None], cell, visited, heading)

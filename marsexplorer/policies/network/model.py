@@ -31,7 +31,12 @@ from marsexplorer.policies.network.features import (
     num_action_features,
 )
 from marsexplorer.policies.network.priced_features import NUMBERS_PER_RULE, RULES
-from marsexplorer.policies.network.prior import add_prices, prior_logits, prior_weights, size_nearness
+from marsexplorer.policies.network.prior import (
+    add_prices,
+    prior_logits,
+    prior_weights,
+    size_nearness,
+)
 
 NEGLIGIBLE_SHARE = 1e-5
 """Weights of the prior that count less than this at a size only count by rounding."""
@@ -49,9 +54,15 @@ class Net(nn.Module):
     def __init__(self, sees_prices: bool = False, wide: int = 384, hidden: int = 128) -> None:
         super().__init__()
         self.sees_prices, numbers = sees_prices, num_action_features(sees_prices)
-        self.trunk = nn.Sequential(nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU())
-        self.policy_head = nn.Sequential(nn.Linear(hidden + numbers + 4, 64), nn.ReLU(), nn.Linear(64, 1))
-        self.value_head = nn.Sequential(nn.Linear(hidden + 4 * numbers, 64), nn.ReLU(), nn.Linear(64, 1))
+        self.trunk = nn.Sequential(
+            nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU()
+        )
+        self.policy_head = nn.Sequential(
+            nn.Linear(hidden + numbers + 4, 64), nn.ReLU(), nn.Linear(64, 1)
+        )
+        self.value_head = nn.Sequential(
+            nn.Linear(hidden + 4 * numbers, 64), nn.ReLU(), nn.Linear(64, 1)
+        )
         initialize_orthogonal(self)
         nn.init.orthogonal_(self.policy_head[-1].weight, 0.01)  # type: ignore[arg-type]
         if sees_prices:
@@ -82,12 +93,19 @@ class Net(nn.Module):
             state = self.state_dict()
             policy, value = state["policy_head.0.weight"], state["value_head.0.weight"]
             hidden = policy.shape[1] - numbers - 4
-            weights = [policy[:, hidden : hidden + numbers], *value[:, hidden:].split(numbers, dim=1)]
+            weights = [
+                policy[:, hidden : hidden + numbers],
+                *value[:, hidden:].split(numbers, dim=1),
+            ]
             is_near = size_nearness(torch.tensor(math.log(rows * cols))) > NEGLIGIBLE_SHARE
             used = torch.cat([*weights, state["prior"][is_near]]).ne(0).any(0)[ACTION_FEATURES:-1]
-            return tuple(int(rule) for rule in used.view(len(RULES), NUMBERS_PER_RULE).any(1).nonzero())
+            return tuple(
+                int(rule) for rule in used.view(len(RULES), NUMBERS_PER_RULE).any(1).nonzero()
+            )
 
-    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[b, 4], values float32[b]) of boards given as arrays, computed on one thread.
 
         Several threads would wait for one another on a busy machine.
@@ -107,7 +125,9 @@ class InfersLogits(Protocol):
 
     sees_prices: bool
 
-    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[b, 4], values float32[b]) of what `FeatureExtractor` gives."""
 
 
@@ -148,7 +168,9 @@ class NetworkPolicy:
         logits, values = self.net.infer(*self.extract_features(observation))
         return self.choose(logits[0], float(values[0]))
 
-    def extract_features(self, observation: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def extract_features(
+        self, observation: NDArray[Any]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Remember an observation and return (planes, moves) of one board; the arrays change with the next."""
         self._memory.observe(observation)
         return self._features(self._memory)
@@ -165,7 +187,11 @@ class NetworkPolicy:
         if overruled is not None:
             return overruled
         action = int(logits.argmax())
-        return action if logits[action] > INVALID_LOGIT else next(iter(valid_actions(memory.codes, *memory.position)), 0)
+        return (
+            action
+            if logits[action] > INVALID_LOGIT
+            else next(iter(valid_actions(memory.codes, *memory.position)), 0)
+        )
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the loop guard goes to; None where the network chose the last action."""
@@ -180,7 +206,9 @@ def load_net(path: Path) -> Net:
     """Return the network in a policy file; PolicyFileError when the file is none of ours."""
     found = read_card(path).get("format")
     if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
-        raise refuse(path, f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT}", repr(found)[:60])
+        raise refuse(
+            path, f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT}", repr(found)[:60]
+        )
     net = Net(sees_prices=found == PRICED_NETWORK_FORMAT)
     read_weights(net, path)
     return net.eval()

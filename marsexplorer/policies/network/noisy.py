@@ -55,4 +55,8 @@ def sample_noise(net: nn.Module, generator: torch.Generator | None = None) -> bo
 
 def mean_weights(net: nn.Module) -> dict[str, Tensor]:
     """Return a network's tensors without those of the noise: the state of the same network of plain layers."""
-    return {name: tensor for name, tensor in net.state_dict().items() if name.rpartition(".")[2] not in NOISE_PARTS}
+    return {
+        name: tensor
+        for name, tensor in net.state_dict().items()
+        if name.rpartition(".")[2] not in NOISE_PARTS
+    }

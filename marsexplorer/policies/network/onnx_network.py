@@ -26,9 +26,14 @@ class OnnxNet:
     def __init__(self, model: OnnxModel, sees_prices: bool) -> None:
         self._model, self.sees_prices = model, sees_prices
 
-    def infer(self, planes: NDArray[np.uint8], moves: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[num, 4], values float32[num]) of what `FeatureExtractor` gives."""
-        outputs = [self._model.run({"planes": planes[i : i + 1], "moves": moves[i : i + 1]}) for i in range(len(planes))]
+        outputs = [
+            self._model.run({"planes": planes[i : i + 1], "moves": moves[i : i + 1]})
+            for i in range(len(planes))
+        ]
         return (
             np.concatenate([each["logits"].reshape(1, 4) for each in outputs]),
             np.concatenate([each["value"].reshape(1) for each in outputs]),
@@ -39,7 +44,9 @@ def load_onnx_network(model: OnnxModel, sensor_radius: int) -> NetworkPolicy:
     """Return the policy of a model that `write_onnx` wrote; PolicyFileError when it is not quite so."""
     found = model.card().get("format")
     if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
-        raise model.refuse(f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT} in its card", repr(found)[:60])
+        raise model.refuse(
+            f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT} in its card", repr(found)[:60]
+        )
     sample = sample_inputs(sees_prices=found == PRICED_NETWORK_FORMAT)
     for name, array in sample.items():
         kind = f"tensor({'uint8' if array.dtype == np.uint8 else 'float'})"
@@ -47,7 +54,9 @@ def load_onnx_network(model: OnnxModel, sensor_radius: int) -> NetworkPolicy:
             came = f"{model.inputs[name][0]} {list(model.inputs[name][1])}"
             raise model.refuse(f"{name} {kind} {list(array.shape)}", came)
     check_outputs(model, model.try_out({name: array.copy() for name, array in sample.items()}))
-    return NetworkPolicy(model.path.stem, OnnxNet(model, found == PRICED_NETWORK_FORMAT), sensor_radius)
+    return NetworkPolicy(
+        model.path.stem, OnnxNet(model, found == PRICED_NETWORK_FORMAT), sensor_radius
+    )
 
 
 def write_onnx(policy_file: str | Path, path: Path) -> None:
@@ -58,7 +67,9 @@ def write_onnx(policy_file: str | Path, path: Path) -> None:
     names = {"input_names": ["planes", "moves"], "output_names": ["logits", "value"]}
     with replace_whole(path) as unfinished:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the exporter speaks of its successor, which needs packages of its own
+            warnings.simplefilter(
+                "ignore"
+            )  # the exporter speaks of its successor, which needs packages of its own
             torch.onnx.export(net, samples, str(unfinished), dynamo=False, **names)  # type: ignore[arg-type]
         model = onnx.load(str(unfinished))
         model.metadata_props.add(key="card", value=json.dumps(read_card(source)))

@@ -90,7 +90,9 @@ class PaperPolicy:
         with torch.inference_mode():
             logits, value = self._net(torch.from_numpy(codes.copy())[None])
             self._thought = logits[0].softmax(0).numpy(), float(value[0])
-        return int(np.searchsorted(np.cumsum(self._thought[0][:3]), self._random.random(), side="right"))
+        return int(
+            np.searchsorted(np.cumsum(self._thought[0][:3]), self._random.random(), side="right")
+        )
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value) of the last observation."""
@@ -104,9 +106,13 @@ def load_paper_net(path: Path) -> PaperNet:
     if card.get("format") != PAPER_FORMAT:
         raise refuse(path, f"the format {PAPER_FORMAT}", repr(card.get("format"))[:60])
     if not (
-        isinstance(size, list) and len(size) == 2 and all(type(side) is int and 5 <= side <= LARGEST_SIDE for side in size)
+        isinstance(size, list)
+        and len(size) == 2
+        and all(type(side) is int and 5 <= side <= LARGEST_SIDE for side in size)
     ):
-        raise refuse(path, f"a size [rows, cols] of 5 to {LARGEST_SIDE} cells in the card", repr(size)[:60])
+        raise refuse(
+            path, f"a size [rows, cols] of 5 to {LARGEST_SIDE} cells in the card", repr(size)[:60]
+        )
     net = PaperNet(*size)
     read_weights(net, path)
     net.eval()

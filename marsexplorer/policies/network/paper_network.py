@@ -60,12 +60,18 @@ class PaperNetwork(nn.Module):
             scores, values = self.evaluate(*(torch.from_numpy(array) for array in arrays))
         return scores.numpy(), values.numpy()
 
-    def read_moves(self, head: nn.Module, hidden: Tensor, observation: tuple[Tensor, ...], outputs: int = 1) -> Tensor:
+    def read_moves(
+        self, head: nn.Module, hidden: Tensor, observation: tuple[Tensor, ...], outputs: int = 1
+    ) -> Tensor:
         """Return what a head says of every move, [b, 4, outputs]: all at once, or one after the other over features."""
-        found: Tensor = head(move_inputs(hidden, observation[1]) if len(observation) == 2 else hidden)
+        found: Tensor = head(
+            move_inputs(hidden, observation[1]) if len(observation) == 2 else hidden
+        )
         return found.view(len(hidden), 4, outputs).float()
 
-    def read_board(self, head: nn.Module, hidden: Tensor, observation: tuple[Tensor, ...]) -> Tensor:
+    def read_board(
+        self, head: nn.Module, hidden: Tensor, observation: tuple[Tensor, ...]
+    ) -> Tensor:
         """Return what a head says of the observation as a whole, [b, outputs]."""
         if len(observation) == 2:
             hidden = torch.cat([hidden, observation[1].flatten(1)], dim=1)
@@ -74,7 +80,11 @@ class PaperNetwork(nn.Module):
 
     def fill_invalid(self, scores: Tensor, observation: tuple[Tensor, ...]) -> Tensor:
         """Return scores [b, 4] with INVALID_LOGIT for invalid moves, where the network masks."""
-        return scores.masked_fill(invalid_moves(observation), INVALID_LOGIT) if self.shape.mask else scores
+        return (
+            scores.masked_fill(invalid_moves(observation), INVALID_LOGIT)
+            if self.shape.mask
+            else scores
+        )
 
 
 class PolicyNetwork(PaperNetwork):
@@ -112,7 +122,9 @@ class PolicyNetwork(PaperNetwork):
         return self(*observation)  # type: ignore[no-any-return]
 
     def _logits(self, hidden: Tensor, observation: tuple[Tensor, ...]) -> Tensor:
-        return self.fill_invalid(self.read_moves(self.policy_head, hidden, observation).squeeze(2), observation)
+        return self.fill_invalid(
+            self.read_moves(self.policy_head, hidden, observation).squeeze(2), observation
+        )
 
     def _value(self, hidden: Tensor, observation: tuple[Tensor, ...]) -> Tensor:
         if self.value_head is None:
@@ -155,7 +167,9 @@ class CategoricalNetwork(PaperNetwork):
         super().__init__(shape)
         assert shape.atoms is not None
         assert shape.support is not None
-        self.register_buffer("support", torch.linspace(*shape.support, shape.atoms), persistent=False)
+        self.register_buffer(
+            "support", torch.linspace(*shape.support, shape.atoms), persistent=False
+        )
         if shape.observation == "features":
             initialize_orthogonal(self)
         self.advantage_head = _stream(shape, shape.atoms, make_linear, of_moves=True)
@@ -169,7 +183,9 @@ class CategoricalNetwork(PaperNetwork):
         if self.shape.mask:
             is_lowest = torch.arange(len(self.support), device=logits.device) == 0
             invalid = invalid_moves(observation)[:, :, None]
-            logits = logits.masked_fill(invalid & ~is_lowest, INVALID_LOGIT).masked_fill(invalid & is_lowest, 0.0)
+            logits = logits.masked_fill(invalid & ~is_lowest, INVALID_LOGIT).masked_fill(
+                invalid & is_lowest, 0.0
+            )
         return logits.softmax(2)
 
     def expected(self, *observation: Tensor) -> Tensor:
@@ -200,23 +216,33 @@ def make_network(shape: NetworkShape, sigma: float | None = None) -> PaperNetwor
 def _move_head(shape: NetworkShape, outputs: int) -> nn.Module:
     """Return a head over the moves: a dense layer, or one perceptron that the moves share."""
     if shape.observation == "features":
-        return nn.Sequential(nn.Linear(MOVE_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs))
+        return nn.Sequential(
+            nn.Linear(MOVE_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs)
+        )
     return _state_head(shape, 4 * outputs)
 
 
 def _board_head(shape: NetworkShape, outputs: int) -> nn.Module:
     """Return a head over the whole observation."""
     if shape.observation == "features":
-        return nn.Sequential(nn.Linear(BOARD_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs))
+        return nn.Sequential(
+            nn.Linear(BOARD_INPUTS, HEAD_UNITS), nn.ReLU(), nn.Linear(HEAD_UNITS, outputs)
+        )
     return _state_head(shape, outputs)
 
 
-def _stream(shape: NetworkShape, atoms: int, make_linear: MakeLinear, of_moves: bool) -> nn.Sequential:
+def _stream(
+    shape: NetworkShape, atoms: int, make_linear: MakeLinear, of_moves: bool
+) -> nn.Sequential:
     """Return one of the two streams of a dueling head."""
     if shape.observation == "features":
         inputs, units, outputs = (MOVE_INPUTS if of_moves else BOARD_INPUTS), HEAD_UNITS, atoms
     else:
-        inputs, units, outputs = UNITS[shape.trunk], STREAM_UNITS, (4 * atoms if of_moves else atoms)
+        inputs, units, outputs = (
+            UNITS[shape.trunk],
+            STREAM_UNITS,
+            (4 * atoms if of_moves else atoms),
+        )
     return nn.Sequential(make_linear(inputs, units), nn.ReLU(), make_linear(units, outputs))
 
 
@@ -228,7 +254,9 @@ def _state_head(shape: NetworkShape, outputs: int) -> nn.Module:
         initialize_xavier(layer)
     if len(layers) == 1:
         return layers[0]
-    return nn.Sequential(*(each for layer in layers[:-1] for each in (layer, nn.ReLU())), layers[-1])
+    return nn.Sequential(
+        *(each for layer in layers[:-1] for each in (layer, nn.ReLU())), layers[-1]
+    )
 
 
 def _make_small(head: nn.Module) -> None:

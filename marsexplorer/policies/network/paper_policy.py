@@ -44,7 +44,10 @@ class PaperNetworkPolicy:
         self.name, self.size = name, net.shape.size
         self._has_probabilities = net.shape.head == "policy"
         self._memory, self._features = Memory(), RememberedFeatures(sensor_radius)
-        self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), float("nan"))
+        self._thought: tuple[NDArray[np.float32], float] = (
+            np.full(4, 0.25, np.float32),
+            float("nan"),
+        )
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value) of the last observation."""
@@ -64,7 +67,9 @@ class PaperNetworkPolicy:
         if self._has_probabilities:
             shares = np.exp(scores - scores.max())
         else:
-            shares = np.where(np.isnan(scores).any(), np.float32(np.nan), np.arange(4) == scores.argmax())
+            shares = np.where(
+                np.isnan(scores).any(), np.float32(np.nan), np.arange(4) == scores.argmax()
+            )
         probabilities: NDArray[np.float32] = (shares / shares.sum()).astype(np.float32)
         self._thought = probabilities, value
         return probabilities
@@ -95,7 +100,9 @@ class SampledPolicy(PaperNetworkPolicy):
             arrays = planes, moves.astype(np.float64)
         scores, values = self._net.infer(*arrays)
         cumulative = np.cumsum(self._note(scores[0], float(values[0])), dtype=np.float64)
-        return int(np.searchsorted(cumulative[:3], self._random.random() * cumulative[3], side="right"))
+        return int(
+            np.searchsorted(cumulative[:3], self._random.random() * cumulative[3], side="right")
+        )
 
 
 class GreedyPolicy(PaperNetworkPolicy):
@@ -104,7 +111,9 @@ class GreedyPolicy(PaperNetworkPolicy):
     guard  the loop guard, or None
     """
 
-    def __init__(self, name: str, net: PaperNetwork, sensor_radius: int, guard: LoopGuard | None) -> None:
+    def __init__(
+        self, name: str, net: PaperNetwork, sensor_radius: int, guard: LoopGuard | None
+    ) -> None:
         super().__init__(name, net, sensor_radius)
         self.net, self._guard = net, guard
 
@@ -144,7 +153,9 @@ def check_acts(shape: NetworkShape, acts: object) -> str:
     return acts
 
 
-def save_paper_network(net: PaperNetwork, shape: NetworkShape, path: Path, card: dict[str, Any]) -> None:
+def save_paper_network(
+    net: PaperNetwork, shape: NetworkShape, path: Path, card: dict[str, Any]
+) -> None:
     """Write the policy file of a network, whole or not at all; noisy layers are saved with their mean weights.
 
     card  what is told of the policy ("summary", "training", "results", ...); its "acts" is one of ACTS, and by default
@@ -156,9 +167,13 @@ def save_paper_network(net: PaperNetwork, shape: NetworkShape, path: Path, card:
     tensors = mean_weights(net)
     expected = {name: tensor.shape for name, tensor in _network_to_fill(shape).state_dict().items()}
     if {name: tensor.shape for name, tensor in tensors.items()} != expected:
-        raise ValueError(f"expected a network of the shape {shape}, got one of another; give the shape that it was made from")
+        raise ValueError(
+            f"expected a network of the shape {shape}, got one of another; give the shape that it was made from"
+        )
     own = {name: value for name, value in card.items() if name != "format"}
-    save_tensors(tensors, path, {**own, "network": shape.to_dict(), "acts": acts}, PAPER_NETWORK_FORMAT)
+    save_tensors(
+        tensors, path, {**own, "network": shape.to_dict(), "acts": acts}, PAPER_NETWORK_FORMAT
+    )
 
 
 def _network_to_fill(shape: NetworkShape) -> PaperNetwork:
@@ -181,7 +196,9 @@ def load_paper_network_policy(path: Path, sensor_radius: int) -> Policy:
     net = load_shared(path, load_paper_network)
     if acts == "samples":
         return SampledPolicy(path.stem, net, sensor_radius)
-    return GreedyPolicy(path.stem, net, sensor_radius, None if acts == "greedy" else LoopGuard(sensor_radius))
+    return GreedyPolicy(
+        path.stem, net, sensor_radius, None if acts == "greedy" else LoopGuard(sensor_radius)
+    )
 
 
 def _read_shape(path: Path) -> tuple[NetworkShape, str]:

@@ -20,14 +20,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import inlined, kernel
-from marsexplorer.policies.kernels.prices import PriceParameters, forget_prices, price_scratch, sum_prices
+from marsexplorer.policies.kernels.prices import (
+    PriceParameters,
+    forget_prices,
+    price_scratch,
+    sum_prices,
+)
 from marsexplorer.policies.kernels.visibility import count_visible
 from marsexplorer.policies.priced import PricedRule, RuleTables
 
 RULES = (
-    PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 300.0, 0.68, 1.345),
-    PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335),
-    PricedRule(PriceParameters((6.42, 21.27, 3.04), (5.06, 7.04, 3.52), 11.9, 26.0, 0.08), 300.0, 1.2, 1.664),
+    PricedRule(
+        PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 300.0, 0.68, 1.345
+    ),
+    PricedRule(
+        PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335
+    ),
+    PricedRule(
+        PriceParameters((6.42, 21.27, 3.04), (5.06, 7.04, 3.52), 11.9, 26.0, 0.08),
+        300.0,
+        1.2,
+        1.664,
+    ),
 )
 """Tuned on 21 x 21; on 42 x 42 and 84 x 84; on 42 x 42 with large obstacles."""
 NUMBERS_PER_RULE = 3
@@ -48,10 +62,19 @@ class PricedRuleTables:
 
     def __init__(self, rows: int, cols: int, radius: int, first: int, rules: Sequence[int]) -> None:
         """first: the column of the numbers of RULES[0]; rules: indices into RULES, at least one."""
-        tables, count = RuleTables([RULES[rule] for rule in rules], (rows, cols), radius), len(rules)
+        tables, count = (
+            RuleTables([RULES[rule] for rule in rules], (rows, cols), radius),
+            len(rules),
+        )
         self.columns: NDArray[np.int64] = first + NUMBERS_PER_RULE * np.asarray(rules, np.int64)
         self.half_sides: NDArray[np.int64] = tables.prices[0]
-        self.arrays = (tables.prices, price_scratch(rows * cols, count), tables.highest, tables.limits, tables.weights)
+        self.arrays = (
+            tables.prices,
+            price_scratch(rows * cols, count),
+            tables.highest,
+            tables.limits,
+            tables.weights,
+        )
         self.found = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
 
 
@@ -65,7 +88,9 @@ def look_and_price(cell, board, rows, cols, tables, scratch):
 
 
 @kernel
-def value_actions(candidates, count, distance, first_actions, new_cells, shape, board, rules, found):
+def value_actions(
+    candidates, count, distance, first_actions, new_cells, shape, board, rules, found
+):
     """Write what `found` is to hold, see `PricedRuleTables`: exact where it is at least LEAST_SHARE of the highest value.
 
     candidates, count, distance, first_actions, new_cells  see `features`
@@ -93,7 +118,9 @@ def value_actions(candidates, count, distance, first_actions, new_cells, shape, 
         if richest >= 0:
             look_and_price(richest, board, rows, cols, tables, scratch)
             for rule in range(len(best)):
-                best[rule] = max(best[rule], min(totals[rule], limits[rule]) * weights[distance[richest], rule])
+                best[rule] = max(
+                    best[rule], min(totals[rule], limits[rule]) * weights[distance[richest], rule]
+                )
 
     for i in range(count):
         cell = candidates[i]
@@ -135,7 +162,9 @@ def write_priced_features(shape, found, columns, moves):
         for k in range(len(best)):
             at = columns[k]
             if best[k] > 0.0 and values[k, action] > LEAST_SHARE * best[k]:
-                moves[action, at] = (values[k, action] / best[k] - LEAST_SHARE) / (1.0 - LEAST_SHARE)
+                moves[action, at] = (values[k, action] / best[k] - LEAST_SHARE) / (
+                    1.0 - LEAST_SHARE
+                )
                 moves[action, at + 1] = values[k, action] == best[k]
                 moves[action, at + 2] = np.log(1.0 + ways[k, action]) * 0.3
         moves[action, moves.shape[1] - 1] = np.log(float(shape[0] * shape[1])) * LOG_CELLS_SCALE

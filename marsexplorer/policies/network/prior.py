@@ -43,7 +43,9 @@ def prior_logits(moves: Tensor, weights: Tensor) -> Tensor:
     weights  float32[len(SIDES), numbers of a move]
     """
     nearness = size_nearness(moves[:, :, -1] / LOG_CELLS_SCALE)
-    return ((moves[:, :, None] * weights).sum(3) * nearness).sum(2)  # float32, unlike matrix products in bfloat16
+    return ((moves[:, :, None] * weights).sum(3) * nearness).sum(
+        2
+    )  # float32, unlike matrix products in bfloat16
 
 
 def prior_weights() -> Tensor:
@@ -64,8 +66,12 @@ def rule_probabilities(moves: Tensor, scale: float) -> tuple[Tensor, Tensor]:
     moves  float32[b, 4, numbers of a move], of which at least one is valid
     scale  factor of the rules' logits
     """
-    logits = prior_logits(moves, scale * prior_weights().to(moves.device)).masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT)
-    log_cells = moves[:, :, -1].amax(1) / LOG_CELLS_SCALE  # of an invalid move even this number is 0
+    logits = prior_logits(moves, scale * prior_weights().to(moves.device)).masked_fill(
+        moves[:, :, 0] < 0.5, INVALID_LOGIT
+    )
+    log_cells = (
+        moves[:, :, -1].amax(1) / LOG_CELLS_SCALE
+    )  # of an invalid move even this number is 0
     return logits.softmax(1), size_nearness(log_cells)
 
 
@@ -86,4 +92,9 @@ def add_prices(state: dict[str, Tensor]) -> dict[str, Tensor]:
         wide_value[:, at : at + few] = value[:, was : was + few]
     prior = prior_weights()
     prior[0] = 0.0
-    return {**state, "policy_head.0.weight": wide_policy, "value_head.0.weight": wide_value, "prior": prior}
+    return {
+        **state,
+        "policy_head.0.weight": wide_policy,
+        "value_head.0.weight": wide_value,
+        "prior": prior,
+    }

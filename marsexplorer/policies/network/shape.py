@@ -82,27 +82,39 @@ class NetworkShape:
         if not all(type(units) is int and 1 <= units <= LARGEST_HIDDEN for units in hidden):
             raise ShapeError(f"hidden layers of 1 to {LARGEST_HIDDEN} units", hidden)
         if hidden and (self.observation == "features" or self.head == "categorical"):
-            raise ShapeError("no hidden layers of one's own with features or the head categorical", hidden)
+            raise ShapeError(
+                "no hidden layers of one's own with features or the head categorical", hidden
+            )
 
     def _check_size(self) -> None:
         size = (self.rows, self.cols)
         if self.observation == "features":
             if size != (None, None):
-                raise ShapeError("no rows and cols for a network of features, which serves every size", size)
+                raise ShapeError(
+                    "no rows and cols for a network of features, which serves every size", size
+                )
         elif not all(type(side) is int and SMALLEST_SIDE <= side <= LARGEST_SIDE for side in size):
             raise ShapeError(f"rows and cols of {SMALLEST_SIDE} to {LARGEST_SIDE} cells", size)
 
     def _check_head(self) -> None:
         if self.head != "policy" and self.critic != "none":
-            raise ShapeError(f'"none" as the critic of a network with the head {self.head}', self.critic)
+            raise ShapeError(
+                f'"none" as the critic of a network with the head {self.head}', self.critic
+            )
         if self.head != "categorical":
             if (self.atoms, self.support) != (None, None):
-                raise ShapeError(f"no atoms and no support for the head {self.head}", (self.atoms, self.support))
+                raise ShapeError(
+                    f"no atoms and no support for the head {self.head}", (self.atoms, self.support)
+                )
             return
         if type(self.atoms) is not int or not 2 <= self.atoms <= LARGEST_ATOMS:
             raise ShapeError(f"2 to {LARGEST_ATOMS} atoms", self.atoms)
         support = self.support
-        if not (isinstance(support, tuple) and len(support) == 2 and all(type(end) in (int, float) for end in support)):
+        if not (
+            isinstance(support, tuple)
+            and len(support) == 2
+            and all(type(end) in (int, float) for end in support)
+        ):
             raise ShapeError("a support of two numbers", support)
         if not -LARGEST_SUPPORT <= support[0] < support[1] <= LARGEST_SUPPORT:
             raise ShapeError(f"a support that rises, within {LARGEST_SUPPORT:.0f} of 0", support)

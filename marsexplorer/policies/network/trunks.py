@@ -42,7 +42,9 @@ class StateTrunk(nn.Module):
             padding = (*same_padding(cols, kernel), *same_padding(rows, kernel))
             layers += [nn.ZeroPad2d(padding), nn.Conv2d(inputs, filters, kernel, STRIDE), nn.ReLU()]
             inputs, rows, cols = filters, -(-rows // STRIDE), -(-cols // STRIDE)
-        self.layers = nn.Sequential(*layers, nn.Flatten(), nn.Linear(inputs * rows * cols, UNITS[trunk]), nn.ReLU())
+        self.layers = nn.Sequential(
+            *layers, nn.Flatten(), nn.Linear(inputs * rows * cols, UNITS[trunk]), nn.ReLU()
+        )
         for layer in self.layers:
             if isinstance(layer, (nn.Conv2d, nn.Linear)):
                 initialize_xavier(layer)
@@ -61,7 +63,10 @@ class FeatureTrunk(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Linear(PLANES * PICTURE_CELLS, WIDE), nn.ReLU(), nn.Linear(WIDE, UNITS["features"]), nn.ReLU()
+            nn.Linear(PLANES * PICTURE_CELLS, WIDE),
+            nn.ReLU(),
+            nn.Linear(WIDE, UNITS["features"]),
+            nn.ReLU(),
         )
 
     def forward(self, planes: Tensor, moves: Tensor) -> Tensor:
@@ -109,5 +114,10 @@ def invalid_moves(observation: tuple[Tensor, ...]) -> Tensor:
     codes = observation[0]
     beyond = functional.pad(codes, (1, 1, 1, 1), value=OBSTACLE) == OBSTACLE
     rover = codes == ROVER
-    neighbours = (beyond[:, :-2, 1:-1], beyond[:, 1:-1, 2:], beyond[:, 2:, 1:-1], beyond[:, 1:-1, :-2])
+    neighbours = (
+        beyond[:, :-2, 1:-1],
+        beyond[:, 1:-1, 2:],
+        beyond[:, 2:, 1:-1],
+        beyond[:, 1:-1, :-2],
+    )
     return torch.stack([(rover & near).flatten(1).any(1) for near in neighbours], dim=1)

@@ -53,7 +53,10 @@ def test_without_a_password_there_is_no_such_page(server):
         assert client.get(f"/api/admin/{path}").status_code == 404
     for path, body in {**CHANGING, "login": {"password": PASSWORD}}.items():
         assert client.post(f"/api/admin/{path}", json=body).status_code == 404
-    with pytest.raises(InvalidStatus) as refusal, server.socket("any", client, path="/ws/admin/sessions/"):
+    with (
+        pytest.raises(InvalidStatus) as refusal,
+        server.socket("any", client, path="/ws/admin/sessions/"),
+    ):
         pass
     assert refusal.value.response.status_code in (403, 404)
 
@@ -77,7 +80,10 @@ def test_every_call_refuses_strangers(admin):
         for path, body in CHANGING.items():
             if path != "logout":
                 assert client.post(f"/api/admin/{path}", json=body).status_code == 401, path
-        with pytest.raises(InvalidStatus), admin.socket(session, client, path="/ws/admin/sessions/"):
+        with (
+            pytest.raises(InvalidStatus),
+            admin.socket(session, client, path="/ws/admin/sessions/"),
+        ):
             pass
     assert admin.client().get("/api/studies/small").json()["status"] == "open"
 
@@ -86,7 +92,10 @@ def test_the_calls_are_those_that_exist():
     from app.web.admin import router
 
     known = {route.path for route in router.routes}
-    tried = {*(f"/api/admin/{path}" for path in (*READING, *CHANGING, "login")), "/ws/admin/sessions/any"}
+    tried = {
+        *(f"/api/admin/{path}" for path in (*READING, *CHANGING, "login")),
+        "/ws/admin/sessions/any",
+    }
     shapes = {re.sub(r"\{[^}]+\}", "[^/]+", path) for path in known}
     assert [path for path in tried if not any(re.fullmatch(shape, path) for shape in shapes)] == []
     assert len(shapes) == len(tried), "a call that these tests do not try"
@@ -96,16 +105,24 @@ def test_a_wrong_password_and_too_many_of_them(admin):
     client = admin.client(headers={"Origin": admin.url})
     for _ in range(FREE_ATTEMPTS):
         answer = client.post("/api/admin/login", json={"password": "blue-planet-4"})
-        assert (answer.status_code, answer.json()["detail"]) == (401, "this is not the operator's password")
+        assert (answer.status_code, answer.json()["detail"]) == (
+            401,
+            "this is not the operator's password",
+        )
     assert ADMIN_COOKIE not in client.cookies
     answer = client.post("/api/admin/login", json={"password": PASSWORD})
     assert answer.status_code == 429, "not even the right one is looked at"
     wait = int(answer.headers["retry-after"])
     assert 0 < wait <= FIRST_WAIT_S
-    assert answer.json()["detail"] == f"too many wrong attempts from this address: wait {wait} seconds, then try again"
+    assert (
+        answer.json()["detail"]
+        == f"too many wrong attempts from this address: wait {wait} seconds, then try again"
+    )
 
 
-def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout(admin, monkeypatch):
+def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout(
+    admin, monkeypatch
+):
     client = admin.client(headers={"Origin": admin.url})
     said = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
     for attribute in ("HttpOnly", "SameSite=strict", f"Max-Age={TOKEN_S}", "Path=/"):
@@ -114,7 +131,11 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
     value = said.split(";")[0].split("=", 1)[1]
 
     def status(cookie):
-        return admin.client(headers={"Cookie": f"{ADMIN_COOKIE}={cookie}"}).get("/api/admin/overview").status_code
+        return (
+            admin.client(headers={"Cookie": f"{ADMIN_COOKIE}={cookie}"})
+            .get("/api/admin/overview")
+            .status_code
+        )
 
     assert status(value) == 200
     foreign = TimestampSigner("another key", salt="mars-admin").sign("a" * 32).decode()
@@ -122,7 +143,9 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
         assert status(wrong) == 401, wrong
 
     with monkeypatch.context() as patch:
-        patch.setattr(TimestampSigner, "get_timestamp", lambda self: int(time.time()) - TOKEN_S - 60)
+        patch.setattr(
+            TimestampSigner, "get_timestamp", lambda self: int(time.time()) - TOKEN_S - 60
+        )
         old = client.post("/api/admin/login", json={"password": PASSWORD}).headers["set-cookie"]
     assert status(old.split(";")[0].split("=", 1)[1]) == 401
 
@@ -142,7 +165,10 @@ def test_another_sites_page_cannot_use_the_operators_cookie(admin):
             assert answer.status_code == 403, (origin, path)
             assert "must come from" in answer.json()["detail"]
         assert client.get("/api/admin/overview").status_code == (200 if origin is None else 403)
-        with pytest.raises(InvalidStatus), admin.socket("any", client, origin or False, path="/ws/admin/sessions/"):
+        with (
+            pytest.raises(InvalidStatus),
+            admin.socket("any", client, origin or False, path="/ws/admin/sessions/"),
+        ):
             pass
         client.headers["Origin"] = admin.url
     assert client.get("/api/studies/small").json()["status"] == "open"
@@ -169,8 +195,17 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     assert "ada-5f1" not in answer.text
     shown = answer.json()
     assert done.client.cookies["mars_player"].split(".")[0] not in answer.text
-    counts = {each["stage"]: (each["human"], each["script"]) for each in shown["stages"] if each["human"] + each["script"]}
-    assert counts == {"instructions": (0, 1), "warm_up": (1, 0), "debrief": (1, 0), "withdrawn": (1, 0)}
+    counts = {
+        each["stage"]: (each["human"], each["script"])
+        for each in shown["stages"]
+        if each["human"] + each["script"]
+    }
+    assert counts == {
+        "instructions": (0, 1),
+        "warm_up": (1, 0),
+        "debrief": (1, 0),
+        "withdrawn": (1, 0),
+    }
     by_stage = {each["stage"]: each for each in shown["participants"]}
     assert by_stage["withdrawn"]["left_at"] == "instructions"
     assert (by_stage["warm_up"]["ranked"], by_stage["warm_up"]["mean_score"]) == (0, None)
@@ -178,7 +213,11 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     first = by_stage["debrief"]
     assert first["label"] == done.where["participant"], "what the participant can quote"
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
-    assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (2, 3, pytest.approx(sum(steps) / 3))
+    assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (
+        2,
+        3,
+        pytest.approx(sum(steps) / 3),
+    )
     assert sum(first["outcomes"].values()) == 3
     fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"])
     assert (fresh["players"], fresh["episodes"]) == (1, 3)
@@ -192,7 +231,11 @@ def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
     def shown():
         return operator.get("/api/admin/studies/lab").json()
 
-    assert (shown()["recruitment"], shown()["invitations"], len(shown()["code"])) == ("invitation", [], 9)
+    assert (shown()["recruitment"], shown()["invitations"], len(shown()["code"])) == (
+        "invitation",
+        [],
+        9,
+    )
     issued = operator.post("/api/admin/studies/lab/invitations", json={"count": 3})
     assert issued.status_code == 201
     tokens = issued.json()["tokens"]
@@ -206,7 +249,11 @@ def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
     assert [(each["state"], each["label"], each["token"]) for each in listed] == [
         ("used", used.where["participant"], None), ("opened", opened.where["participant"], tokens[1]), ("revoked", None, None)
     ]  # fmt: skip
-    assert Person(admin, "lab", joins=False).refused("join", {"invitation": tokens[2]}).startswith("this invitation has been")
+    assert (
+        Person(admin, "lab", joins=False)
+        .refused("join", {"invitation": tokens[2]})
+        .startswith("this invitation has been")
+    )
     (first, _) = shown()["participants"]
     assert (first["invitation"], first["repeated"], first["supervised_ms"]) == (
         tokens[0].split("-")[0],
@@ -235,26 +282,49 @@ def test_an_open_study_that_hides_its_figures_shows_counts_and_no_scores_anywher
     operator, person = admin.operator(), Person(admin, "hidden")
     person.to_warm_up()
     person.call("next")
-    with person.socket() as playing, admin.socket(person.where["session"], operator, path="/ws/admin/sessions/") as watching:
+    with (
+        person.socket() as playing,
+        admin.socket(person.where["session"], operator, path="/ws/admin/sessions/") as watching,
+    ):
         playing.receive("frame")
         assert watching.receive("frame")["score"] is None
     person.play()
-    answer = eventually(lambda: (now := operator.get("/api/admin/studies/hidden").json())["figure"] and now)
+    answer = eventually(
+        lambda: (now := operator.get("/api/admin/studies/hidden").json())["figure"] and now
+    )
     assert answer["figure"]["sentence"] == (
         "No figure is shown until 2 players have finished, the first planned look: 1 of 2 have finished."
     )
-    assert (answer["figure"]["view"], answer["figure"]["score"], answer["hides_interim"]) == ("hidden", None, True)
+    assert (answer["figure"]["view"], answer["figure"]["score"], answer["hides_interim"]) == (
+        "hidden",
+        None,
+        True,
+    )
     (row,) = answer["participants"]
-    assert (row["ranked"], row["mean_score"], row["mean_steps"], row["outcomes"]) == (1, None, None, {})
+    assert (row["ranked"], row["mean_score"], row["mean_steps"], row["outcomes"]) == (
+        1,
+        None,
+        None,
+        {},
+    )
     url = "/api/admin/studies/hidden/emergency-look"
     refused = operator.post(url, json={"reason": "why"})
-    assert (refused.status_code, "at least 10 characters" in refused.json()["detail"]) == (409, True)
+    assert (refused.status_code, "at least 10 characters" in refused.json()["detail"]) == (
+        409,
+        True,
+    )
     seen = operator.post(url, json={"reason": "two people report a frozen page"}).json()["figure"]
     assert (seen["players"], seen["view"]) == (1, "emergency")
     (kept,) = json.loads((tmp_path / "studies" / "hidden" / "looks.json").read_text())
-    assert (kept["kind"], kept["finished"], kept["reason"]) == ("emergency", 1, "two people report a frozen page")
+    assert (kept["kind"], kept["finished"], kept["reason"]) == (
+        "emergency",
+        1,
+        "two people report a frozen page",
+    )
     assert operator.get("/api/admin/studies/hidden").json()["figure"]["view"] == "hidden"
-    refused = operator.post("/api/admin/studies/small/emergency-look", json={"reason": "out of curiosity"})
+    refused = operator.post(
+        "/api/admin/studies/small/emergency-look", json={"reason": "out of curiosity"}
+    )
     assert (refused.status_code, "nobody has joined" in refused.json()["detail"]) == (409, True)
 
 
@@ -315,16 +385,27 @@ def test_closing_takes_the_name_and_is_for_good(admin):
     person.to_tutorial()
     person.call("next")
     wrong = operator.post("/api/admin/studies/small/close", json={"name": "smal"})
-    assert (wrong.status_code, wrong.json()["detail"][:33]) == (422, "type the study's name, 'small', t")
+    assert (wrong.status_code, wrong.json()["detail"][:33]) == (
+        422,
+        "type the study's name, 'small', t",
+    )
     early = operator.post("/api/admin/studies/small/exports/release", json={})
-    assert (early.status_code, early.json()["detail"]) == (409, "the study 'small' is open: close it first, then release it")
-    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    assert (early.status_code, early.json()["detail"]) == (
+        409,
+        "the study 'small' is open: close it first, then release it",
+    )
+    assert (
+        operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    )
     public = operator.get("/api/studies/small").json()
     assert public["status"] == "closed"
     assert public["secret"]
     person.refused("next")
     again = operator.post("/api/admin/studies/small/close", json={"name": "small"})
-    assert (again.status_code, again.json()["detail"][:32]) == (409, "the study 'small' is closed alre")
+    assert (again.status_code, again.json()["detail"][:32]) == (
+        409,
+        "the study 'small' is closed alre",
+    )
     shown = operator.get("/api/admin/studies/small").json()
     assert (shown["status"], shown["closed_ms"] is not None) == ("closed", True)
     assert operator.get("/api/admin/studies/nosuch").status_code == 404
@@ -332,11 +413,18 @@ def test_closing_takes_the_name_and_is_for_good(admin):
 
 def test_an_export_that_fails_says_why_in_the_commands_own_words(admin):
     operator = admin.operator()
-    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
-    begun = operator.post("/api/admin/studies/small/exports/release", json={"authors": ["Ada Lovelace"]})
+    assert (
+        operator.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 200
+    )
+    begun = operator.post(
+        "/api/admin/studies/small/exports/release", json={"authors": ["Ada Lovelace"]}
+    )
     assert (begun.status_code, begun.json()["release"]["state"]) == (202, "making")
     busy = operator.post("/api/admin/studies/small/exports/report", json={})
-    assert (busy.status_code, busy.json()["detail"]) == (409, "another export is being made: wait until it is done")
+    assert (busy.status_code, busy.json()["detail"]) == (
+        409,
+        "another export is being made: wait until it is done",
+    )
 
     def done():
         made = operator.get("/api/admin/studies/small").json()["exports"]["release"]
@@ -388,7 +476,9 @@ def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch
     for name in ("MARS_ADMIN_PASSWORD", "MARS_ADMIN"):
         monkeypatch.delenv(name, raising=False)
     server = spawn(admin=True)
-    assert server.said[-2].startswith("the operator's page is /admin, its password until the server stops: ")
+    assert server.said[-2].startswith(
+        "the operator's page is /admin, its password until the server stops: "
+    )
     password = server.said[-2].split()[-1]
     client = server.client(headers={"Origin": server.url})
     assert client.post("/api/admin/login", json={"password": password}).status_code == 200

@@ -56,7 +56,11 @@ def test_a_backup_holds_every_step_that_was_committed_before_it(tmp_path):
             copy = tmp_path / f"copy-{number}.db"
             assert back_up(path, copy) == copy.stat().st_size
             assert steps_in(copy) == number + 1
-        assert sorted(each.name for each in tmp_path.glob("copy*")) == ["copy-0.db", "copy-1.db", "copy-2.db"]
+        assert sorted(each.name for each in tmp_path.glob("copy*")) == [
+            "copy-0.db",
+            "copy-1.db",
+            "copy-2.db",
+        ]
     assert quick_check(tmp_path / "copy-2.db") == "ok"
 
 
@@ -68,7 +72,9 @@ def test_a_backup_is_of_one_moment_while_a_server_writes(tmp_path, monkeypatch):
             play(store, seed=seed)
         before = steps_in(path)
         seeds = iter(range(100, 10_000))
-        back_up(path, copy, lambda done, total: play(store, seed=next(seeds)) if done < total else None)
+        back_up(
+            path, copy, lambda done, total: play(store, seed=next(seeds)) if done < total else None
+        )
         assert steps_in(path) > before
     assert steps_in(copy) == before
 
@@ -106,7 +112,14 @@ except StoreError as error:
 
 
 def test_a_full_disk_ends_a_backup_in_one_sentence(database, tmp_path):
-    command = [sys.executable, "-c", LIMITED, str(database), str(tmp_path / "copy.db"), str(8 * 4096)]
+    command = [
+        sys.executable,
+        "-c",
+        LIMITED,
+        str(database),
+        str(tmp_path / "copy.db"),
+        str(8 * 4096),
+    ]
     said = subprocess.run(command, check=True, capture_output=True, text=True)
     assert said.stdout.startswith(f"cannot copy {database}")
     assert said.stderr == ""
@@ -121,7 +134,11 @@ def test_the_newest_backups_stay_and_other_files_are_left_alone(database, tmp_pa
         (folder / name).write_bytes(b"")
     backups = Backups(database, folder, 60, 3)
     made = backups.make()
-    assert backups.existing() == [folder / "play-20200104T000000Z.db", folder / "play-20200105T000000Z.db", made]
+    assert backups.existing() == [
+        folder / "play-20200104T000000Z.db",
+        folder / "play-20200105T000000Z.db",
+        made,
+    ]
     assert all((folder / name).exists() for name in others)
     assert 0 <= backups.age_s() < 60
 
@@ -140,7 +157,11 @@ def test_a_server_makes_backups_by_itself_and_says_how_old_the_newest_is(serve, 
     begun = client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
     act = {"kind": "act", "episode": begun["frame"]["episode"], "step": 0, "action": "south"}
     client.post(f"/api/sessions/{begun['session']}/act", json=act).raise_for_status()
-    found = eventually(lambda: [path for path in (tmp_path / "kept").glob("playground-*Z.db") if steps_in(path) == 1])
+    found = eventually(
+        lambda: [
+            path for path in (tmp_path / "kept").glob("playground-*Z.db") if steps_in(path) == 1
+        ]
+    )
     assert quick_check(found[-1]) == "ok"
 
 
@@ -149,17 +170,23 @@ def test_a_restored_backup_is_the_database_and_what_stood_there_stays(database, 
     back_up(database, copy)
     with closing(Store(database)) as store:
         play(store, seed=3)
-        shutil.copytree(tmp_path, tmp_path / "crashed")  # as a kill would leave it: the newest steps are in the log
+        shutil.copytree(
+            tmp_path, tmp_path / "crashed"
+        )  # as a kill would leave it: the newest steps are in the log
     crashed = tmp_path / "crashed" / "play.db"
     after, before = steps_in(database), steps_in(copy)
     kept = restore(copy, crashed, "now")
-    assert steps_in(crashed) == before, "the log of the former database must not meet the restored one"
+    assert steps_in(crashed) == before, (
+        "the log of the former database must not meet the restored one"
+    )
     assert kept == crashed.with_name("play.db.before-now")
     assert steps_in(kept) == after > before
     assert not verify_database(crashed).findings
 
 
-def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server_runs(database, tmp_path):
+def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server_runs(
+    database, tmp_path
+):
     copy = tmp_path / "copy.db"
     back_up(database, copy)
     with closing(Store(database)), pytest.raises(StoreError, match="in use by another server"):
@@ -172,7 +199,10 @@ def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server
         db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     assert database.read_bytes() == before
     assert not list(tmp_path.glob("*before-now*"))
-    for wrong, sentence in ((tmp_path / "none.db", "no backup at"), (database, "is the database itself")):
+    for wrong, sentence in (
+        (tmp_path / "none.db", "no backup at"),
+        (database, "is the database itself"),
+    ):
         with pytest.raises(StoreError, match=sentence):
             restore(wrong, database, "now")
 
@@ -219,7 +249,16 @@ def test_a_restore_drill(spawn, tmp_path):
     os.unlink(path)  # noqa: PTH108
     newest = sorted(folder.glob("playground-*Z.db"))[-1]
     made_at = newest.stat().st_mtime
-    command = [sys.executable, "-m", "app.cli", "restore", str(newest), "--database", str(path), "--yes"]
+    command = [
+        sys.executable,
+        "-m",
+        "app.cli",
+        "restore",
+        str(newest),
+        "--database",
+        str(path),
+        "--yes",
+    ]
     subprocess.run(command, check=True)
     with closing(sqlite3.connect(path)) as db:
         there = {tuple(row) for row in db.execute("SELECT episode_id, step FROM steps")}
@@ -232,4 +271,6 @@ def test_a_restore_drill(spawn, tmp_path):
     assert frame["step"] > before[-1][2], json.dumps(frame)
     server.close()
     made, kept, due = len(acknowledged), len(there), len(before)
-    print(f"\n{made} moves acknowledged, {kept} in the newest backup, all {due} that were made 2 s before it or earlier")
+    print(
+        f"\n{made} moves acknowledged, {kept} in the newest backup, all {due} that were made 2 s before it or earlier"
+    )

@@ -69,7 +69,11 @@ def test_one_damaged_page_costs_what_was_on_it_and_no_more(database, tmp_path, t
     assert kept >= (EPISODES * (1 - 2 / len(pages)) if table in ("steps", "episodes") else EPISODES)
     result = verify_database(new)
     assert result.episodes == kept
-    wrong = [str(each) for each in result.findings if not any(word in str(each) for word in ("digest", "chain", "salt"))]
+    wrong = [
+        str(each)
+        for each in result.findings
+        if not any(word in str(each) for word in ("digest", "chain", "salt"))
+    ]
     assert wrong == [], "the chain names what is missing; what is there is right"
     assert (found.stand_ins > 0) == (table == "sessions")
     with closing(Store(new)) as store:
@@ -93,4 +97,8 @@ def test_the_command_reports_what_was_lost(database, tmp_path, capsys):
     assert left.value.code == 0
     assert "pages could not be read of: steps" in said
     assert "left out, since they are not complete" in said
-    assert (tmp_path / "new.db.report.txt").read_text().startswith("pages could not be read of: steps\n")
+    assert (
+        (tmp_path / "new.db.report.txt")
+        .read_text()
+        .startswith("pages could not be read of: steps\n")
+    )

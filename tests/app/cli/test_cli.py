@@ -71,11 +71,27 @@ def test_help_names_every_command_and_the_version_is_printed(run):
 @pytest.mark.parametrize(
     ("module", "words", "sentence"),
     [
-        ("torch", ["train", "--steps", "1", "--out", "new"], "`marsexplorer train` needs the extra [train]"),
-        ("matplotlib", ["evaluate", "--policy", "random", "--plots", "new"], "`marsexplorer evaluate` needs the extra [train]"),
-        ("scipy", ["evaluate", "--policy", "random"], "`marsexplorer evaluate` needs the extra [train]"),
+        (
+            "torch",
+            ["train", "--steps", "1", "--out", "new"],
+            "`marsexplorer train` needs the extra [train]",
+        ),
+        (
+            "matplotlib",
+            ["evaluate", "--policy", "random", "--plots", "new"],
+            "`marsexplorer evaluate` needs the extra [train]",
+        ),
+        (
+            "scipy",
+            ["evaluate", "--policy", "random"],
+            "`marsexplorer evaluate` needs the extra [train]",
+        ),
         ("fastapi", ["serve", "--port", "0"], "`marsexplorer serve` needs the extra [play]"),
-        ("pydantic_settings", ["export", "--out", "new"], "`marsexplorer export` needs the extra [play]"),
+        (
+            "pydantic_settings",
+            ["export", "--out", "new"],
+            "`marsexplorer export` needs the extra [play]",
+        ),
         ("jinja2", ["report", "--study", "pilot"], "`marsexplorer report` needs the extra [study]"),
         ("click", ["train"], "`marsexplorer train` needs the extra [train]"),
         ("click", ["--help"], "`marsexplorer` needs the extra [play]"),
@@ -89,9 +105,14 @@ sys.argv[1:] = {words!r}
 from app.cli.main import main
 main()
 """
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
     extra = sentence.partition("[")[2].rstrip("]")
-    assert process.stderr == f"marsexplorer: {sentence}: pip install 'marsexplorer-playground[{extra}]'\n"
+    assert (
+        process.stderr
+        == f"marsexplorer: {sentence}: pip install 'marsexplorer-playground[{extra}]'\n"
+    )
     assert (process.returncode, process.stdout) == (2, "")
 
 
@@ -101,17 +122,34 @@ def test_a_missing_module_that_no_extra_brings_is_an_error_of_ours():
 
 def test_the_extras_are_those_of_the_package():
     """Every library that pyproject.toml lists for an extra is known to bring that extra's name into the sentence."""
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     del declared["audit"], declared["dev"], declared["docs"]  # no command needs them
-    imported_as = {"pillow": "PIL", "pyyaml": "yaml", "pydantic-settings": "pydantic_settings", "sqlite-utils": "sqlite_utils"}
-    imported_as |= {"prometheus-client": "prometheus_client", "python-json-logger": "pythonjsonlogger", "argon2-cffi": "argon2"}
+    imported_as = {
+        "pillow": "PIL",
+        "pyyaml": "yaml",
+        "pydantic-settings": "pydantic_settings",
+        "sqlite-utils": "sqlite_utils",
+    }
+    imported_as |= {
+        "prometheus-client": "prometheus_client",
+        "python-json-logger": "pythonjsonlogger",
+        "argon2-cffi": "argon2",
+    }
     assert set(declared) == set(EXTRAS)
     for extra, requirements in declared.items():
         names = [re.split(r"[<>=\[ ]", requirement)[0] for requirement in requirements]
         own = {imported_as.get(name, name) for name in names if name != "marsexplorer-playground"}
-        included = [part for requirement in requirements for part in re.findall(r"playground\[([a-z,]+)\]", requirement)]
+        included = [
+            part
+            for requirement in requirements
+            for part in re.findall(r"playground\[([a-z,]+)\]", requirement)
+        ]
         assert own <= set(EXTRAS[extra]), extra
-        assert tuple(",".join(included).split(",") if included else ()) == INCLUDED.get(extra, ()), extra
+        assert tuple(",".join(included).split(",") if included else ()) == INCLUDED.get(
+            extra, ()
+        ), extra
     assert set(EXTRA_OF_COMMAND) == set(cli.list_commands(None))
 
 
@@ -124,7 +162,9 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         pass
     print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "rich"} & set(sys.modules)), file=sys.stderr)
 """
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
+    )
     lines = process.stderr.splitlines()
     assert len(lines) == 1 + len(cli.list_commands(None))
     assert all(line.endswith(" []") for line in lines), lines
@@ -134,17 +174,32 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
     ("args", "part"),
     [
         (["evaluate", "--policy", "random", "--size", "3x3"], "rows must be at least 5, got 3"),
-        (["evaluate", "--policy", "random", "--size", "big"], "expected a side like 21 or ROWSxCOLS like 42x84, got 'big'"),
-        (["evaluate", "--policy", "random", "--level", "moon"], "no level 'moon'; choose one of: random"),
+        (
+            ["evaluate", "--policy", "random", "--size", "big"],
+            "expected a side like 21 or ROWSxCOLS like 42x84, got 'big'",
+        ),
+        (
+            ["evaluate", "--policy", "random", "--level", "moon"],
+            "no level 'moon'; choose one of: random",
+        ),
         (["evaluate", "--policy", "random", "--episodes", "0"], "--episodes"),
         (["evaluate", "--policy", "random", "--seed", "-1"], "--seed"),
         (["evaluate", "--policy", "random", "--seed", str(2**53)], "seed"),
         (["evaluate", "--policy", "ppo2"], 'no policy "ppo2"'),
         (["evaluate", "--policy", "gone.safetensors"], "no policy file at gone.safetensors"),
         (["evaluate", "random"], "--policy"),
-        (["evaluate", "--policy", "random", "--map", "gone.yaml"], "gone.yaml is no readable YAML file"),
-        (["evaluate", "--policy", "random", "--map", "gone.yaml", "--plots", "new"], "--map takes no --csv, --plots or --ray"),
-        (["evaluate", "--policy", "random", "--informed", "--size", "200"], "up to 16384 cells, got 200x200"),
+        (
+            ["evaluate", "--policy", "random", "--map", "gone.yaml"],
+            "gone.yaml is no readable YAML file",
+        ),
+        (
+            ["evaluate", "--policy", "random", "--map", "gone.yaml", "--plots", "new"],
+            "--map takes no --csv, --plots or --ray",
+        ),
+        (
+            ["evaluate", "--policy", "random", "--informed", "--size", "200"],
+            "up to 16384 cells, got 200x200",
+        ),
         (["serve", "--port", "70000"], "--port"),
         (["serve", "nonsense"], "unexpected argument 'nonsense'"),
         (["export"], "--out"),
@@ -174,7 +229,9 @@ def test_sizes_are_read_as_sides_or_rows_by_columns():
 
 
 def test_export_writes_both_tables(run, database, tmp_path):
-    code, out, err = run("export", "--database", database, "--format", "csv", "--out", tmp_path / "new" / "out")
+    code, out, err = run(
+        "export", "--database", database, "--format", "csv", "--out", tmp_path / "new" / "out"
+    )
     assert (code, err) == (0, "")
     assert out.startswith("2 episodes in ")
     with (tmp_path / "new" / "out" / "episodes.csv").open() as file:
@@ -187,7 +244,20 @@ def test_export_writes_both_tables(run, database, tmp_path):
 
 
 def test_export_of_the_human_episodes_as_json_lines(run, database, tmp_path):
-    assert run("export", "--database", database, "--format", "jsonl", "--out", tmp_path, "--who", "human")[0] == 0
+    assert (
+        run(
+            "export",
+            "--database",
+            database,
+            "--format",
+            "jsonl",
+            "--out",
+            tmp_path,
+            "--who",
+            "human",
+        )[0]
+        == 0
+    )
     (line,) = (tmp_path / "episodes.jsonl").read_text().splitlines()
     assert json.loads(line)["driver"] == "human"
 
@@ -227,8 +297,28 @@ def test_an_unwritable_folder_is_named_and_nothing_is_left(run, database, tmp_pa
 
 def test_evaluate_prints_a_table_and_writes_it(run, tmp_path):
     target = tmp_path / "table.json"
-    args = ["evaluate", "--policy", "random", "frontier-cost", "--size", "5x7", "--episodes", "3", "--seed", "3"]
-    more = ["--level", "random", "--level", "1-1-1", "--csv", tmp_path / "table.csv", "--plots", tmp_path / "new" / "pictures"]
+    args = [
+        "evaluate",
+        "--policy",
+        "random",
+        "frontier-cost",
+        "--size",
+        "5x7",
+        "--episodes",
+        "3",
+        "--seed",
+        "3",
+    ]
+    more = [
+        "--level",
+        "random",
+        "--level",
+        "1-1-1",
+        "--csv",
+        tmp_path / "table.csv",
+        "--plots",
+        tmp_path / "new" / "pictures",
+    ]
     code, out, err = run(*args, *more, "--json", target)
     assert (code, err) == (0, "")
     for word in (
@@ -247,10 +337,14 @@ def test_evaluate_prints_a_table_and_writes_it(run, tmp_path):
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["policy"], row["level"]) for row in rows] == [
-        (policy, level) for level in ("random", "1-1-1") for policy in ("random", "frontier-cost", "frontier-utility")
+        (policy, level)
+        for level in ("random", "1-1-1")
+        for policy in ("random", "frontier-cost", "frontier-utility")
     ]
     assert all(
-        (row["rule_ratio_mean"] == "") == (row["policy"] == row["rule_reference"] or not row["rule_reference"]) for row in rows
+        (row["rule_ratio_mean"] == "")
+        == (row["policy"] == row["rule_reference"] or not row["rule_reference"])
+        for row in rows
     )
     pictures = {path.name for path in (tmp_path / "new" / "pictures").iterdir()}
     assert {"coverage-random-5x7.png", "coverage-1-1-1-5x7.png", "heat-random.png"} < pictures
@@ -285,7 +379,9 @@ def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        code, _, err = run("serve", "--port", taken.getsockname()[1], "--database", tmp_path / "play.db")
+        code, _, err = run(
+            "serve", "--port", taken.getsockname()[1], "--database", tmp_path / "play.db"
+        )
     assert code == 1
     assert is_one_sentence(err)
     assert "choose another with --port" in err
@@ -303,14 +399,42 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(app.server, "run", seen.append)
     monkeypatch.setenv("MARS_HOST", "::1")
-    assert run("serve", "--port", "9", "--database", tmp_path / "a.db", "--policy", "a.b", "c.d", "--durable")[0] == 0
+    assert (
+        run(
+            "serve",
+            "--port",
+            "9",
+            "--database",
+            tmp_path / "a.db",
+            "--policy",
+            "a.b",
+            "c.d",
+            "--durable",
+        )[0]
+        == 0
+    )
     assert run("serve")[0] == 0
     assert run("serve", "--paper")[0] == 0
     first, second, third = seen
-    assert (first.host, first.port, first.database, first.durable) == ("::1", 9, tmp_path / "a.db", True)
+    assert (first.host, first.port, first.database, first.durable) == (
+        "::1",
+        9,
+        tmp_path / "a.db",
+        True,
+    )
     assert first.policies == (Path("a.b"), Path("c.d"))
-    assert (second.port, second.database, second.durable, second.policies) == (8000, DEFAULT_DATABASE, False, ())
-    assert [path.stem for path in third.policies] == ["a2c-works", "ppo-works", "rainbow-works", "sac-works"]
+    assert (second.port, second.database, second.durable, second.policies) == (
+        8000,
+        DEFAULT_DATABASE,
+        False,
+        (),
+    )
+    assert [path.stem for path in third.policies] == [
+        "a2c-works",
+        "ppo-works",
+        "rainbow-works",
+        "sac-works",
+    ]
 
 
 def heed_control_c():
@@ -329,7 +453,17 @@ def press_control_c(process):
 
 @pytest.mark.parametrize("interrupt", [signal_process, press_control_c])
 def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, interrupt):
-    args = ["evaluate", "--policy", "frontier-cost", "--size", "84", "--episodes", "100000", "--json", str(tmp_path / "t.json")]
+    args = [
+        "evaluate",
+        "--policy",
+        "frontier-cost",
+        "--size",
+        "84",
+        "--episodes",
+        "100000",
+        "--json",
+        str(tmp_path / "t.json"),
+    ]
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", *args],
         stdout=subprocess.PIPE,
@@ -365,10 +499,21 @@ def test_policies_are_evaluated_on_map_files(run, tmp_path):
     terrain[2, 1:8] = True
     for name in ("hall", "shed"):
         write_map(GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (0, 0)), tmp_path / f"{name}.yaml")
-    given = ["--map", tmp_path / "hall.yaml", "--map", tmp_path / "shed.yaml", "--json", tmp_path / "figures.json"]
+    given = [
+        "--map",
+        tmp_path / "hall.yaml",
+        "--map",
+        tmp_path / "shed.yaml",
+        "--json",
+        tmp_path / "figures.json",
+    ]
     code, out, _ = run("evaluate", "--policy", "frontier-priced", *given)
     assert code == 0
     assert "frontier-priced" in out
     maps = json.loads((tmp_path / "figures.json").read_text())["maps"]
     assert [each["name"] for each in maps] == ["hall", "shed"]
-    assert [each["policy"] for each in maps[1]["results"]] == ["frontier-priced", "frontier-cost", "frontier-utility"]
+    assert [each["policy"] for each in maps[1]["results"]] == [
+        "frontier-priced",
+        "frontier-cost",
+        "frontier-utility",
+    ]

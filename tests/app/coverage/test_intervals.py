@@ -25,7 +25,10 @@ def within(measured, low, high, studies):
     return low - slack <= measured <= high + slack
 
 
-@pytest.mark.parametrize(("name", "icc", "players"), [("symmetric", 0.2, 10), ("skewed", 0.2, 10), ("collisions", 0.0, 20)])
+@pytest.mark.parametrize(
+    ("name", "icc", "players"),
+    [("symmetric", 0.2, 10), ("skewed", 0.2, 10), ("collisions", 0.0, 20)],
+)
 def test_the_printed_interval_covers_the_truth_as_often_as_it_says(name, icc, players):
     cell = measure_cell(BY_NAME[name], icc, players, STUDIES, seed=11)
     assert within(cell.printed, 93, 97.5, STUDIES), cell
@@ -98,11 +101,17 @@ def test_percentiles_over_resampled_players_did_not():
 
 
 def test_the_same_seed_gives_the_same_cell():
-    assert measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1)
+    assert measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(
+        SCORE_POPULATIONS[0], 0.2, 5, 50, 1
+    )
 
 
 def test_a_row_of_the_quoted_table_comes_out_again():
-    quoted = next(cell for cell in saved() if (cell.population, cell.icc, cell.players) == ("collisions", 0.5, 5))
+    quoted = next(
+        cell
+        for cell in saved()
+        if (cell.population, cell.icc, cell.players) == ("collisions", 0.5, 5)
+    )
     again = measure_cell(BY_NAME["collisions"], 0.5, 5, quoted.studies, seed=0)
     for name in ("printed", "below", "above", "t", "bootstrap", "guaranteed", "pooled", "width", "new_terrains", "headline",
                  "headline_steps", "printed_steps", "guaranteed_headline"):  # fmt: skip
@@ -127,12 +136,18 @@ def test_the_quoted_table_is_whole_and_stands_in_the_documents():
 def test_what_the_documents_promise_is_what_was_measured():
     cells = saved()
     one_shape = [cell for cell in cells if not cell.population.endswith("collisions")]
-    assert all(93 <= cell.printed <= 97.05 for cell in one_shape if cell.population != "very skewed" and cell.players >= 10)
+    assert all(
+        93 <= cell.printed <= 97.05
+        for cell in one_shape
+        if cell.population != "very skewed" and cell.players >= 10
+    )
     assert all(cell.guaranteed >= 95 for cell in cells)
     assert all(cell.printed >= cell.t - 0.05 for cell in cells)
     alike = [cell for cell in cells if cell.population != "very skewed" and cell.players >= 10]
     alike = [cell for cell in alike if cell.icc == 0 or not cell.population.endswith("collisions")]
-    assert all(93 <= share <= 98.05 for cell in alike for share in (cell.headline, cell.headline_steps)), "interval_rule 2"
+    assert all(
+        93 <= share <= 98.05 for cell in alike for share in (cell.headline, cell.headline_steps)
+    ), "interval_rule 2"
     assert all(cell.headline >= cell.printed - 0.05 for cell in cells)
     low = min(cell.printed for cell in one_shape)
     assert re.search(rf"never below {low:.1f} %", DOCS.read_text())
@@ -153,5 +168,11 @@ def test_every_cell_measured_again_agrees_with_the_quoted_table():
         again = measure_cell(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
         for name in ("printed", "t", "bootstrap", "guaranteed", "pooled"):
             expected, found = getattr(cell, name), getattr(again, name)
-            slack = 2.1 * math.hypot(coverage_error(expected, studies), coverage_error(expected, cell.studies)) + 0.6
+            slack = (
+                2.1
+                * math.hypot(
+                    coverage_error(expected, studies), coverage_error(expected, cell.studies)
+                )
+                + 0.6
+            )
             assert abs(found - expected) <= slack, (name, cell, again)

@@ -36,12 +36,16 @@ class Played:
 
     def __init__(self, stack, database, mode, boards):
         command = [sys.executable, "-c", SERVER, str(database), mode]
-        self.process = stack.enter_context(_ended(subprocess.Popen(command, stdout=subprocess.PIPE, text=True)))
+        self.process = stack.enter_context(
+            _ended(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        )
         line = next(line for line in self.process.stdout if "is open at" in line)
         server = Running(int(line.split("http://127.0.0.1:")[1].split()[0]))
         stack.callback(server.close)
         client = server.client()
-        begun = [client.post("/api/sessions", json={"size": 42, "seed": 3}).json() for _ in range(boards)]
+        begun = [
+            client.post("/api/sessions", json={"size": 42, "seed": 3}).json() for _ in range(boards)
+        ]
         self.sockets = [stack.enter_context(server.socket(each["session"])) for each in begun]
         self.frames = [socket.receive("frame") for socket in self.sockets]
         self.spent, self.cpu_s = [], 0.0
@@ -60,7 +64,10 @@ class Played:
     def _cpu_s(self):
         """The processor time of all its threads."""
         tasks = Path(f"/proc/{self.process.pid}/task")
-        return sum(float((each / "schedstat").read_text().split()[0]) for each in tasks.iterdir()) / 1e9
+        return (
+            sum(float((each / "schedstat").read_text().split()[0]) for each in tasks.iterdir())
+            / 1e9
+        )
 
 
 @contextmanager
@@ -74,7 +81,10 @@ def _ended(process):
         process.stdout.close()
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads the processor time of threads from Linux's /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/task").exists(),
+    reason="reads the processor time of threads from Linux's /proc",
+)
 @pytest.mark.parametrize(("boards", "rounds"), [(1, 1500), (20, 100)])
 def test_the_thread_that_writes_costs_a_move_less_than_half_a_millisecond(tmp_path, boards, rounds):
     """Where several boards move at once, their moves share commits, which makes up for the thread."""
@@ -89,9 +99,13 @@ def test_the_thread_that_writes_costs_a_move_less_than_half_a_millisecond(tmp_pa
         )
         cpu_before, cpu = (1000 * each.cpu_s / len(each.spent) for each in (inline, threaded))
     print(
-        f"\n{boards} board(s), written on the event loop -> by a thread: round trip of a move, median {before:.2f} -> ", end=""
+        f"\n{boards} board(s), written on the event loop -> by a thread: round trip of a move, median {before:.2f} -> ",
+        end="",
     )
-    print(f"{after:.2f} ms, fastest tenth {low_before:.2f} -> {low:.2f}, p99 {p99_before:.2f} -> {p99:.2f};", end=" ")
+    print(
+        f"{after:.2f} ms, fastest tenth {low_before:.2f} -> {low:.2f}, p99 {p99_before:.2f} -> {p99:.2f};",
+        end=" ",
+    )
     print(f"processor time {cpu_before:.2f} -> {cpu:.2f} ms a move")
     assert low - low_before <= MOST_MS
     assert after <= MOST_MEDIAN * before

@@ -16,11 +16,18 @@ def begin(client):
 
 def act(client, begun, step, action=None):
     """Move south and north in turn."""
-    body = {"kind": "act", "episode": begun["frame"]["episode"], "step": step, "action": action or ("south", "north")[step % 2]}
+    body = {
+        "kind": "act",
+        "episode": begun["frame"]["episode"],
+        "step": step,
+        "action": action or ("south", "north")[step % 2],
+    }
     return client.post(f"/api/sessions/{begun['session']}/act", json=body)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the limit of another process is set by a call of Linux")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="the limit of another process is set by a call of Linux"
+)
 def test_a_full_disk_refuses_moves_and_loses_none(spawn, tmp_path):
     server = spawn()
     client, limit = server.client(), resource.RLIMIT_FSIZE
@@ -68,6 +75,8 @@ def test_a_clock_that_is_set_back_loses_no_move(server, tmp_path):
         frame = client.get(f"/api/sessions/{begun['session']}").json()
         outcome = frame["outcome"] or act(client, begun, frame["step"], "west").json()["outcome"]
     assert client.post(f"/api/sessions/{begun['session']}/episodes", json={}).status_code == 201
-    assert begun["frame"]["episode"] in {each["episode"] for each in client.get("/api/episodes").json()}
+    assert begun["frame"]["episode"] in {
+        each["episode"] for each in client.get("/api/episodes").json()
+    }
     result = verify_database(tmp_path / "playground.db")
     assert (result.episodes, result.findings) == (1, ())

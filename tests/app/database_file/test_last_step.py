@@ -41,7 +41,10 @@ def test_a_log_that_is_gone_stops_the_start_until_it_is_put_back_or_its_loss_is_
     log_of(path).rename(path.with_name("found-later"))
     before = path.read_bytes()
     for _ in range(2):
-        with pytest.raises(StoreError, match=rf"step 2 of the episode {episode}.* play.db-wal is gone.*serve --accept-loss"):
+        with pytest.raises(
+            StoreError,
+            match=rf"step 2 of the episode {episode}.* play.db-wal is gone.*serve --accept-loss",
+        ):
             Store(path)
     assert path.read_bytes() == before
     path.with_name("found-later").rename(log_of(path))
@@ -75,12 +78,16 @@ def test_a_database_that_is_gone_after_a_crash_is_not_begun_anew(crashed):
     assert not path.exists()
 
 
-def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_running(tmp_path, serve, capsys):
+def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_running(
+    tmp_path, serve, capsys
+):
     server = serve()
     store, path = server.services.store, tmp_path / "playground.db"
     server.on_loop(store.write(lambda: [play(store, seed=seed) for seed in range(40)]))
     server.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    (root,) = store.connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'steps'").fetchone()
+    (root,) = store.connection.execute(
+        "SELECT rootpage FROM sqlite_master WHERE name = 'steps'"
+    ).fetchone()
     damage = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
     subprocess.run([sys.executable, "-c", damage, str(path), str(4096 * (root - 1))], check=True)
     answer = server.client().get("/api/episodes")

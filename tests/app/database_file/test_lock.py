@@ -17,7 +17,9 @@ OPEN = "import sys; from app.storage.store import Store, StoreError\ntry: Store(
 
 def opened_elsewhere(path):
     """Return what a second server, in a process of its own, says of the database."""
-    return subprocess.run([sys.executable, "-c", OPEN, str(path)], check=True, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", OPEN, str(path)], check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
 @pytest.fixture

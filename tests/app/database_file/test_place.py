@@ -45,9 +45,13 @@ def test_no_move_is_acknowledged_into_a_file_that_is_gone(serve, tmp_path, lose)
         assert str(tmp_path) not in answer["detail"]
         assert client.get("/api/health").json()["status"] == "failing"
         assert client.get("/readyz").status_code == 503
-        assert client.get("/healthz").status_code == 200, "alive, so that nobody restarts it into an empty database"
+        assert client.get("/healthz").status_code == 200, (
+            "alive, so that nobody restarts it into an empty database"
+        )
         assert client.post("/api/sessions", json={}).status_code == 503
-        assert client.get(f"/api/sessions/{begun['session']}").json() == frame, "the board stands where it was"
+        assert client.get(f"/api/sessions/{begun['session']}").json() == frame, (
+            "the board stands where it was"
+        )
 
 
 def test_play_goes_on_when_the_file_is_put_back(tmp_path):

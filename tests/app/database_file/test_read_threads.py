@@ -27,7 +27,9 @@ def test_all_that_the_store_reads_goes_over_the_connections_that_were_opened_at_
         list(people.map(visit, range(6)))
     eventually(lambda: len(server.services.lobby) == 0)
     assert len(reads) == THREADS
-    found = server.on_loop(server.services.store.read(lambda: server.services.store.query("PRAGMA cache_size")))
+    found = server.on_loop(
+        server.services.store.read(lambda: server.services.store.query("PRAGMA cache_size"))
+    )
     assert found == [{"cache_size": -READ_CACHE_KB}]
 
 

@@ -36,7 +36,9 @@ COMMIT_S = 0.25
 def locked_elsewhere(path):
     """Let another process hold the lock for writing during the block."""
     command = [sys.executable, "-c", HOLD, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout.readline() == "locked\n"
         try:
             yield
@@ -57,7 +59,9 @@ def delay_commits(server, seconds):
             commits.append(statement)
             time.sleep(seconds)
 
-    server.on_loop(store.write(lambda: store._own_db.conn.set_trace_callback(wait if seconds else None)))
+    server.on_loop(
+        store.write(lambda: store._own_db.conn.set_trace_callback(wait if seconds else None))
+    )
     return commits
 
 
@@ -74,11 +78,17 @@ def waits_ms(client, paths, seconds):
 
 
 def begin(client, seed=5):
-    return client.post("/api/sessions", json={"size": [9, 13], "seed": seed}).raise_for_status().json()
+    return (
+        client.post("/api/sessions", json={"size": [9, 13], "seed": seed}).raise_for_status().json()
+    )
 
 
 def act(client, begun, step):
-    wanted = {"episode": begun["frame"]["episode"], "step": step, "action": ("south", "north")[step % 2]}
+    wanted = {
+        "episode": begun["frame"]["episode"],
+        "step": step,
+        "action": ("south", "north")[step % 2],
+    }
     return client.post(f"/api/sessions/{begun['session']}/act", json=wanted)
 
 
@@ -87,7 +97,9 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
     server = serve()
     path, client, other = tmp_path / "playground.db", server.client(), server.client()
     begun = begin(client)
-    drives = client.post("/api/sessions", json={"size": [9, 13], "player": "frontier-cost", "seed": 6}).json()["session"]
+    drives = client.post(
+        "/api/sessions", json={"size": [9, 13], "player": "frontier-cost", "seed": 6}
+    ).json()["session"]
     client.post(f"/api/sessions/{drives}/pace", json={"moves_per_second": 1}).raise_for_status()
     paths = ["/", "/api/levels", f"/api/sessions/{begun['session']}", "/api/episodes"]
     with server.socket(begun["session"], client) as socket, ThreadPoolExecutor(1) as pool:
@@ -101,7 +113,9 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
             during = waits_ms(other, paths, held_s)
             assert socket.receive() == {"kind": "error", "detail": WAITS}
             assert not begins.done()
-            assert client.get(f"/api/sessions/{begun['session']}").json() == frame, "no frame before its step is committed"
+            assert client.get(f"/api/sessions/{begun['session']}").json() == frame, (
+                "no frame before its step is committed"
+            )
         assert socket.frame_after(2)["step"] == 3
         assert begins.result().status_code == 201
     made = [step["action"] for step in server.services.store.steps(frame["episode"])]
@@ -109,7 +123,9 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
     driven = client.get(f"/api/sessions/{drives}").json()
     eventually(lambda: client.get(f"/api/sessions/{drives}").json()["step"] > driven["step"])
     p99, p99_before = np.percentile(during, 99), np.percentile(before, 99)
-    print(f"\n{held_s} s locked: answers to others p99 {p99:.1f} ms, slowest {max(during):.1f}; before p99 {p99_before:.1f}")
+    print(
+        f"\n{held_s} s locked: answers to others p99 {p99:.1f} ms, slowest {max(during):.1f}; before p99 {p99_before:.1f}"
+    )
     assert max(during) < 1000, "SQLite's own wait would be 5 seconds"
     assert np.median(during) < 3 * np.median(before) + 5
 
@@ -120,7 +136,14 @@ def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
     server = serve()
     client, other = server.client(), server.client()
     begun, still = begin(client), begin(other, 6)
-    paths = ["/", "/healthz", "/api/levels", f"/api/sessions/{still['session']}", "/api/episodes", "/api/me/session"]
+    paths = [
+        "/",
+        "/healthz",
+        "/api/levels",
+        f"/api/sessions/{still['session']}",
+        "/api/episodes",
+        "/api/me/session",
+    ]
     stop = threading.Event()
 
     def play(step=0):
@@ -143,7 +166,9 @@ def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
         assert 1 <= made.result() <= (seconds + 5) / COMMIT_S
     delay_commits(server, 0)
     p99, p99_before = np.percentile(during, 99), np.percentile(before, 99)
-    print(f"\ncommits of {1000 * COMMIT_S:.0f} ms: answers to others p99 {p99:.1f} ms; before p99 {p99_before:.1f} ms")
+    print(
+        f"\ncommits of {1000 * COMMIT_S:.0f} ms: answers to others p99 {p99:.1f} ms; before p99 {p99_before:.1f} ms"
+    )
     assert np.median(during) < 3 * np.median(before) + 5
     assert p99 < 2 * p99_before + 1000 * COMMIT_S / 2, "nobody waited for a commit"
 
@@ -167,16 +192,27 @@ def press_and_move(board, server, episode, step, action, code):
     """Send a press and its move, as the page does: one behind the other."""
     server.clock.skipped_ms += 150
     now = server.clock.page_ms()
-    press = {"kind": "keydown", "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": step}
+    press = {
+        "kind": "keydown",
+        "code": code,
+        "repeat": False,
+        "trusted": True,
+        "client_ms": now,
+        "step": step,
+    }
     board.send({"kind": "events", "episode": episode, "events": [press]})
     times = {"input": "key", "key_down_ms": now, "client_ms": now}
     board.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
 
 
-def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_the_chain(serve, monkeypatch):
+def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_the_chain(
+    serve, monkeypatch
+):
     compare, compared = attestation.attest, []
     monkeypatch.setattr(write_queue, "GATHERED_S", 1.0)
-    monkeypatch.setattr(attestation, "attest", lambda *given: (compared.append(1), compare(*given))[1])
+    monkeypatch.setattr(
+        attestation, "attest", lambda *given: (compared.append(1), compare(*given))[1]
+    )
     server = serve()
     client = server.page()
     begun = client.post("/api/sessions").json()
@@ -197,7 +233,11 @@ def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_th
         assert board.frame_after(2)["outcome"] == "out_of_bounds"
         delay_commits(server, 0)
     kept = client.get(f"/api/episodes/{frame['episode']}").json()
-    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (True, "attested", None)
+    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (
+        True,
+        "attested",
+        None,
+    )
     assert len(compared) == 1, "on a thread that reads, and not again on the one that writes"
 
 
@@ -205,7 +245,10 @@ def test_a_read_that_takes_long_delays_no_move(serve):
     """Half a second in SQLite for each of more reads than there are threads for them."""
     server = serve()
     store, client = server.services.store, server.client()
-    begun, rest = begin(client), "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT {}) SELECT max(i) FROM n"
+    begun, rest = (
+        begin(client),
+        "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT {}) SELECT max(i) FROM n",
+    )
     began = time.perf_counter()
     store.connection.execute(rest.format(100_000)).fetchall()
     count = round(0.5 * 100_000 / (time.perf_counter() - began))
@@ -221,13 +264,20 @@ def test_a_read_that_takes_long_delays_no_move(serve):
     before = moves_ms(range(20))
     with ThreadPoolExecutor(6) as pool:
         reads = [
-            pool.submit(server.on_loop, store.read(lambda: store.connection.execute(rest.format(count)).fetchall()))
+            pool.submit(
+                server.on_loop,
+                store.read(lambda: store.connection.execute(rest.format(count)).fetchall()),
+            )
             for _ in range(6)
         ]
         during = moves_ms(range(20, 40))
         assert not all(read.done() for read in reads)
-    print(f"\na move takes {np.median(before):.1f} ms, {np.median(during):.1f} beside long reads, at most {max(during):.1f}")
-    assert np.median(during) < 5 * np.median(before) + 50, "a move that waits for a read takes 500 ms"
+    print(
+        f"\na move takes {np.median(before):.1f} ms, {np.median(during):.1f} beside long reads, at most {max(during):.1f}"
+    )
+    assert np.median(during) < 5 * np.median(before) + 50, (
+        "a move that waits for a read takes 500 ms"
+    )
 
 
 def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve, monkeypatch):
@@ -245,7 +295,9 @@ def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve
     for begun, answer in zip(boards, answers, strict=True):
         steps = server.services.store.steps(begun["frame"]["episode"])
         assert len(steps) == (answer.status_code == 200)
-        assert act(server.client(), begun, len(steps)).status_code == 200, "each board goes on where it stands"
+        assert act(server.client(), begun, len(steps)).status_code == 200, (
+            "each board goes on where it stands"
+        )
 
 
 def test_a_thread_that_has_failed_is_seen_and_no_move_is_made(serve):
@@ -261,7 +313,9 @@ def test_a_thread_that_has_failed_is_seen_and_no_move_is_made(serve):
     assert (refused.status_code, refused.json()["detail"]) == (503, BROKEN)
     assert client.get(f"/api/sessions/{begun['session']}").json() == begun["frame"]
     server.stop()
-    assert act(serve().client(), begun, 0).status_code == 200, "a server that is started anew goes on"
+    assert act(serve().client(), begun, 0).status_code == 200, (
+        "a server that is started anew goes on"
+    )
 
 
 def step_row(episode_id, step):
@@ -296,12 +350,23 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
     commits, published = [], []
 
     async def scenario(store, episodes):
-        store._own_db.conn.set_trace_callback(lambda sql: commits.append(sql) if sql in ("COMMIT", "ROLLBACK") else None)
+        store._own_db.conn.set_trace_callback(
+            lambda sql: commits.append(sql) if sql in ("COMMIT", "ROLLBACK") else None
+        )
         go_on, _ = await blocked(store)
-        wanted = [(episodes[0], 0), (episodes[1], 0), (episodes[2], 7), (episodes[0], 1), (episodes[3], 0)]
+        wanted = [
+            (episodes[0], 0),
+            (episodes[1], 0),
+            (episodes[2], 7),
+            (episodes[0], 1),
+            (episodes[3], 0),
+        ]
         writes = [
             asyncio.create_task(
-                store.write(partial(store.add_step, step_row(*each)), then=lambda _, each=each: published.append(each))
+                store.write(
+                    partial(store.add_step, step_row(*each)),
+                    then=lambda _, each=each: published.append(each),
+                )
             )
             for each in wanted
         ]
@@ -311,7 +376,9 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
         results = await asyncio.gather(*writes, return_exceptions=True)
         assert [result is None for result in results] == [True, True, False, True, True]
         assert "step 7 is not the next" in str(results[2])
-        assert published == [each for each in wanted if each[1] != 7], "in the order in which they were asked for"
+        assert published == [each for each in wanted if each[1] != 7], (
+            "in the order in which they were asked for"
+        )
         assert commits == ["COMMIT"]
         return [len(await store.read(lambda id_=each: store.steps(id_))) for each in episodes]
 
@@ -321,7 +388,10 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
 def test_a_commit_that_fails_is_an_error_of_everybody_whose_write_was_in_it(tmp_path):
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)
-        writes = [asyncio.create_task(store.write(partial(store.add_step, step_row(each, 0)))) for each in episodes]
+        writes = [
+            asyncio.create_task(store.write(partial(store.add_step, step_row(each, 0))))
+            for each in episodes
+        ]
         await asyncio.sleep(0.05)
         (tmp_path / "a.db").rename(tmp_path / "elsewhere.db")
         go_on.set()
@@ -333,13 +403,17 @@ def test_a_commit_that_fails_is_an_error_of_everybody_whose_write_was_in_it(tmp_
     assert with_threads(tmp_path / "a.db", scenario) == [0, 0, 0, 0]
 
 
-def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_gone_is_no_reason_not_to(tmp_path):
+def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_gone_is_no_reason_not_to(
+    tmp_path,
+):
     followed = []
 
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)
         writes = [
-            asyncio.create_task(store.write(partial(store.add_step, step_row(each, 0)), then=followed.append))
+            asyncio.create_task(
+                store.write(partial(store.add_step, step_row(each, 0)), then=followed.append)
+            )
             for each in episodes
         ]
         await asyncio.sleep(0.05)

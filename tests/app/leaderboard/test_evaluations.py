@@ -43,7 +43,10 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
 def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
     async def settle():
         figures = PolicyEvaluations(tmp_path / "figures.json")
-        jobs = [EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))), EvaluationJob("random", TINY, (1, 2))]
+        jobs = [
+            EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))),
+            EvaluationJob("random", TINY, (1, 2)),
+        ]
         try:
             while figures.request(jobs)[0]["done"] == 0:
                 await asyncio.sleep(0.05)
@@ -63,4 +66,14 @@ def test_a_policys_hash_is_of_its_file(tmp_path):
     one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
     one.write_bytes(b"1")
     two.write_bytes(b"2")
-    assert len({policy_hash(str(one)), policy_hash(str(two)), policy_hash("ppo"), policy_hash("random")}) == 4
+    assert (
+        len(
+            {
+                policy_hash(str(one)),
+                policy_hash(str(two)),
+                policy_hash("ppo"),
+                policy_hash("random"),
+            }
+        )
+        == 4
+    )

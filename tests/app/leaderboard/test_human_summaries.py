@@ -27,12 +27,16 @@ def store(tmp_path):
 def replayed(monkeypatch):
     """The configurations of the episodes that were replayed, in order."""
     configs, replay = [], human_summaries.replay
-    monkeypatch.setattr(human_summaries, "replay", lambda record: configs.append(record.config) or replay(record))
+    monkeypatch.setattr(
+        human_summaries, "replay", lambda record: configs.append(record.config) or replay(record)
+    )
     return configs
 
 
 def figure_of(store, config):
-    return next(figure for figure in human_level(store)["figures"] if figure["config_hash"] == config.hash)
+    return next(
+        figure for figure in human_level(store)["figures"] if figure["config_hash"] == config.hash
+    )
 
 
 def pictures(summaries, store, config=SMALL):
@@ -75,12 +79,16 @@ def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, t
     assert set(board._people._made) == set(board._people._replays) == {SMALL.hash, WIDE.hash}
     play(store, 9, "player-9")
     with store.transaction():
-        store.connection.execute("UPDATE episodes SET driver = 'script' WHERE config_hash = ?", [WIDE.hash])
+        store.connection.execute(
+            "UPDATE episodes SET driver = 'script' WHERE config_hash = ?", [WIDE.hash]
+        )
     board.entries()
     assert (list(board._people._made), list(board._people._replays)) == ([], [SMALL.hash])
 
 
-def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_stay(store, replayed, monkeypatch):
+def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_stay(
+    store, replayed, monkeypatch
+):
     kept = HumanSummaries()
     pictures(kept, store, WIDE)
     pictures(kept, store)

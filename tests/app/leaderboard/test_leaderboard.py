@@ -36,7 +36,10 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
         studies = ClosedStudies(tmp_path / "studies")
-        players = [entry.to_dict()["players"] for entry in entries.list_entries(store, studies, VolunteerFigures())]
+        players = [
+            entry.to_dict()["players"]
+            for entry in entries.list_entries(store, studies, VolunteerFigures())
+        ]
         assert players == [0] * len(entries.OFFERED)
         play(store, seed=1, explore=True)
         first, *rest = entries.list_entries(store, studies, VolunteerFigures())
@@ -92,7 +95,11 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of five terrains: the server evaluates in seconds."""
-    monkeypatch.setattr(entries, "held_out_seeds", lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 5)))
+    monkeypatch.setattr(
+        entries,
+        "held_out_seeds",
+        lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 5)),
+    )
 
 
 def settled(client, board):
@@ -131,17 +138,25 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert np.shape(found["people"]["visits"]) == (5, 7)
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
-    table = evaluate([policy["name"] for policy in found["policies"]], config, 5, entries.FIRST_SEED, workers=1)
+    table = evaluate(
+        [policy["name"] for policy in found["policies"]], config, 5, entries.FIRST_SEED, workers=1
+    )
     for policy, row in zip(found["policies"], table.rows, strict=True):
         made = policy["figure"]
         assert policy["name"] == row.policy
         assert (made["episodes"], made["completed"]) == (5, row.completion)
-        assert made["steps"] == pytest.approx({"mean": row.steps_mean, "low": row.steps_low, "high": row.steps_high})
-        assert made["score"] == pytest.approx({"mean": row.score_mean, "low": row.score_low, "high": row.score_high})
+        assert made["steps"] == pytest.approx(
+            {"mean": row.steps_mean, "low": row.steps_low, "high": row.steps_high}
+        )
+        assert made["score"] == pytest.approx(
+            {"mean": row.score_mean, "low": row.score_low, "high": row.score_high}
+        )
     server.stop()
 
     again = serve().client().get("/api/leaderboard/random-5x7").json()
-    assert [policy["figure"] for policy in again["policies"]] == [policy["figure"] for policy in found["policies"]]
+    assert [policy["figure"] for policy in again["policies"]] == [
+        policy["figure"] for policy in found["policies"]
+    ]
 
 
 def test_nobody_has_played(serve, quick):
@@ -149,7 +164,9 @@ def test_nobody_has_played(serve, quick):
     found = client.get("/api/leaderboard/random-21x21").json()
     assert found["people"] is None
     assert "Nobody has played" in found["sentence"]
-    assert all(policy["figure"] is None for policy in found["policies"]), "no figure before it is made"
+    assert all(policy["figure"] is None for policy in found["policies"]), (
+        "no figure before it is made"
+    )
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
 
@@ -163,12 +180,21 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     script = Person(server, script="noisy-frontier")
     script.to_warm_up()
     client = server.client()
-    assert not [board for board in client.get("/api/leaderboard").json() if board["study"]], "open: scores are hidden"
+    assert not [board for board in client.get("/api/leaderboard").json() if board["study"]], (
+        "open: scores are hidden"
+    )
     assert client.get("/api/leaderboard/study-small").status_code == 404
-    assert client.get("/api/leaderboard/random-7x9").status_code == 404, "a study's episodes make no playground figure"
+    assert client.get("/api/leaderboard/random-7x9").status_code == 404, (
+        "a study's episodes make no playground figure"
+    )
     Folder(tmp_path / "studies").close("small")
     first = client.get("/api/leaderboard").json()[0]
-    assert (first["id"], first["study"], first["players"], first["terrains"]) == ("study-small", "small", 1, 3)
+    assert (first["id"], first["study"], first["players"], first["terrains"]) == (
+        "study-small",
+        "small",
+        1,
+        3,
+    )
 
     def made():
         found = client.get("/api/leaderboard/study-small").json()
@@ -176,12 +202,20 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
 
     found = eventually(made, IDLE_WORK_S)
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
-    assert (found["people"]["players"], found["people"]["steps"]["mean"]) == (1, pytest.approx(np.mean(steps)))
+    assert (found["people"]["players"], found["people"]["steps"]["mean"]) == (
+        1,
+        pytest.approx(np.mean(steps)),
+    )
     assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
     assert np.shape(found["people"]["visits"]) == (7, 9)
     assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
     assert 0 < found["policies"][0]["human_likeness"] <= 1
-    own = [evaluate(["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i), workers=1) for i in range(3)]
+    own = [
+        evaluate(
+            ["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i), workers=1
+        )
+        for i in range(3)
+    ]
     mean = np.mean([table.results[0].steps_to_99 for table in own])
     assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
 

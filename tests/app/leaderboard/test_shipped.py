@@ -26,7 +26,9 @@ def sizes():
 def jobs_of(entry):
     """The policies that play a board: a network made for one size plays no other."""
     size = (entry.config.rows, entry.config.cols)
-    return list(entry.jobs({name: name for name, only in sizes().items() if only in (None, size)}).values())
+    return list(
+        entry.jobs({name: name for name, only in sizes().items() if only in (None, size)}).values()
+    )
 
 
 @pytest.mark.parametrize("board", offered_boards())
@@ -35,8 +37,13 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
     shipped = ShippedFigures()
     for job in jobs_of(entry):
         found = shipped.find(job)
-        assert found is not None, f"run `marsexplorer leaderboard --board {board} --out data/leaderboard`"
-        assert found.origin.command == f"marsexplorer leaderboard --board {board} --out data/leaderboard"
+        assert found is not None, (
+            f"run `marsexplorer leaderboard --board {board} --out data/leaderboard`"
+        )
+        assert (
+            found.origin.command
+            == f"marsexplorer leaderboard --board {board} --out data/leaderboard"
+        )
         assert (found.figure["episodes"], len(found.steps)) == (len(entry.seeds), len(entry.seeds))
         assert found.figure["steps"]["mean"] == np.mean(found.steps)
         assert np.shape(found.figure["visits"]) == (entry.config.rows, entry.config.cols)
@@ -46,14 +53,21 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
 def test_the_first_terrains_are_played_again_to_the_same_step(board):
     entry = offered_boards()[board]
     for job in jobs_of(entry):
-        policy, count = policies.load(job.policy, entry.config.sensor_radius), 1 if job.policy == "planner" else 3
+        policy, count = (
+            policies.load(job.policy, entry.config.sensor_radius),
+            1 if job.policy == "planner" else 3,
+        )
         played = [play_episode(policy, entry.config, seed) for seed in job.seeds[:count]]
-        again = [steps_to_target(episode.config, episode.outcome, episode.steps) for episode in played]
+        again = [
+            steps_to_target(episode.config, episode.outcome, episode.steps) for episode in played
+        ]
         assert tuple(again) == ShippedFigures().find(job).steps[:count], job.policy
 
 
 def test_a_whole_figure_is_made_again_to_the_last_digit():
-    job = next(job for job in jobs_of(offered_boards()["random-21x21"]) if job.policy == "frontier-cost")
+    job = next(
+        job for job in jobs_of(offered_boards()["random-21x21"]) if job.policy == "frontier-cost"
+    )
     shipped = ShippedFigures().find(job)
     made = make_figure(job, shipped.origin)
     assert json.loads(json.dumps(made.figure)) == shipped.figure
@@ -64,7 +78,10 @@ def test_a_whole_figure_is_made_again_to_the_last_digit():
 @pytest.mark.parametrize("board", [board for board in offered_boards() if board.endswith("21x21")])
 def test_a_file_is_made_again_as_it_is(board):
     entry = offered_boards()[board]
-    assert make_board(entry, 2, lambda done, of: None) == (FOLDER / file_name(entry.config)).read_text()
+    assert (
+        make_board(entry, 2, lambda done, of: None)
+        == (FOLDER / file_name(entry.config)).read_text()
+    )
 
 
 def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
@@ -75,7 +92,12 @@ def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
     path.write_text(document)
     assert ShippedFigures(tmp_path).find(job) == made
     assert ShippedFigures(tmp_path).find(EvaluationJob("frontier-cost", TINY, (1, 3))) is None
-    assert ShippedFigures(tmp_path).find(EvaluationJob("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))) is None
+    assert (
+        ShippedFigures(tmp_path).find(
+            EvaluationJob("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))
+        )
+        is None
+    )
     assert ShippedFigures(tmp_path).find(EvaluationJob("random", TINY, (1, 2))) is None
     for changed in ('"core_version": "0"', '"file_sha256":"of another file"'):
         name = changed.partition(":")[0]
@@ -87,5 +109,7 @@ def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
 def test_the_first_visit_shows_a_full_board_without_people(serve):
     found = serve().client().get("/api/leaderboard/random-21x21").json()
     assert [policy["state"] for policy in found["policies"]] == ["ready"] * len(policies.names())
-    assert {policy["shipped"]["command"].split()[1] for policy in found["policies"]} == {"leaderboard"}
+    assert {policy["shipped"]["command"].split()[1] for policy in found["policies"]} == {
+        "leaderboard"
+    }
     assert found["people"] is None

@@ -74,7 +74,9 @@ def test_python_looks_at_all_objects_never_by_itself_while_a_server_runs(server)
     before, kept = full_collections(), [[number] for number in range(8 * YOUNG_OBJECTS)]
     for _ in range(100):
         gc.collect(1)  # as with ten million objects more
-    kept += [[number] for number in range(2 * YOUNG_OBJECTS)]  # it looks at something again, and might at all
+    kept += [
+        [number] for number in range(2 * YOUNG_OBJECTS)
+    ]  # it looks at something again, and might at all
     assert full_collections() == before
 
 

@@ -69,7 +69,9 @@ def test_the_metrics_are_on_their_own_port_and_on_this_machine_alone(watched):
     assert httpx.URL(watched.metrics_url).host == "127.0.0.1"
     port = httpx.URL(watched.metrics_url).port
     assert port != watched.port
-    with pytest.raises(ConnectionRefusedError):  # it does not listen on every address of the machine
+    with pytest.raises(
+        ConnectionRefusedError
+    ):  # it does not listen on every address of the machine
         socket.create_connection(("127.0.0.2", port))
     assert watched.client().get("/metrics").status_code == 404
 
@@ -84,7 +86,8 @@ def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(
-            ServerError, match=f"cannot serve metrics on 127.0.0.1 port {port}: .* choose another with --metrics"
+            ServerError,
+            match=f"cannot serve metrics on 127.0.0.1 port {port}: .* choose another with --metrics",
         ):
             run(Settings(port=0, metrics_port=port, database=tmp_path / "new.db"))
     assert not (tmp_path / "new.db").exists()
@@ -119,7 +122,11 @@ def test_counting_costs_less_than_a_twentieth_of_a_move(server):
     policy.reset(1)
     frame = begun["frame"]
     while frame["outcome"] is None and frame["step"] < 100:
-        answer = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[policy.act(codes(frame))]}
+        answer = {
+            "episode": frame["episode"],
+            "step": frame["step"],
+            "action": ACTIONS[policy.act(codes(frame))],
+        }
         frame = client.post(f"/api/sessions/{begun['session']}/act", json=answer).json()
     value = server.services.store.metrics.registry.get_sample_value
     move_s = value("marsexplorer_step_seconds_sum") / value("marsexplorer_step_seconds_count")

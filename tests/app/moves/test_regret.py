@@ -72,10 +72,14 @@ def test_the_summary_weighs_players_and_not_episodes(reader, estimator):
 
 def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
     data = replace(load(reader, "dunes"), closed_ms=None)
-    with pytest.raises(StudyError, match="nothing of its ranked terrains may leave before it is closed"):
+    with pytest.raises(
+        StudyError, match="nothing of its ranked terrains may leave before it is closed"
+    ):
         next(regret_rows(reader, data, ranked(data), estimator))
     cohort = people_of(data)
-    found = summarize_regret(reader, data, cohort, [person.id for person in cohort.people], estimator)
+    found = summarize_regret(
+        reader, data, cohort, [person.id for person in cohort.people], estimator
+    )
     assert (found.phase, found.episodes) == ("warm_up", 4)
 
 
@@ -107,10 +111,24 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
     folder, people = place
     where = ("--database", str(folder / "play.db"), "--studies", str(folder / "studies"))
     with pytest.raises(SystemExit) as left:
-        main(["report", "--study", "dunes", *where, "--html", str(tmp_path / "r.html"), "--json", str(tmp_path / "r.json")])
+        main(
+            [
+                "report",
+                "--study",
+                "dunes",
+                *where,
+                "--html",
+                str(tmp_path / "r.html"),
+                "--json",
+                str(tmp_path / "r.json"),
+            ]
+        )
     assert not left.value.code
     assert "regret: " in capsys.readouterr().out
-    page, document = (tmp_path / "r.html").read_text(), json.loads((tmp_path / "r.json").read_text())
+    page, document = (
+        (tmp_path / "r.html").read_text(),
+        json.loads((tmp_path / "r.json").read_text()),
+    )
     assert "Where people lose moves" in page
     moves = document["groups"][0]["moves"]
     assert {each["player"] for each in moves["regret"]["by_player"]} == {"P01", "P02"}

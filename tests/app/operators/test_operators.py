@@ -69,7 +69,9 @@ def marsexplorer(*args, given=""):
     return CliRunner().invoke(cli, list(map(str, args)), input=given)
 
 
-def test_a_named_operator_logs_in_as_well_as_the_one_password_and_is_out_when_removed(database, serve):
+def test_a_named_operator_logs_in_as_well_as_the_one_password_and_is_out_when_removed(
+    database, serve
+):
     server = serve(admin_password="red-planet-4")
     ada, alone = server.page(), server.page()
     assert log_in(ada, "ada", ADA).status_code == 200
@@ -81,7 +83,9 @@ def test_a_named_operator_logs_in_as_well_as_the_one_password_and_is_out_when_re
     remove_operator(database, "ada")
     assert ada.get("/api/admin/overview").status_code == 401
     add_operator(database, "ada", ADA)
-    assert ada.get("/api/admin/overview").status_code == 401, "the cookie was of somebody who was removed"
+    assert ada.get("/api/admin/overview").status_code == 401, (
+        "the cookie was of somebody who was removed"
+    )
 
 
 def test_no_answer_says_whether_a_name_exists(database, serve):
@@ -90,7 +94,9 @@ def test_no_answer_says_whether_a_name_exists(database, serve):
     assert {answer.status_code for answer in answers} == {401}
     assert len({answer.json()["detail"] for answer in answers}) == 1
     assert log_in(server.page(), "", ADA).status_code == 401, "the name belongs to the password"
-    assert log_in(server.page(), "", "").status_code == 401, "there is no password without a name here"
+    assert log_in(server.page(), "", "").status_code == 401, (
+        "there is no password without a name here"
+    )
 
 
 def test_a_database_with_operators_has_the_page_without_a_flag(database, serve, tmp_path):
@@ -109,9 +115,13 @@ def test_attempts_at_the_same_time_are_no_way_around_the_wait(database, serve):
     server = serve()
     clients = [server.page() for _ in range(3 * FREE_ATTEMPTS)]
     with ThreadPoolExecutor(len(clients)) as pool:
-        statuses = list(pool.map(lambda client: log_in(client, "ada", "wrong-wrong").status_code, clients))
+        statuses = list(
+            pool.map(lambda client: log_in(client, "ada", "wrong-wrong").status_code, clients)
+        )
     assert (statuses.count(401), statuses.count(429)) == (FREE_ATTEMPTS, 2 * FREE_ATTEMPTS)
-    assert log_in(server.page(), "ada", ADA).status_code == 429, "not even the right password is looked at"
+    assert log_in(server.page(), "ada", ADA).status_code == 429, (
+        "not even the right password is looked at"
+    )
 
 
 def test_passwords_that_wait_for_their_check_are_few_and_beyond_them_the_answer_says_when_to_come_again(
@@ -130,14 +140,20 @@ def test_passwords_that_wait_for_their_check_are_few_and_beyond_them_the_answer_
     with ThreadPoolExecutor(len(clients)) as pool:
         answers = [pool.submit(log_in, client, "ada", "wrong-wrong") for client in clients]
         try:
-            eventually(lambda: sum(answer.done() for answer in answers) == 2 * login.MOST_CHECKED, seconds=10)
+            eventually(
+                lambda: sum(answer.done() for answer in answers) == 2 * login.MOST_CHECKED,
+                seconds=10,
+            )
         finally:
             checking.set()
     statuses = Counter(answer.result().status_code for answer in answers)
     assert statuses == {401: login.MOST_CHECKED, 429: 2 * login.MOST_CHECKED}
     refused = next(answer.result() for answer in answers if answer.result().status_code == 429)
     assert refused.headers["retry-after"] == str(login.BUSY_S)
-    assert refused.json()["detail"] == f"too many people log in at this moment: wait {login.BUSY_S} seconds, then try again"
+    assert (
+        refused.json()["detail"]
+        == f"too many people log in at this moment: wait {login.BUSY_S} seconds, then try again"
+    )
     assert log_in(server.page(), "ada", ADA).status_code == 200, "all have been checked"
 
 
@@ -168,7 +184,9 @@ def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the
     assert len(checked) == 1
 
 
-def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(database, secret, serve, monkeypatch):
+def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(
+    database, secret, serve, monkeypatch
+):
     server, use_code = serve(), Operators.use_code
     monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.2)
 
@@ -186,10 +204,15 @@ def test_a_code_is_asked_for_and_used_once(secret, serve):
     server = serve()
     code = pyotp.TOTP(secret).now()
     assert log_in(server.page(), "bob", BOB).status_code == 401
-    assert log_in(server.page(), "bob", BOB, "000000" if code != "000000" else "000001").status_code == 401
+    assert (
+        log_in(server.page(), "bob", BOB, "000000" if code != "000000" else "000001").status_code
+        == 401
+    )
     assert log_in(server.page(), "bob", "wrong-wrong", code).status_code == 401
     assert log_in(server.page(), "bob", BOB, code).status_code == 200
-    assert log_in(server.page(), "bob", BOB, code).status_code == 401, "somebody has looked over the shoulder"
+    assert log_in(server.page(), "bob", BOB, code).status_code == 401, (
+        "somebody has looked over the shoulder"
+    )
 
 
 def test_codes_stand_for_their_half_minute_and_its_neighbours(database, secret):
@@ -202,7 +225,9 @@ def test_codes_stand_for_their_half_minute_and_its_neighbours(database, secret):
         now[0] -= 30
         assert operators.use_code(bob, code)
         assert not operators.use_code(bob, code)
-        assert not operators.use_code(bob, pyotp.TOTP(secret).at(1_800_000_000 - 30)), "nor one from before"
+        assert not operators.use_code(bob, pyotp.TOTP(secret).at(1_800_000_000 - 30)), (
+            "nor one from before"
+        )
         assert not operators.use_code(bob, "٣" * 6)
 
 
@@ -212,12 +237,18 @@ def test_every_action_is_logged_with_its_operator_and_how_it_ended(database, ser
     ada = server.page()
     log_in(server.page(), "ada", "wrong-wrong")
     log_in(ada, "ada", ADA)
-    statuses = [ada.post(f"/api/admin/{path}", json=body).status_code for path, body in CHANGING.items()]
-    server.page().post("/api/admin/studies/small/close", json={"name": "small"})  # of a stranger: no operator's action
+    statuses = [
+        ada.post(f"/api/admin/{path}", json=body).status_code for path, body in CHANGING.items()
+    ]
+    server.page().post(
+        "/api/admin/studies/small/close", json={"name": "small"}
+    )  # of a stranger: no operator's action
     log_in(ada, "ada", ADA)
     missing = ada.get("/api/admin/studies/small/files/nothing.html").status_code
     shown = ada.get("/api/admin/overview").json()["actions"]
-    kept = [(each["operator"], each["action"], each["study"], each["status"]) for each in shown[::-1]]
+    kept = [
+        (each["operator"], each["action"], each["study"], each["status"]) for each in shown[::-1]
+    ]
     names = (
         "check_database",
         "close_study",
@@ -245,7 +276,9 @@ def test_an_action_that_cannot_be_logged_is_not_done(database, serve, tmp_path):
     server = serve()
     ada = server.page()
     log_in(ada, "ada", ADA)
-    server.execute("CREATE TRIGGER full BEFORE INSERT ON operator_actions BEGIN SELECT raise(ABORT, 'disk full'); END")
+    server.execute(
+        "CREATE TRIGGER full BEFORE INSERT ON operator_actions BEGIN SELECT raise(ABORT, 'disk full'); END"
+    )
     assert ada.post("/api/admin/studies/small/close", json={"name": "small"}).status_code == 503
     assert ada.get("/api/studies/small").json()["status"] == "open"
 
@@ -274,12 +307,15 @@ def test_what_cannot_be_added_is_said(database, name, password, said):
 
 def test_the_command_adds_lists_logs_and_removes(tmp_path):
     database = tmp_path / "lab.db"
-    added = marsexplorer("operator", "add", "bob", "--totp", "--database", database, given=f"{BOB}\n")
+    added = marsexplorer(
+        "operator", "add", "bob", "--totp", "--database", database, given=f"{BOB}\n"
+    )
     assert added.exit_code == 0, added.output
     assert "otpauth://totp/MarsExplorer%20Playground:bob?secret=" in added.stdout
     assert BOB not in added.output
     assert (
-        "there is an operator 'bob' already" in marsexplorer("operator", "add", "bob", "--database", database, given=BOB).output
+        "there is an operator 'bob' already"
+        in marsexplorer("operator", "add", "bob", "--database", database, given=BOB).output
     )
     assert "bob" in marsexplorer("operator", "list", "--database", database).stdout
     assert marsexplorer("operator", "remove", "bob", "--database", database).exit_code == 0

@@ -39,8 +39,15 @@ def test_a_rival_makes_one_move_for_each_of_the_players(server):
     begun = client.post("/api/sessions", json={"rival": "frontier-cost", "seed": 5}).json()
     rival = begun["rival"]
     assert rival["frame"]["grid"] == begun["frame"]["grid"]
-    with server.socket(begun["session"], client) as player, server.socket(rival["session"], client) as watcher:
-        assert watcher.receive("pace") == rival["pace"] == {"kind": "pace", "mode": "follow", "moves_per_second": 8.0}
+    with (
+        server.socket(begun["session"], client) as player,
+        server.socket(rival["session"], client) as watcher,
+    ):
+        assert (
+            watcher.receive("pace")
+            == rival["pace"]
+            == {"kind": "pace", "mode": "follow", "moves_per_second": 8.0}
+        )
         frame = player.receive("frame")
         for number in range(10):
             player.act(frame, ("south", "north")[number % 2])
@@ -53,10 +60,20 @@ def test_a_rival_makes_one_move_for_each_of_the_players(server):
 
 def test_a_rival_goes_on_alone_when_its_player_has_ended(server):
     client = server.client()
-    begun = client.post("/api/sessions", json={"rival": "frontier-cost", "size": 9, "seed": 1}).json()
+    begun = client.post(
+        "/api/sessions", json={"rival": "frontier-cost", "size": 9, "seed": 1}
+    ).json()
     body = {"episode": begun["frame"]["episode"], "step": 0, "action": "north"}
-    assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] == "out_of_bounds"
-    last = eventually(lambda: (now := client.get(f"/api/sessions/{begun['rival']['session']}").json())["outcome"] and now)
+    assert (
+        client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"]
+        == "out_of_bounds"
+    )
+    last = eventually(
+        lambda: (
+            (now := client.get(f"/api/sessions/{begun['rival']['session']}").json())["outcome"]
+            and now
+        )
+    )
     assert last["outcome"] == "explored"
 
 
@@ -68,13 +85,20 @@ def test_timed_paused_and_single_steps(server):
         watcher.receive("pace")
         client.post(f"/api/sessions/{rival}/pace", json={"pause": True})
         assert watcher.receive("pace")["mode"] == "paused"
-        assert client.post(f"/api/sessions/{rival}/pace", json={"step": True}).json()["mode"] == "paused"
+        assert (
+            client.post(f"/api/sessions/{rival}/pace", json={"step": True}).json()["mode"]
+            == "paused"
+        )
         assert watcher.frame_after(0)["step"] == 1
         client.post(f"/api/sessions/{rival}/pace", json={"step": True})
         assert watcher.frame_after(1)["step"] == 2
         began = time.monotonic()
         client.post(f"/api/sessions/{rival}/pace", json={"moves_per_second": 20})
-        assert watcher.receive("pace") == {"kind": "pace", "mode": "timed", "moves_per_second": 20.0}
+        assert watcher.receive("pace") == {
+            "kind": "pace",
+            "mode": "timed",
+            "moves_per_second": 20.0,
+        }
         frame = watcher.frame_after(11)
         assert time.monotonic() - began > 0.4, "no faster than asked for"
         client.post(f"/api/sessions/{rival}/pace", json={"pause": True})
@@ -83,7 +107,12 @@ def test_timed_paused_and_single_steps(server):
     stood = steps(client, rival)
     time.sleep(0.3)
     assert (steps(client, rival), steps(client, begun["session"])) == (stood, 0)
-    assert "driven by a person" in client.post(f"/api/sessions/{begun['session']}/pace", json={"pause": True}).json()["detail"]
+    assert (
+        "driven by a person"
+        in client.post(f"/api/sessions/{begun['session']}/pace", json={"pause": True}).json()[
+            "detail"
+        ]
+    )
 
 
 def test_a_new_episode_restarts_both_on_one_terrain(server):
@@ -91,13 +120,17 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
     begun = client.post("/api/sessions", json={"rival": "frontier-cost", "seed": 5}).json()
     rival = begun["rival"]["session"]
     client.post(
-        f"/api/sessions/{begun['session']}/act", json={"episode": begun["frame"]["episode"], "step": 0, "action": "south"}
+        f"/api/sessions/{begun['session']}/act",
+        json={"episode": begun["frame"]["episode"], "step": 0, "action": "south"},
     )
-    following = client.post(f"/api/sessions/{begun['session']}/episodes", json={"size": [8, 15], "seed": 5}).json()
+    following = client.post(
+        f"/api/sessions/{begun['session']}/episodes", json={"size": [8, 15], "seed": 5}
+    ).json()
     assert following["rival"]["frame"]["grid"] == following["frame"]["grid"]
     assert (following["rival"]["session"], following["rival"]["frame"]["step"]) == (rival, 0)
     client.post(
-        f"/api/sessions/{begun['session']}/act", json={"episode": following["frame"]["episode"], "step": 0, "action": "south"}
+        f"/api/sessions/{begun['session']}/act",
+        json={"episode": following["frame"]["episode"], "step": 0, "action": "south"},
     )
     eventually(lambda: steps(client, rival) == 1)
     refused = client.post(f"/api/sessions/{rival}/episodes")
@@ -111,11 +144,16 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
 def test_two_policies_side_by_side(server):
     client = server.client()
     begun = client.post(
-        "/api/sessions", json={"player": "frontier-cost", "rival": "frontier-utility", "size": 10, "seed": 4}
+        "/api/sessions",
+        json={"player": "frontier-cost", "rival": "frontier-utility", "size": 10, "seed": 4},
     ).json()
     client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
     for session in (begun["session"], begun["rival"]["session"]):
-        last = eventually(lambda session=session: (now := client.get(f"/api/sessions/{session}").json())["outcome"] and now)
+        last = eventually(
+            lambda session=session: (
+                (now := client.get(f"/api/sessions/{session}").json())["outcome"] and now
+            )
+        )
         assert last["outcome"] == "explored"
 
 
@@ -124,7 +162,9 @@ def test_a_policys_moves_are_its_own_offline(serve):
     client = server.client()
     begun = client.post("/api/sessions", json={"player": "random", "size": 6, "seed": 2}).json()
     client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
-    last = eventually(lambda: (now := client.get(f"/api/sessions/{begun['session']}").json())["outcome"] and now)
+    last = eventually(
+        lambda: (now := client.get(f"/api/sessions/{begun['session']}").json())["outcome"] and now
+    )
     row = server.services.store.resume_session(begun["session"])
     policy, episode = load("random"), Episode.begin(EnvConfig.of("random", 6), seed=2)
     policy.reset(row.episode.policy_seed)
@@ -191,7 +231,9 @@ def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serv
     refused = client.post("/api/sessions", json={"size": 21, "rival": "mine"})
     assert refused.status_code == 422
     assert "made for 6x7 and cannot play 21x21" in refused.json()["detail"]
-    session = client.post("/api/sessions", json={"size": [6, 7], "player": "mine"}).json()["session"]
+    session = client.post("/api/sessions", json={"size": [6, 7], "player": "mine"}).json()[
+        "session"
+    ]
     client.post(f"/api/sessions/{session}/pace", json={"step": True})
     eventually(lambda: client.get(f"/api/sessions/{session}").json()["step"] >= 1)
     refused = client.post(f"/api/sessions/{session}/episodes", json={"size": 9})
@@ -201,18 +243,29 @@ def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serv
 
 def test_a_network_of_the_papers_rainbow_plays_as_a_rival(serve, tmp_path):
     torch.manual_seed(2)
-    shape = NetworkShape("authors", "categorical", 9, 14, mask=True, atoms=11, support=(-50.0, 50.0))
+    shape = NetworkShape(
+        "authors", "categorical", 9, 14, mask=True, atoms=11, support=(-50.0, 50.0)
+    )
     path = tmp_path / "rainbow.safetensors"
     save_paper_network(make_network(shape), shape, path, {"summary": "Rainbow, untrained."})
     server = serve(policies=PolicyCatalogue([path]))
     client = server.client()
     refused = client.post("/api/sessions", json={"size": 21, "rival": "rainbow"})
     assert "made for 9x14 and cannot play 21x21" in refused.json()["detail"]
-    begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "rainbow", "seed": 7}).json()
+    begun = client.post(
+        "/api/sessions", json={"size": [9, 14], "rival": "rainbow", "seed": 7}
+    ).json()
     twin, episode = load(path), Episode.begin(EnvConfig.of("random", (9, 14)), seed=7)
     for number in range(4):
-        body = {"episode": begun["frame"]["episode"], "step": number, "action": ("south", "north")[number % 2]}
-        assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] is None
+        body = {
+            "episode": begun["frame"]["episode"],
+            "step": number,
+            "action": ("south", "north")[number % 2],
+        }
+        assert (
+            client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"]
+            is None
+        )
         episode.step(twin.act(episode.codes))
     rival = begun["rival"]["session"]
     eventually(lambda: steps(client, rival) == 4)
@@ -224,14 +277,19 @@ def test_policies_of_the_papers_algorithms_play_as_rivals(serve):
     for name in of_paper():
         begun = client.post("/api/sessions", json={"size": 21, "rival": name, "seed": 7}).json()
         body = {"episode": begun["frame"]["episode"], "step": 0, "action": "south"}
-        assert client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"] is None
+        assert (
+            client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"]
+            is None
+        )
         eventually(lambda rival=begun["rival"]["session"]: steps(client, rival) == 1)
 
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
     async def ask(names):
         decisions, calls = DecisionQueue(thread), []
-        boards = [(load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)]
+        boards = [
+            (load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)
+        ]
         net = shared_net(boards[0][0])
         infer = net.infer
         net.infer = lambda *arrays: calls.append(len(arrays[0])) or infer(*arrays)

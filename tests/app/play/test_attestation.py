@@ -5,7 +5,16 @@ from contextlib import closing
 
 import pytest
 
-from app.play.attestation import LEVELS, Attested, Conditions, attest, attest_stored, key_map_of, level_reaches, prepare_end
+from app.play.attestation import (
+    LEVELS,
+    Attested,
+    Conditions,
+    attest,
+    attest_stored,
+    key_map_of,
+    level_reaches,
+    prepare_end,
+)
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import StepRow, Store
 from tests.support.recorded import add_session, open_episode
@@ -34,7 +43,9 @@ class Episode:
         self.moves, self.events, self.at = [], [], STARTED + 800.0
         self._received = 0.0
 
-    def press(self, page, gap_ms=None, latency_ms=12.0, behind=0, handling_ms=0.4, action=None, **changes):
+    def press(
+        self, page, gap_ms=None, latency_ms=12.0, behind=0, handling_ms=0.4, action=None, **changes
+    ):
         """Press a key `gap_ms` after the press before; event and move arrive `latency_ms` later, never before earlier ones."""
         self.at += self.random.lognormvariate(5.6, 0.35) if gap_ms is None else gap_ms
         action = self.random.randrange(4) if action is None else action
@@ -49,9 +60,14 @@ class Episode:
             "step": step, "action": action, "driver": "human", "input": "key", "key_down_ms": page.ms(self.at),
             "client_ms": page.ms(sent), "server_ms": int(self._received),
         }  # fmt: skip
-        self.events += [event, {**event, "kind": "keyup", "client_ms": page.ms(self.at + 70), "repeat": None}]
+        self.events += [
+            event,
+            {**event, "kind": "keyup", "client_ms": page.ms(self.at + 70), "repeat": None},
+        ]
         self.moves.append(move)
-        self.at = max(self.at, self._received + latency_ms - 60) if not behind else self.at  # nobody answers an unseen frame
+        self.at = (
+            max(self.at, self._received + latency_ms - 60) if not behind else self.at
+        )  # nobody answers an unseen frame
         return self
 
     def presses(self, page, count, **how):
@@ -73,8 +89,15 @@ def test_a_person_at_a_page_is_attested():
 
 
 def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code():
-    at = {-60_000: "supervised", -4 * 3_600_000: "supervised", -4 * 3_600_000 - 1: "attested", 1: "attested"}
-    found = {ms: played().level(Conditions(STARTED, key_map_of(), (STARTED + ms,))).level for ms in at}
+    at = {
+        -60_000: "supervised",
+        -4 * 3_600_000: "supervised",
+        -4 * 3_600_000 - 1: "attested",
+        1: "attested",
+    }
+    found = {
+        ms: played().level(Conditions(STARTED, key_map_of(), (STARTED + ms,))).level for ms in at
+    }
     assert found == at
 
 
@@ -114,12 +137,20 @@ def burst(presses, gap_ms=65, latency_ms=150.0):
 
 def test_a_burst_while_the_screen_stands_still_is_no_lie_where_the_page_keeps_its_presses():
     assert burst(40).level(BURSTS) == Attested("attested")
-    assert burst(30).level().reason == "step 15: the press answers the frame of step 6", "a study's page keeps four"
-    assert "the frame of step 6" in burst(60).level(BURSTS).reason, "for longer than three seconds nobody types blindly"
-    assert "presses in" in burst(30, gap_ms=30).level(BURSTS).reason, "hands are as fast as hands are"
+    assert burst(30).level().reason == "step 15: the press answers the frame of step 6", (
+        "a study's page keeps four"
+    )
+    assert "the frame of step 6" in burst(60).level(BURSTS).reason, (
+        "for longer than three seconds nobody types blindly"
+    )
+    assert "presses in" in burst(30, gap_ms=30).level(BURSTS).reason, (
+        "hands are as fast as hands are"
+    )
     late = burst(30, latency_ms=1.0)
     late.events[-2]["server_ms"] = late.moves[-1]["server_ms"] = late.moves[6]["server_ms"] + 3_001
-    assert "the frame of step 6" in late.level(BURSTS).reason, "by the server's clock, whatever the page says"
+    assert "the frame of step 6" in late.level(BURSTS).reason, (
+        "by the server's clock, whatever the page says"
+    )
 
 
 def test_an_hour_with_clocks_that_run_apart_is_no_lie():
@@ -143,7 +174,9 @@ def test_a_reload_a_second_tab_and_a_sleep_are_no_lies():
     second = Page(episode.at - 900)
     episode.presses(second, 10)
     episode.at += 30_000
-    episode.presses(Page(second.loaded_ms + 29_000), 10)  # a clock that stands still while the machine sleeps
+    episode.presses(
+        Page(second.loaded_ms + 29_000), 10
+    )  # a clock that stands still while the machine sleeps
     for page in (first, second) * 2:
         episode.at += 700
         episode.presses(page, 4)
@@ -162,7 +195,9 @@ def test_a_phone_that_sleeps_between_moves_is_no_lie():
 def test_touches_on_the_arrows_count_as_keys_do():
     episode = Episode()
     for action in (1, 2, 1, 0):
-        episode.press(Page(), action=action, kind="touchdown", code=("north", "east", "south", "west")[action])
+        episode.press(
+            Page(), action=action, kind="touchdown", code=("north", "east", "south", "west")[action]
+        )
         episode.moves[-1]["input"] = "touch"
     assert episode.level().level == "attested"
     episode.moves[2]["input"] = "key"
@@ -247,7 +282,9 @@ def test_a_frame_that_was_never_shown_is_a_lie_in_a_burst_too(step):
 def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are_lies():
     assert "sent 15000 ms after" in played(20, handling_ms=15_000.0).level().reason
     assert "sent -500 ms after" in played(20, handling_ms=-500.0).level().reason
-    assert "the frame of step 0" in Episode().presses(Page(), 9).press(Page(), behind=9).level().reason
+    assert (
+        "the frame of step 0" in Episode().presses(Page(), 9).press(Page(), behind=9).level().reason
+    )
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
@@ -263,7 +300,9 @@ def forged(times, real_ms=3.0):
     for step in range(40):
         episode.press(Page(), gap_ms=real_ms, latency_ms=0.5)
         stamp = times(step)
-        episode.events[-2]["client_ms"] = episode.moves[-1]["key_down_ms"] = episode.moves[-1]["client_ms"] = stamp
+        episode.events[-2]["client_ms"] = episode.moves[-1]["key_down_ms"] = episode.moves[-1][
+            "client_ms"
+        ] = stamp
     return episode.level()
 
 
@@ -271,7 +310,9 @@ def test_made_up_times_are_lies():
     rng = random.Random(3)
     copied = [row["client_ms"] for row in played(40).events if row["kind"] == "keydown"]
     assert forged(lambda step: 5_000.0).level == "unattested", "all at once"
-    assert forged(lambda step: 5_000.0 + 300 * step).level == "unattested", "a person's pace in a hundredth of the time"
+    assert forged(lambda step: 5_000.0 + 300 * step).level == "unattested", (
+        "a person's pace in a hundredth of the time"
+    )
     assert forged(lambda step: copied[step]).level == "unattested", "another episode's"
     assert forged(lambda step: rng.uniform(0, 60_000)).level == "unattested", "at random"
     assert forged(lambda step: 60_000.0 - 300 * step).level == "unattested", "backwards"
@@ -283,12 +324,18 @@ def test_stamps_before_the_frames_that_they_answer_are_lies():
     for _ in range(40):
         episode.press(Page(), gap_ms=300, latency_ms=200.0)
         press, move = episode.events[-2], episode.moves[-1]
-        press["client_ms"] = move["key_down_ms"] = move["client_ms"] = round(move["client_ms"] - 500.0 * len(episode.moves), 1)
+        press["client_ms"] = move["key_down_ms"] = move["client_ms"] = round(
+            move["client_ms"] - 500.0 * len(episode.moves), 1
+        )
     assert episode.level().level == "unattested"
 
 
 def test_nobody_presses_ten_times_in_four_hundred_milliseconds_or_fifty_times_in_three_seconds():
-    assert played(60, gap_ms=3.0, latency_ms=0.5).level().reason.startswith("step 0: 10 presses in 27 ms")
+    assert (
+        played(60, gap_ms=3.0, latency_ms=0.5)
+        .level()
+        .reason.startswith("step 0: 10 presses in 27 ms")
+    )
     assert "50 presses in" in played(60, gap_ms=55.0, latency_ms=0.5).level().reason
     assert played(60, gap_ms=65.0, latency_ms=0.5).level().level == "attested"
     assert played(9, gap_ms=30.0, latency_ms=0.5).level().level == "attested", "a burst of nine"
@@ -298,13 +345,18 @@ def kept(store, episode_id, moves, events):
     """Put moves and events of an `Episode` into a store."""
     for event in events:
         add_input_events(
-            store, episode_id, [InputEventRow(*(event[name] for name in InputEventRow._fields))], event["server_ms"]
+            store,
+            episode_id,
+            [InputEventRow(*(event[name] for name in InputEventRow._fields))],
+            event["server_ms"],
         )
     for move in moves:
         store.add_step(StepRow(episode_id, reward=0.0, discovered=1, key_up_ms=None, **move))
 
 
-def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_something_has_changed(tmp_path):
+def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_something_has_changed(
+    tmp_path,
+):
     """The last move is not stored yet when the end is prepared, and nothing of it may come later unseen."""
     made = played(20)
     elsewhere = Conditions(STARTED, {each: {0} for each in CONDITIONS.key_map})

@@ -37,7 +37,9 @@ def closing_code(socket):
         return closed.rcvd.code
 
 
-@pytest.mark.parametrize("body", [{}, {"rival": "frontier-cost"}, {"player": "random", "rival": "frontier-cost"}])
+@pytest.mark.parametrize(
+    "body", [{}, {"rival": "frontier-cost"}, {"player": "random", "rival": "frontier-cost"}]
+)
 def test_a_board_of_the_page_is_unknown_to_everybody_but_its_player(server, body):
     owner = server.page()
     begun = owner.post("/api/sessions", json=body).json()
@@ -46,11 +48,17 @@ def test_a_board_of_the_page_is_unknown_to_everybody_but_its_player(server, body
         for session in ids:
             for method, url, content in calls(session, begun["frame"]):
                 answer = client.request(method, url, json=content)
-                known = f"/api/sessions/{'x' * 22}" + url.partition(session)[2] if session in url else url
+                known = (
+                    f"/api/sessions/{'x' * 22}" + url.partition(session)[2]
+                    if session in url
+                    else url
+                )
                 unknown = client.request(method, known, json=content)
                 assert answer.status_code == 404, (who, method, url)
                 if session in url and "viewer" not in url:
-                    assert answer.text == unknown.text.replace("x" * 22, session), "as for an id that does not exist"
+                    assert answer.text == unknown.text.replace("x" * 22, session), (
+                        "as for an id that does not exist"
+                    )
             for path in ("/ws/sessions/", "/viewer/"):
                 with server.socket(session, client, path=path) as socket:
                     assert closing_code(socket) == 4404, (who, path)
@@ -103,9 +111,18 @@ def test_the_operator_may_see_a_players_board_and_not_move_it(serve):
 def test_a_board_that_a_script_began_is_moved_by_its_id_as_ever(server):
     begun = server.client().post("/api/sessions", json={"rival": "frontier-cost"}).json()
     frame, other = begun["frame"], server.client()
-    act = {"episode": frame["episode"], "step": 0, "action": "south" if frame["grid"][1][0] == "." else "east"}
+    act = {
+        "episode": frame["episode"],
+        "step": 0,
+        "action": "south" if frame["grid"][1][0] == "." else "east",
+    }
     assert other.post(f"/api/sessions/{begun['session']}/act", json=act).json()["step"] == 1
-    assert other.post(f"/api/sessions/{begun['rival']['session']}/pace", json={"pause": True}).json()["mode"] == "paused"
+    assert (
+        other.post(f"/api/sessions/{begun['rival']['session']}/pace", json={"pause": True}).json()[
+            "mode"
+        ]
+        == "paused"
+    )
     with server.socket(begun["session"], other) as socket:
         assert socket.receive("frame")["step"] == 1
     assert other.post(f"/api/sessions/{begun['session']}/episodes").status_code == 201
@@ -122,8 +139,12 @@ def test_the_page_finds_its_own_board_by_its_cookie_alone(server):
     for begun in (practice, ranked):
         found = owner.get(f"/api/me/session?episode={begun['frame']['episode']}").json()
         assert found["session"] == begun["session"]
-    rival_page = owner.get(f"/api/me/session?episode={practice['rival']['frame']['episode']}").json()
-    assert rival_page["session"] == practice["session"], "a rival's episode is on its player's screen"
+    rival_page = owner.get(
+        f"/api/me/session?episode={practice['rival']['frame']['episode']}"
+    ).json()
+    assert rival_page["session"] == practice["session"], (
+        "a rival's episode is on its player's screen"
+    )
     other.post("/api/sessions", json={"seed": 1})
     for client in (other, server.client()):
         assert client.get(f"/api/me/session?episode={ranked['frame']['episode']}").json() is None
@@ -132,7 +153,9 @@ def test_the_page_finds_its_own_board_by_its_cookie_alone(server):
     bearer = script.post("/api/sessions").json()["session"]
     for session, client in ((ranked["session"], owner), (bearer, script)):
         assert client.get(f"/api/me/session?session={session}").json()["session"] == session
-        assert other.get(f"/api/me/session?session={session}").json() is None, "also where the id alone would move it"
+        assert other.get(f"/api/me/session?session={session}").json() is None, (
+            "also where the id alone would move it"
+        )
 
 
 def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(server):
@@ -140,7 +163,10 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
     begun = owner.post("/api/sessions", json={"size": [9, 12], "rival": "frontier-cost"}).json()
     episode, row = begun["frame"]["episode"], server.services.store.resume_session(begun["session"])
     seen = []
-    with server.socket(episode, spectator, path="/ws/watch/") as watching, server.socket(begun["session"], owner) as mine:
+    with (
+        server.socket(episode, spectator, path="/ws/watch/") as watching,
+        server.socket(begun["session"], owner) as mine,
+    ):
         frame = mine.receive("frame")
         assert watching.receive("frame") == frame
         assert watching.receive("history")["positions"] == [[0, 0]]
@@ -152,7 +178,12 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
             assert seen[-1] == frame
         watching.act(frame, away, input="key")  # whatever a spectator sends is ignored
         watched = spectator.get(f"/api/watch/{episode}").json()
-        assert (watched["frame"], watched["frames"], watched["player"], watched["size"]) == (frame, None, "human", [9, 12])
+        assert (watched["frame"], watched["frames"], watched["player"], watched["size"]) == (
+            frame,
+            None,
+            "human",
+            [9, 12],
+        )
         assert len(watched["history"]["positions"]) == 3
         rival = spectator.get(f"/api/watch/{begun['rival']['frame']['episode']}").json()
         assert rival["player"] == "frontier-cost"
@@ -174,7 +205,9 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
     ]
     assert not [secret for secret in secrets if secret in answers]
     for method, url, content in calls(episode, begun["frame"]):
-        assert spectator.request(method, url, json=content).status_code == 404, "the id grants nothing but watching"
+        assert spectator.request(method, url, json=content).status_code == 404, (
+            "the id grants nothing but watching"
+        )
     assert spectator.get(f"/api/me/session?episode={episode}").json() is None
 
 
@@ -182,27 +215,52 @@ def test_a_board_is_watched_by_an_id_of_its_own_one_episode_after_the_other(serv
     owner, spectator = server.page(), server.page()
     begun = owner.post("/api/sessions", json={"size": [9, 12]}).json()
     session, watch, first = begun["session"], begun["watch"], begun["frame"]
-    with server.socket(watch, spectator, path="/ws/watch/") as watching, server.socket(session, owner) as mine:
-        assert (watching.receive("frame"), watching.receive("history")["positions"]) == (first, [[0, 0]])
+    with (
+        server.socket(watch, spectator, path="/ws/watch/") as watching,
+        server.socket(session, owner) as mine,
+    ):
+        assert (watching.receive("frame"), watching.receive("history")["positions"]) == (
+            first,
+            [[0, 0]],
+        )
         mine.act(first, "north", input="key")
         last = mine.frame_after(0)
         assert watching.receive("frame") == last
-        assert (last["outcome"], spectator.get(f"/watch/{watch}").status_code) == ("out_of_bounds", 200)
-        assert spectator.get(f"/watch/{first['episode']}").headers["location"] == f"../replay/{first['episode']}"
+        assert (last["outcome"], spectator.get(f"/watch/{watch}").status_code) == (
+            "out_of_bounds",
+            200,
+        )
+        assert (
+            spectator.get(f"/watch/{first['episode']}").headers["location"]
+            == f"../replay/{first['episode']}"
+        )
         following = owner.post(f"/api/sessions/{session}/episodes").json()
         assert following["watch"] == watch
         assert watching.receive("frame") == following["frame"]
-        assert watching.receive("history")["episode"] == following["frame"]["episode"] != first["episode"]
+        assert (
+            watching.receive("history")["episode"]
+            == following["frame"]["episode"]
+            != first["episode"]
+        )
     watched = spectator.get(f"/api/watch/{watch}").json()
     assert (watched["frame"], watched["frames"]) == (following["frame"], None)
     lists = ("episodes", "export/episodes.jsonl", "export/steps.jsonl")
-    for url in (*lists, f"watch/{first['episode']}", f"watch/{following['frame']['episode']}", f"watch/{watch}"):
+    for url in (
+        *lists,
+        f"watch/{first['episode']}",
+        f"watch/{following['frame']['episode']}",
+        f"watch/{watch}",
+    ):
         assert watch not in spectator.get(f"/api/{url}").text, url
     for method, url, content in calls(watch, following["frame"]):
-        assert spectator.request(method, url, json=content).status_code == 404, "the id grants nothing but watching"
+        assert spectator.request(method, url, json=content).status_code == 404, (
+            "the id grants nothing but watching"
+        )
     assert spectator.get(f"/api/me/session?watch={watch}").json() is None
     assert owner.get(f"/api/me/session?watch={watch}").json()["session"] == session
-    assert server.on_loop(WatchIds(server.services.store).session(watch)) == session, "a restarted server finds the board"
+    assert server.on_loop(WatchIds(server.services.store).session(watch)) == session, (
+        "a restarted server finds the board"
+    )
     assert spectator.post("/api/sessions").json()["watch"] != watch
 
 
@@ -210,7 +268,9 @@ def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(se
     monkeypatch.setattr("app.play.spectators.LOOK_S", 0.05)
     server = serve(idle_s=0.2)
     owner = server.page()
-    begun = owner.post("/api/sessions", json={"player": "random", "rival": "frontier-cost", "size": 30}).json()
+    begun = owner.post(
+        "/api/sessions", json={"player": "random", "rival": "frontier-cost", "size": 30}
+    ).json()
     owner.post(f"/api/sessions/{begun['session']}/pace", json={"pause": True})
     episode = begun["frame"]["episode"]
     with server.socket(episode, path="/ws/watch/") as watching:
@@ -218,7 +278,9 @@ def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(se
         eventually(lambda: len(server.services.lobby) == 0)
         for _ in range(5):
             server.client().get(f"/api/watch/{episode}")
-            assert len(server.services.lobby) == 0, "a board that its player has left is not resumed by being watched"
+            assert len(server.services.lobby) == 0, (
+                "a board that its player has left is not resumed by being watched"
+            )
         owner.post(f"/api/sessions/{begun['session']}/episodes")
         frame = watching.receive("frame")
         while not frame["outcome"]:
@@ -235,7 +297,12 @@ def test_what_cannot_be_watched_is_unknown(serve, tmp_path):
     person.call("next")
     board = person.where["about"]
     assert board["watch"] is None
-    for episode in ("none", board["frame"]["episode"], board["session"], WatchIds(server.services.store).of(board["session"])):
+    for episode in (
+        "none",
+        board["frame"]["episode"],
+        board["session"],
+        WatchIds(server.services.store).of(board["session"]),
+    ):
         answer = server.page().get(f"/api/watch/{episode}")
         assert (answer.status_code, "that can be watched" in answer.json()["detail"]) == (404, True)
         with server.socket(episode, path="/ws/watch/") as socket:

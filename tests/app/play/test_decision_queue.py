@@ -70,7 +70,12 @@ def test_a_decision_that_takes_too_long_is_given_up_and_the_next_is_made_meanwhi
     order, release = [], threading.Event()
 
     async def ask(decisions):
-        stuck = [asyncio.create_task(decisions.act(Recorded("stuck", order, until=release), BOARD, "one")) for _ in range(2)]
+        stuck = [
+            asyncio.create_task(
+                decisions.act(Recorded("stuck", order, until=release), BOARD, "one")
+            )
+            for _ in range(2)
+        ]
         await asyncio.sleep(0.01)
         quick = asyncio.create_task(decisions.act(Recorded("quick", order), BOARD, "two"))
         found = await asyncio.gather(*stuck, quick, return_exceptions=True)
@@ -102,7 +107,10 @@ def test_a_board_whose_policy_takes_too_long_says_so_pauses_and_can_go_on(serve)
     begun = client.post("/api/sessions", json={"player": "random", "seed": 5}).json()
     url = f"/api/sessions/{begun['session']}"
     with server.socket(begun["session"], client) as watcher:
-        assert "a decision took longer than 0.2 s, so the policy 'random' is paused" in watcher.receive("error")["detail"]
+        assert (
+            "a decision took longer than 0.2 s, so the policy 'random' is paused"
+            in watcher.receive("error")["detail"]
+        )
     with server.socket(begun["session"], client) as watcher:
         assert watcher.receive("pace")["mode"] == "paused"
     assert client.get(url).json()["step"] == 0

@@ -60,7 +60,15 @@ class Forger:
         }
         socket.send({"kind": "events", "episode": frame["episode"], "events": [press]})
         times = {"input": "key", "key_down_ms": stamp, "client_ms": stamp}
-        socket.send({"kind": "act", "episode": frame["episode"], "step": frame["step"], "action": action, **times})
+        socket.send(
+            {
+                "kind": "act",
+                "episode": frame["episode"],
+                "step": frame["step"],
+                "action": action,
+                **times,
+            }
+        )
 
 
 def forgers(copied):
@@ -89,9 +97,15 @@ def forgers(copied):
         "copied events": Forger(lambda step, clock: copied[step % len(copied)], 250),
         "copied gaps, replayed": Forger(replayed, 0),
         "all stamps at once": Forger(lambda step, clock: 5_000.0, 250),
-        "a clock that runs ten times as fast": Forger(lambda step, clock: round(clock.page_ms() * 10, 1), 30),
-        "a person's stamps in a hundredth of the time": Forger(lambda step, clock: round(5_000 + human[step], 1), 3),
-        "stamps before the frames": Forger(lambda step, clock: round(clock.page_ms() - 500 * step, 1), 250),
+        "a clock that runs ten times as fast": Forger(
+            lambda step, clock: round(clock.page_ms() * 10, 1), 30
+        ),
+        "a person's stamps in a hundredth of the time": Forger(
+            lambda step, clock: round(5_000 + human[step], 1), 3
+        ),
+        "stamps before the frames": Forger(
+            lambda step, clock: round(clock.page_ms() - 500 * step, 1), 250
+        ),
         "a hundred times a person's speed": Forger(hurried, 3),
     }
 
@@ -150,7 +164,13 @@ def play_forged(person, forger):
 
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
 def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
-    small = {"size": SIZE, "ranked": 2, "warm_up": 1, "hides_interim": False, "recruitment": "invitation"}
+    small = {
+        "size": SIZE,
+        "ranked": 2,
+        "warm_up": 1,
+        "hides_interim": False,
+        "recruitment": "invitation",
+    }
     study = freeze(tmp_path / "studies", **small)
     issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 1 + 8 * times)
     invitations = iter([token_of(study, each.id) for each in issued])
@@ -159,7 +179,9 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
     person.play_on()
     path = tmp_path / "playground.db"
     with closing(sqlite3.connect(path)) as db:
-        (copied,) = db.execute("SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 0").fetchone()
+        (copied,) = db.execute(
+            "SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 0"
+        ).fetchone()
     names = times * [*forgers(presses_of(path, copied))]
     for forger in times * [*forgers(presses_of(path, copied)).values()]:
         other = Person(server, invitation=next(invitations))
@@ -170,7 +192,11 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
     for trial in data.trials:
         if trial.phase == "ranked":
             levels.setdefault(trial.participant, []).append(trial.attestation)
-    counting = [name for name, found in zip(["the person", *names], levels.values(), strict=True) if "attested" in found]
+    counting = [
+        name
+        for name, found in zip(["the person", *names], levels.values(), strict=True)
+        if "attested" in found
+    ]
     assert counting == ["the person"]
     assert sorted(levels.values()) == [["attested"] * 2] + [["unattested"] * 2] * len(names)
     assert sum(map(len, people_of(data).ranked.values())) == 2

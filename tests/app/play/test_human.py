@@ -52,15 +52,34 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
             action, code = ways[step % 2]
             server.clock.skipped_ms += 50
             now = server.clock.page_ms()
-            press = {"kind": "keydown", "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": 0}
+            press = {
+                "kind": "keydown",
+                "code": code,
+                "repeat": False,
+                "trusted": True,
+                "client_ms": now,
+                "step": 0,
+            }
             connection.send({"kind": "events", "episode": first["episode"], "events": [press]})
             times = {"input": "key", "key_down_ms": now, "client_ms": now}
-            connection.send({"kind": "act", "episode": first["episode"], "step": step, "action": action, **times})
+            connection.send(
+                {
+                    "kind": "act",
+                    "episode": first["episode"],
+                    "step": step,
+                    "action": action,
+                    **times,
+                }
+            )
         frame = connection.frame_after(9)
         connection.act(frame, "north", input="key")
         frame = connection.frame_after(frame["step"])
     kept = client.get(f"/api/episodes/{frame['episode']}").json()
-    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (True, "attested", None)
+    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (
+        True,
+        "attested",
+        None,
+    )
 
 
 @pytest.mark.parametrize("acts", [(("away", None), *KEYS[1:]), (*KEYS[:2], ("off", None))])

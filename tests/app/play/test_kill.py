@@ -18,10 +18,19 @@ KINDS = ("human", "rival", "policy")
 
 
 def begin(client, kind, dice):
-    body = {"human": {}, "rival": {"rival": "frontier-cost"}, "policy": {"player": "frontier-utility"}}[kind]
-    begun = client.post("/api/sessions", json={**body, "size": [9, 13], "seed": dice.randrange(10**6)}).json()
+    body = {
+        "human": {},
+        "rival": {"rival": "frontier-cost"},
+        "policy": {"player": "frontier-utility"},
+    }[kind]
+    begun = client.post(
+        "/api/sessions", json={**body, "size": [9, 13], "seed": dice.randrange(10**6)}
+    ).json()
     if kind == "policy":
-        client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": dice.uniform(20, 60)})
+        client.post(
+            f"/api/sessions/{begun['session']}/pace",
+            json={"moves_per_second": dice.uniform(20, 60)},
+        )
     return begun
 
 
@@ -44,7 +53,9 @@ class Board:
 def rows_of(path, episode):
     """Return the (step, action) pairs of an episode, straight from the file."""
     with closing(sqlite3.connect(path)) as db:
-        return db.execute("SELECT step, action FROM steps WHERE episode_id = ? ORDER BY step", [episode]).fetchall()
+        return db.execute(
+            "SELECT step, action FROM steps WHERE episode_id = ? ORDER BY step", [episode]
+        ).fetchall()
 
 
 def check(client, path, session, seen, is_exact):
@@ -68,7 +79,9 @@ def play_kill_and_check(spawn, path, dice, sessions):
         for number in range(sessions):
             kind = KINDS[(number + dice.randrange(3)) % 3]
             begun = begin(client, kind, dice)
-            boards.append(Board(kind, begun, stack.enter_context(server.socket(begun["session"], client))))
+            boards.append(
+                Board(kind, begun, stack.enter_context(server.socket(begun["session"], client)))
+            )
         for board in dice.choices(boards, k=dice.randrange(1, 12 * sessions)):
             board.move()
         for board in boards:
@@ -90,7 +103,12 @@ def play_kill_and_check(spawn, path, dice, sessions):
             if rival:
                 url = f"/api/sessions/{rival['session']}"
                 steps = on.seen["step"]
-                eventually(lambda: (now := again.get(url).json())["step"] >= steps or now["outcome"])  # noqa: B023
+
+                def followed(url: str = url, steps: int = steps):
+                    now = again.get(url).json()
+                    return now["step"] >= steps or now["outcome"]
+
+                eventually(followed)
                 check(again, path, rival["session"], rival["frame"], False)
     server.process.terminate()
     assert server.process.wait(PATIENCE_S) in (0, -15)
@@ -98,8 +116,12 @@ def play_kill_and_check(spawn, path, dice, sessions):
     server.close()
 
 
-@pytest.mark.parametrize("batch", [0, 1, *(pytest.param(number, marks=pytest.mark.long) for number in range(2, 10))])
-def test_a_kill_right_after_the_last_step_of_five_sessions_loses_and_doubles_nothing(spawn, tmp_path, batch):
+@pytest.mark.parametrize(
+    "batch", [0, 1, *(pytest.param(number, marks=pytest.mark.long) for number in range(2, 10))]
+)
+def test_a_kill_right_after_the_last_step_of_five_sessions_loses_and_doubles_nothing(
+    spawn, tmp_path, batch
+):
     play_kill_and_check(spawn, tmp_path / "playground.db", random.Random(batch), 5)
 
 
@@ -135,13 +157,23 @@ def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_pa
     dice, path, acknowledged = random.Random(2000 + campaign), tmp_path / "playground.db", {}
     boards = []
     for kill in range(100):
-        server = spawn(limits={"sessions_per_address": "100000/minute", "episodes_per_address": "100000/minute"})
+        server = spawn(
+            limits={
+                "sessions_per_address": "100000/minute",
+                "episodes_per_address": "100000/minute",
+            }
+        )
         client = server.client()
         if kill % 10 == 0:
             body = [{}, {"rival": "frontier-cost"}, {}][kill // 10 % 3]
-            boards = [client.post("/api/sessions", json={**body, "size": [9, 13]}).json()["session"] for _ in range(3)]
+            boards = [
+                client.post("/api/sessions", json={**body, "size": [9, 13]}).json()["session"]
+                for _ in range(3)
+            ]
         stop, answered = threading.Event(), threading.Event()
-        player = threading.Thread(target=play_until, args=(stop, answered, client, boards, acknowledged))
+        player = threading.Thread(
+            target=play_until, args=(stop, answered, client, boards, acknowledged)
+        )
         player.start()
         assert answered.wait(PATIENCE_S)
         time.sleep(dice.uniform(0, 0.15))
@@ -152,13 +184,17 @@ def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_pa
         server.process.stdout.close()
         server.close()
     with closing(sqlite3.connect(path)) as db:
-        rows = db.execute("SELECT episode_id, step, action FROM steps ORDER BY episode_id, step").fetchall()
+        rows = db.execute(
+            "SELECT episode_id, step, action FROM steps ORDER BY episode_id, step"
+        ).fetchall()
     there = {(episode, step): action for episode, step, action in rows}
     lost = [each for each, action in acknowledged.items() if there.get(each) != action]
     counts = Counter(episode for episode, _ in there)
     gaps = [episode for episode, count in counts.items() if (episode, count - 1) not in there]
     doubled = len(rows) - len(there)
-    print(f"\n100 kills: {len(acknowledged)} moves acknowledged, {len(lost)} lost, {doubled} doubled, {len(gaps)} gaps")
+    print(
+        f"\n100 kills: {len(acknowledged)} moves acknowledged, {len(lost)} lost, {doubled} doubled, {len(gaps)} gaps"
+    )
     assert (lost, gaps, doubled) == ([], [], 0)
     assert len(acknowledged) >= 100
     assert not verify_database(path).findings

@@ -86,7 +86,11 @@ def test_a_restarted_server_knows_players_rivals_and_paces(run_in_lobby):
         rival = await lobby.get(rival_id)
         session = await lobby.get(session_id)
         assert lobby.rival_of(session) is rival
-        assert (rival.pace.mode, rival.pace.moves_per_second, rival.episode.steps >= steps) == ("paused", 60, True)
+        assert (rival.pace.mode, rival.pace.moves_per_second, rival.episode.steps >= steps) == (
+            "paused",
+            60,
+            True,
+        )
         assert session.current.terrain == rival.current.terrain == terrain
         await lobby.restart(session, NewEpisode())
         assert session.current.terrain == rival.current.terrain != terrain
@@ -127,7 +131,11 @@ def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch
             patch.setattr(lobby.store, "next_episode", broken)
             with pytest.raises(StoreError):
                 await lobby.restart(session, NewEpisode())
-        assert (session.frame, session.episode.steps, session.episode.outcome) == (frame, 1, "running")
+        assert (session.frame, session.episode.steps, session.episode.outcome) == (
+            frame,
+            1,
+            "running",
+        )
         assert (session.episode.codes == codes).all()
         await session.act(move(session))
         assert session.episode.steps == 2
@@ -144,7 +152,9 @@ def test_restarts_at_the_same_time_leave_one_running_episode_each(run_in_lobby):
         session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
         await lobby.change_pace(session, ChangePace(moves_per_second=60))
         for _ in range(5):
-            await asyncio.gather(*(lobby.restart(session, NewEpisode(size=[20, 23])) for _ in range(4)))
+            await asyncio.gather(
+                *(lobby.restart(session, NewEpisode(size=[20, 23])) for _ in range(4))
+            )
             await asyncio.sleep(0.02)
         rival = lobby.rival_of(session)
         assert session.current.number == rival.current.number == 21
@@ -163,7 +173,12 @@ def test_ids_seeds_and_the_clock_come_from_outside(run_in_lobby):
 
     count = itertools.count(1)
     sources = {name: lambda: f"id{next(count)}" for name in ("session_id", "episode_id")}
-    assert run_in_lobby(scenario, seed=lambda: 77, clock_ms=lambda: 5, **sources) == ("id1", "id2", 77, 5)
+    assert run_in_lobby(scenario, seed=lambda: 77, clock_ms=lambda: 5, **sources) == (
+        "id1",
+        "id2",
+        77,
+        5,
+    )
 
 
 def test_seeds_and_ids_are_unguessable_by_default():

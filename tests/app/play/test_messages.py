@@ -26,7 +26,12 @@ ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
 
 def test_no_number_that_json_lacks_is_sent():
     for value, kept in ((nan, None), (inf, None), (-inf, None), (1.5, 1.5)):
-        assert json.loads(encode_thought("e", 3, [0.25] * 4, value), parse_constant=pytest.fail)["value"] == kept
+        assert (
+            json.loads(encode_thought("e", 3, [0.25] * 4, value), parse_constant=pytest.fail)[
+                "value"
+            ]
+            == kept
+        )
     for probability in (nan, inf):
         assert encode_thought("e", 3, [probability, 0.5, 0.5, 0.0], 1.0) == "", "no thought at all"
     assert encode_thought("e", 3, None, nan) == "", "nothing to say"
@@ -34,7 +39,9 @@ def test_no_number_that_json_lacks_is_sent():
 
 
 def test_an_act_and_a_request_for_history_are_understood():
-    act = parse_message(json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14}))
+    act = parse_message(
+        json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14})
+    )
     assert isinstance(act, Act)
     assert (act.code, act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
     assert isinstance(parse_message('{"kind":"history"}'), HistoryRequest)
@@ -50,7 +57,10 @@ def test_an_act_and_a_request_for_history_are_understood():
         ("{}", "kind is missing"),
         ('{"kind":"jump"}', 'kind must be "act", "history" or "events", got \'jump\''),
         ('{"kind":"act","episode":"e","step":0}', "action is missing"),
-        (json.dumps({**ACT, "action": "up"}), "action must be 'north', 'east', 'south' or 'west', got \"up\""),
+        (
+            json.dumps({**ACT, "action": "up"}),
+            "action must be 'north', 'east', 'south' or 'west', got \"up\"",
+        ),
         (json.dumps({**ACT, "step": "0"}), 'step must be a whole number, got "0"'),
         (json.dumps({**ACT, "step": True}), "step must be a whole number, got true"),
         (json.dumps({**ACT, "step": -1}), "step must be at least 0, got -1"),
@@ -58,7 +68,10 @@ def test_an_act_and_a_request_for_history_are_understood():
         (json.dumps({**ACT, "input": "mouse"}), "input must be 'key' or 'touch', got \"mouse\""),
         (json.dumps({**ACT, "client_ms": "now"}), 'client_ms must be a number, got "now"'),
         (json.dumps({**ACT, "client_ms": float("nan")}), "client_ms"),
-        (json.dumps({**ACT, "stp": 0}), "unknown field 'stp'; the fields are: kind, episode, step, action"),
+        (
+            json.dumps({**ACT, "stp": 0}),
+            "unknown field 'stp'; the fields are: kind, episode, step, action",
+        ),
         (json.dumps({**ACT, "episode": "x" * 65}), "episode must be at most 64 characters long"),
         ("x" * 70_000, "a message must be at most 65536 bytes, got 70000"),
         ('"\\ud800"', "JSON"),
@@ -117,11 +130,21 @@ def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():
     episode = Episode.begin(EnvConfig("random", 5, 7, sensor_radius=2), terrain=terrain)
     frame = json.loads(encode_frame("e1", episode))
     assert frame["grid"] == ["@#?????", ".#?????", ".??????", "???????", "???????"]
-    assert (frame["episode"], frame["step"], frame["rows"], frame["cols"], frame["position"]) == ("e1", 0, 5, 7, [0, 0])
+    assert (frame["episode"], frame["step"], frame["rows"], frame["cols"], frame["position"]) == (
+        "e1",
+        0,
+        5,
+        7,
+        [0, 0],
+    )
     assert (frame["discovered"], frame["outcome"], frame["heading"]) == (5, None, "east")
     episode.step(2)
     assert json.loads(encode_frame("e1", episode))["grid"][:2] == [".#?????", "@#?????"]
     assert json.loads(encode_history("e1", episode))["positions"] == [[0, 0], [1, 0]]
     episode.step(1)
     frame = json.loads(encode_frame("e1", episode))
-    assert (frame["outcome"], frame["reward"], frame["return"]) == ("collided", -35.0, episode.total)
+    assert (frame["outcome"], frame["reward"], frame["return"]) == (
+        "collided",
+        -35.0,
+        episode.total,
+    )

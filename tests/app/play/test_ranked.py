@@ -92,7 +92,9 @@ def test_a_ranked_episode_that_is_left_for_another_board_counts_as_abandoned(ser
     with server.socket(ranked["session"], client) as other_tab:
         other_tab.receive("frame")
         begin(client, **body)
-        assert other_tab.frame_after(-1)["outcome"] == "abandoned", "the tab that still shows it is told"
+        assert other_tab.frame_after(-1)["outcome"] == "abandoned", (
+            "the tab that still shows it is told"
+        )
     assert outcome(client, ranked) == ("abandoned", 3, True)
     (figure,) = client.get("/api/human-level").json()["figures"]
     assert (figure["episodes"], figure["abandoned"], figure["steps"]["mean"]) == (1, 1, LIMIT)
@@ -135,7 +137,11 @@ def test_coming_back_goes_on_where_the_episode_stood(serve):
     ranked = begin(client, **SMALL)
     frame = drive(server, client, ranked, 4)
     for answer in (client.get("/api/me/session"), client.post("/api/sessions", json=SMALL)):
-        assert (answer.status_code, answer.json()["session"], answer.json()["frame"]) == (200, ranked["session"], frame)
+        assert (answer.status_code, answer.json()["session"], answer.json()["frame"]) == (
+            200,
+            ranked["session"],
+            frame,
+        )
     server.stop()
     again = serve()
     again.clock.skipped_ms = server.clock.skipped_ms
@@ -159,7 +165,9 @@ def test_a_terrain_that_was_shown_is_not_exchanged_by_leaving_it(server):
     client = server.page()
     ranked = begin(client, **SMALL)
     url = f"/api/sessions/{ranked['session']}/episodes"
-    assert client.post(url, json={}).json()["frame"] == ranked["frame"], "it waits for its first move"
+    assert client.post(url, json={}).json()["frame"] == ranked["frame"], (
+        "it waits for its first move"
+    )
     elsewhere = client.post(url, json={"seed": 7}).json()
     assert (elsewhere["session"] != ranked["session"], elsewhere["counts"]) == (True, False)
     for body in OTHER_BOARDS:
@@ -168,8 +176,13 @@ def test_a_terrain_that_was_shown_is_not_exchanged_by_leaving_it(server):
     other_size = client.post(url, json={"size": [9, 14]}).json()
     assert other_size["session"] != ranked["session"]
     assert begin(client, **SMALL)["frame"] == ranked["frame"]
-    assert client.post(f"/api/sessions/{other_size['session']}/episodes", json=SMALL).json()["frame"] == ranked["frame"]
-    assert client.get("/api/human-level").json()["figures"] == [], "without a move it does not count"
+    assert (
+        client.post(f"/api/sessions/{other_size['session']}/episodes", json=SMALL).json()["frame"]
+        == ranked["frame"]
+    )
+    assert client.get("/api/human-level").json()["figures"] == [], (
+        "without a move it does not count"
+    )
     drive(server, client, ranked, 1, away=False)
     assert outcome(client, ranked) == ("out_of_bounds", 1, True), "the terrain was not met before"
     following = client.post(url, json={}).json()
@@ -180,7 +193,9 @@ def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(in_lobby):
     async def scenario(lobby):
         boards = PageBoards(lobby, abandon_after_s=1800)
         await boards.begin(NewSession(size=[9, 13], rival="frontier-cost"), "me")
-        answers = await asyncio.gather(*(boards.begin(NewSession(size=[9, 12]), "me") for _ in range(8)))
+        answers = await asyncio.gather(
+            *(boards.begin(NewSession(size=[9, 12]), "me") for _ in range(8))
+        )
         assert len({session.current.id for session, _ in answers}) == 1
         assert sorted(was_open for _, was_open in answers) == [False] + 7 * [True]
         session = answers[0][0]
@@ -222,7 +237,9 @@ def test_a_server_that_starts_abandons_what_was_left_meanwhile(serve):
     eventually(lambda: outcome(back, ranked) == ("abandoned", 3, True))
 
 
-def test_what_was_left_is_abandoned_also_after_a_time_in_which_the_database_could_not_be_read(serve):
+def test_what_was_left_is_abandoned_also_after_a_time_in_which_the_database_could_not_be_read(
+    serve,
+):
     server = serve(abandon_after_s=0.4)
     server.execute("ALTER TABLE steps RENAME TO away")
     time.sleep(0.5)  # it is looked for every 0.1 s

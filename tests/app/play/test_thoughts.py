@@ -47,9 +47,13 @@ def literally_expected(frame, visited):
     return {cell: new for cell, new in shown.items() if new}
 
 
-def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation_alone(client_and_server, network_file):
+def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation_alone(
+    client_and_server, network_file
+):
     client, server = client_and_server
-    session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
+    session = client.post(
+        "/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}
+    ).json()["session"]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
     client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
     twin, frame, visited = policies.load(network_file), None, set()
@@ -70,13 +74,17 @@ def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation
             socket.send({"kind": "expected"})
             expected = Expected.model_validate(socket.receive("expected"), strict=False)
             assert (expected.episode, expected.step) == (frame["episode"], frame["step"])
-            assert {(row, col): new for row, col, new in expected.cells} == literally_expected(frame, visited)
+            assert {(row, col): new for row, col, new in expected.cells} == literally_expected(
+                frame, visited
+            )
             client.post(f"/api/sessions/{session}/pace", json={"step": True})
 
 
 def test_a_late_subscriber_receives_the_thought_about_the_newest_frame(client_and_server):
     client, server = client_and_server
-    session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker"}).json()["session"]
+    session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker"}).json()[
+        "session"
+    ]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
     client.post(f"/api/sessions/{session}/episodes", json={})  # paused from its beginning
     for _ in range(3):
@@ -90,7 +98,9 @@ def test_a_late_subscriber_receives_the_thought_about_the_newest_frame(client_an
 @pytest.mark.parametrize("name", ["frontier-cost", "random"])
 def test_a_rule_says_where_it_heads_for_and_a_random_one_nothing(client_and_server, name):
     client, server = client_and_server
-    session = client.post("/api/sessions", json={"size": SIZE, "player": name, "seed": 3}).json()["session"]
+    session = client.post("/api/sessions", json={"size": SIZE, "player": name, "seed": 3}).json()[
+        "session"
+    ]
     client.post(f"/api/sessions/{session}/pace", json={"pause": True})
     client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
     twin, frame, goals = policies.load(name), None, 0
@@ -127,7 +137,11 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
     with server.socket(about["session"], client) as socket:
         frame = socket.receive("frame")
         for step in range(6):
-            action = ("east", "west")[step % 2] if codes_of(frame)[0, 1] != 3 else ("south", "north")[step % 2]
+            action = (
+                ("east", "west")[step % 2]
+                if codes_of(frame)[0, 1] != 3
+                else ("south", "north")[step % 2]
+            )
             socket.act(frame, action, input="key")
             while frame["step"] <= step:
                 message = socket.receive()
@@ -140,7 +154,9 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
     session = server.services.lobby.sessions()[0]
     with pytest.raises(RuntimeError, match="person's board"):
         session.publish_thought("{}")
-    answers = json.dumps([client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")])
+    answers = json.dumps(
+        [client.get(f"/api/sessions/{about['session']}{end}").json() for end in ("", "/about")]
+    )
     assert "probabilities" not in answers
     assert "goal" not in answers
 
@@ -149,9 +165,13 @@ def test_thoughts_about_terrains_that_look_alike_so_far_are_the_same(client_and_
     client, server = client_and_server
     said = []
     for _ in range(2):
-        session = client.post("/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}).json()["session"]
+        session = client.post(
+            "/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}
+        ).json()["session"]
         client.post(f"/api/sessions/{session}/pace", json={"pause": True})
-        client.post(f"/api/sessions/{session}/episodes", json={"seed": 3})  # paused from its beginning
+        client.post(
+            f"/api/sessions/{session}/episodes", json={"seed": 3}
+        )  # paused from its beginning
         with server.socket(session, client) as socket:
             thought = socket.receive("thought")
             said.append((thought["probabilities"], thought["value"]))

@@ -17,7 +17,15 @@ from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
 DAY_H = 24
-TABLES = ("players", "sessions", "episodes", "steps", "input_events", "participants", "daily_attempts")
+TABLES = (
+    "players",
+    "sessions",
+    "episodes",
+    "steps",
+    "input_events",
+    "participants",
+    "daily_attempts",
+)
 
 
 def ids(path):
@@ -27,13 +35,20 @@ def ids(path):
 
 def counts(path):
     with closing(sqlite3.connect(path)) as conn:
-        return {table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in TABLES}
+        return {
+            table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in TABLES
+        }
 
 
 async def delete_later(path, hours):
     """Delete what is unplayed some hours from now, on a server that has just started."""
     with closing(Store(path)) as store:
-        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: Sources().clock_ms() + int(hours * 3_600_000)), 600.0)
+        lobby = Lobby(
+            store,
+            PolicyCatalogue(),
+            Sources(clock_ms=lambda: Sources().clock_ms() + int(hours * 3_600_000)),
+            600.0,
+        )
         head = chain.head(store.connection)
         deleted = await PageBoards(lobby, 1e9, DAY_H).delete_unplayed()
         assert chain.head(store.connection) == head
@@ -63,7 +78,13 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
     pressed = server.page()
     begun = begin(pressed)
     with server.socket(begun["session"], pressed) as socket:
-        socket.send({"kind": "events", "episode": begun["frame"]["episode"], "events": [{"kind": "blur", "client_ms": 1}]})
+        socket.send(
+            {
+                "kind": "events",
+                "episode": begun["frame"]["episode"],
+                "events": [{"kind": "blur", "client_ms": 1}],
+            }
+        )
         assert socket.receive("kept")["count"] == 1
     kept.add(begun["session"])
     ended = server.client()
@@ -71,7 +92,12 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
     ended.post(f"/api/sessions/{begun['session']}/episodes")
     kept.add(begun["session"])
     policy = begin(player="frontier-cost")
-    eventually(lambda: server.client().get(f"/api/sessions/{policy['session']}/history").status_code in (200, 404))
+    eventually(
+        lambda: (
+            server.client().get(f"/api/sessions/{policy['session']}/history").status_code
+            in (200, 404)
+        )
+    )
     kept.add(server.page().post("/api/daily").json()["session"])
     person = Person(server)
     person.to_tutorial()

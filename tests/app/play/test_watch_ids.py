@@ -37,7 +37,9 @@ def _keyed_by(ids, root):
                 continue
             seen.add(id(each))
             left.append(each)
-            if type(each) in (dict, set, OrderedDict, defaultdict) and any(one in each for one in ids):
+            if type(each) in (dict, set, OrderedDict, defaultdict) and any(
+                one in each for one in ids
+            ):
                 found.append(each)
     return found
 
@@ -83,7 +85,9 @@ def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_p
         assert asyncio.run(watch_ids.session(other)) is None
     last = watch_ids.of(sessions[2])[-1]
     forged = watch_ids.of(sessions[2])[:-1] + ("0" if last != "0" else "1")
-    assert asyncio.run(watch_ids.session(forged)) is None, "its first 64 bits are those of a session"
+    assert asyncio.run(watch_ids.session(forged)) is None, (
+        "its first 64 bits are those of a session"
+    )
     monkeypatch.setattr("app.play.sources.MAX_FOUND", 20)
     assert [look_for(each) for each in sessions[50:]] == sessions[50:]
     assert len(watch_ids._found) <= 20

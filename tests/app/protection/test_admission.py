@@ -37,11 +37,15 @@ def opened(server):
 
 def ask(connection, accept="*/*"):
     """Ask for the page over an open connection and return the whole answer."""
-    connection.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept: {accept}\r\nConnection: close\r\n\r\n".encode())
+    connection.sendall(
+        f"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept: {accept}\r\nConnection: close\r\n\r\n".encode()
+    )
     return b"".join(iter(lambda: connection.recv(65536), b"")).decode()
 
 
-def test_connections_beyond_the_cap_get_503_and_a_time_to_return_and_everything_is_given_back(serve):
+def test_connections_beyond_the_cap_get_503_and_a_time_to_return_and_everything_is_given_back(
+    serve,
+):
     server = serve(limits=Limits(connections_per_address=20))
     slots, before = server.services.protection.connections.slots, descriptors()
     with ExitStack() as stack:
@@ -53,7 +57,9 @@ def test_connections_beyond_the_cap_get_503_and_a_time_to_return_and_everything_
         assert "retry-after: 30" in answer
         assert "The playground is full" in answer
         with opened(server) as script:
-            assert json.loads(ask(script).split("\r\n\r\n")[1])["detail"].startswith("The playground is full")
+            assert json.loads(ask(script).split("\r\n\r\n")[1])["detail"].startswith(
+                "The playground is full"
+            )
         assert ask(held[0]).startswith("HTTP/1.1 200 ")
     eventually(lambda: slots.open == 0)
     eventually(lambda: descriptors() <= before)
@@ -74,10 +80,10 @@ def test_the_caps_of_a_server_follow_the_files_that_it_may_open():
     """As many connections as fit, and websockets in proportion, so that pages can be loaded when all of these are taken."""
     code = "import resource as r; r.setrlimit(r.RLIMIT_NOFILE, (600, 700)); from app.settings import Limits"
     code += "; from app.protection.service import Protection; protection = Protection(Limits())"
-    code += (
-        "; print(*(sum(slots.take(None) for _ in range(5000)) for slots in (protection.connections.slots, protection.sockets)))"
-    )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    code += "; print(*(sum(slots.take(None) for _ in range(5000)) for slots in (protection.connections.slots, protection.sockets)))"
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert said.split() == ["188", "94"]
 
 
@@ -168,7 +174,13 @@ def test_sockets_beyond_the_cap_are_refused_and_their_places_are_given_back(serv
 
 
 def test_boards_and_episodes_have_a_rate_for_each_player_and_for_each_address(serve):
-    server = serve(limits=Limits(sessions_per_player="2/minute", sessions_per_address="5/minute", episodes_per_player="1/hour"))
+    server = serve(
+        limits=Limits(
+            sessions_per_player="2/minute",
+            sessions_per_address="5/minute",
+            episodes_per_player="1/hour",
+        )
+    )
     first, second = server.client(), server.client()
 
     def begin(client):
@@ -178,7 +190,10 @@ def test_boards_and_episodes_have_a_rate_for_each_player_and_for_each_address(se
     assert [begin(first).status_code for _ in range(3)] == [201, 201, 429]
     refused = begin(first)
     assert 1 <= int(refused.headers["retry-after"]) <= 61
-    assert "too many new boards from this browser (2 per 1 minute at most): try again in" in refused.json()["detail"]
+    assert (
+        "too many new boards from this browser (2 per 1 minute at most): try again in"
+        in refused.json()["detail"]
+    )
     codes = [begin(second).status_code for _ in range(3)]
     assert codes == [201, 201, 429]
     assert "from this network" in begin(second).json()["detail"]
@@ -192,8 +207,16 @@ def test_joins_have_a_rate_and_whoever_has_the_token_has_none(serve, tmp_path):
     server = serve(limits=Limits(joins_per_address="3/hour", token=TOKEN))
     codes = [server.client().post("/api/studies/small/join").status_code for _ in range(4)]
     assert codes == [201, 201, 201, 429]
-    assert server.client(headers={"X-Mars-Token": TOKEN + "x"}).post("/api/studies/small/join").status_code == 429
-    codes = [server.client(headers={"X-Mars-Token": TOKEN}).post("/api/studies/small/join").status_code for _ in range(3)]
+    assert (
+        server.client(headers={"X-Mars-Token": TOKEN + "x"})
+        .post("/api/studies/small/join")
+        .status_code
+        == 429
+    )
+    codes = [
+        server.client(headers={"X-Mars-Token": TOKEN}).post("/api/studies/small/join").status_code
+        for _ in range(3)
+    ]
     assert codes == [201] * 3
 
 
@@ -217,12 +240,23 @@ def test_the_addresses_of_one_ipv6_network_are_one(serve):
     server = serve(limits=Limits(sessions_per_address="2/hour"), trusted_proxies=("127.0.0.1",))
 
     def begin(address):
-        return server.client(headers={"X-Forwarded-For": address}).post("/api/sessions", json={"size": 9}).status_code
+        return (
+            server.client(headers={"X-Forwarded-For": address})
+            .post("/api/sessions", json={"size": 9})
+            .status_code
+        )
 
     assert [begin(f"2001:db8:1:2:{each}::7") for each in ("1", "2", "ffff")] == [201, 201, 429]
     assert begin("2001:db8:1:3::7") == 201
-    assert [begin(each) for each in ("203.0.113.9", "::ffff:203.0.113.9", "203.0.113.9")] == [201, 201, 429]
-    keys = [server.services.protection.connections.key_of(f"2001:db8:1:{each}::7%eth0") for each in ("2", "2:9", "3")]
+    assert [begin(each) for each in ("203.0.113.9", "::ffff:203.0.113.9", "203.0.113.9")] == [
+        201,
+        201,
+        429,
+    ]
+    keys = [
+        server.services.protection.connections.key_of(f"2001:db8:1:{each}::7%eth0")
+        for each in ("2", "2:9", "3")
+    ]
     assert keys == ["2001:db8:1:2::/64", "2001:db8:1:2::/64", "2001:db8:1:3::/64"]
 
 
@@ -231,7 +265,10 @@ def test_rates_of_players_who_have_done_nothing_of_late_are_dropped():
 
     def begin(players):
         for player in players:
-            assert rates.refusal("session", {"address": "192.0.2.1", "player": f"player {player}"}) is None
+            assert (
+                rates.refusal("session", {"address": "192.0.2.1", "player": f"player {player}"})
+                is None
+            )
 
     begin(range(2 * MAX_IDLE))
     assert len(rates) > MAX_IDLE, "they are kept as long as they count"
@@ -269,15 +306,21 @@ def answers_at_once(server, count):
         asked = [stack.enter_context(opened(server)) for _ in range(count)]
         for each in asked:
             each.sendall(b"GET /nowhere HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
-        answers = [b"".join(iter(lambda each=each: each.recv(65536), b"")).decode() for each in asked]
+        answers = [
+            b"".join(iter(lambda each=each: each.recv(65536), b"")).decode() for each in asked
+        ]
     return answers, time.monotonic() - began
 
 
-def test_requests_of_one_address_wait_for_their_turn_and_are_refused_where_that_takes_too_long(serve):
+def test_requests_of_one_address_wait_for_their_turn_and_are_refused_where_that_takes_too_long(
+    serve,
+):
     server = serve(limits=Limits(requests="5+2.5/s", token=TOKEN))
     answers, seconds = answers_at_once(server, 30)
     codes = [answer[9:12] for answer in answers]
-    assert 15 <= codes.count("404") <= 20, "five at once, and ten within the four seconds that one may wait"
+    assert 15 <= codes.count("404") <= 20, (
+        "five at once, and ten within the four seconds that one may wait"
+    )
     assert codes.count("429") == 30 - codes.count("404")
     assert seconds > 3
     refused = answers[codes.index("429")]
@@ -309,10 +352,15 @@ def test_one_request_of_an_address_begins_in_a_turn_of_the_event_loop():
         begun.append((scope["client"][0], turn))
 
     async def ask_eleven_times():
-        counting, admission = asyncio.create_task(count_turns()), Admission(answer, Protection(Limits()), None)
+        counting, admission = (
+            asyncio.create_task(count_turns()),
+            Admission(answer, Protection(Limits()), None),
+        )
         scope = {"type": "http", "method": "GET", "path": "/", "headers": []}
         addresses = [*["192.0.2.1"] * 10, "192.0.2.2"]
-        await asyncio.gather(*(admission({**scope, "client": (each, 1)}, None, None) for each in addresses))
+        await asyncio.gather(
+            *(admission({**scope, "client": (each, 1)}, None, None) for each in addresses)
+        )
         counting.cancel()
 
     asyncio.run(ask_eleven_times())
@@ -324,16 +372,27 @@ def test_probes_and_whoever_has_the_token_have_no_part_in_that_rate(serve):
     server = serve(limits=Limits(requests="1+0.1/s", token=TOKEN))
     client = server.client()
     assert [client.get("/nowhere").status_code for _ in range(2)] == [404, 429]
-    assert [client.get("/healthz").status_code for _ in range(2)] == [200, 429], "they have the same rate for themselves"
+    assert [client.get("/healthz").status_code for _ in range(2)] == [200, 429], (
+        "they have the same rate for themselves"
+    )
     assert client.get("/nowhere", headers={"X-Mars-Token": TOKEN}).status_code == 404
 
 
 def test_a_request_that_is_refused_closes_its_connection(serve):
     """Whoever asks on needs new connections, which an address opens at a rate; for a foreign host no other rate is counted."""
     client = serve(limits=Limits(requests="2+0.1/s")).client()
-    for headers, status in (({"Host": "evil.example"}, 400), ({"Origin": "http://["}, 403), ({}, 200), ({}, 200), ({}, 429)):
+    for headers, status in (
+        ({"Host": "evil.example"}, 400),
+        ({"Origin": "http://["}, 403),
+        ({}, 200),
+        ({}, 200),
+        ({}, 429),
+    ):
         answer = client.get("/", headers=headers)
-        assert (answer.status_code, answer.headers.get("connection")) == (status, "close" if status >= 400 else None)
+        assert (answer.status_code, answer.headers.get("connection")) == (
+            status,
+            "close" if status >= 400 else None,
+        )
 
 
 def test_a_class_of_a_hundred_people_behind_one_address_plays_unhindered(server, tmp_path):
@@ -374,18 +433,33 @@ async def load_page(port, files, spent):
 def test_a_class_of_a_hundred_people_loads_the_page_in_one_moment(spawn, tmp_path):
     """With the default rate of requests and with none; each person loads the page and 60 of its files."""
     static = [path for folder in ("common", "play") for path in sorted((STATIC / folder).iterdir())]
-    files = ["/", *(f"/static/{path.relative_to(STATIC)}" for path in static if path.suffix in (".js", ".css"))][:61]
+    files = [
+        "/",
+        *(
+            f"/static/{path.relative_to(STATIC)}"
+            for path in static
+            if path.suffix in (".js", ".css")
+        ),
+    ][:61]
 
     async def everybody(server, people):
         spent = []
-        missed = await asyncio.gather(*(load_page(server.port, files, spent) for _ in range(people)))
+        missed = await asyncio.gather(
+            *(load_page(server.port, files, spent) for _ in range(people))
+        )
         return sum(missed), spent
 
-    for name, limits in (("without a rate", {"requests": "1000000+1000000/s"}), ("with the default rate", {})):
+    for name, limits in (
+        ("without a rate", {"requests": "1000000+1000000/s"}),
+        ("with the default rate", {}),
+    ):
         server = spawn(database=str(tmp_path / f"{len(limits)}.db"), limits=limits)
         asyncio.run(everybody(server, 1))
         missed, spent = asyncio.run(everybody(server, 100))
-        print(f"\n{name}: {len(spent)} people have {len(files)} files after {median(spent):.1f} s, the last after", end=" ")
+        print(
+            f"\n{name}: {len(spent)} people have {len(files)} files after {median(spent):.1f} s, the last after",
+            end=" ",
+        )
         print(f"{max(spent):.1f} s; {missed} refused", end="")
         assert missed == 0
         server.kill()

@@ -20,7 +20,9 @@ def handed_on(*cookies):
         found.append(Request(scope).cookies)
 
     headers = [(b"accept", b"*/*"), *((b"cookie", each.encode()) for each in cookies)]
-    call = OwnCookies(handler, ("mars_player", "mars_admin"))({"type": "http", "headers": headers}, None, None)
+    call = OwnCookies(handler, ("mars_player", "mars_admin"))(
+        {"type": "http", "headers": headers}, None, None
+    )
     with pytest.raises(StopIteration):
         call.send(None)
     return found[0]
@@ -33,7 +35,10 @@ def test_our_cookies_are_handed_on_and_no_others():
         "mars_player": "a.b-c_d",
         "mars_admin": "x:y:1.z",
     }
-    assert handed_on("other=1; mars_player=a", "mars_admin=b; third") == {"mars_player": "a", "mars_admin": "b"}
+    assert handed_on("other=1; mars_player=a", "mars_admin=b; third") == {
+        "mars_player": "a",
+        "mars_admin": "b",
+    }
 
 
 @pytest.mark.parametrize("value", ["", ESCAPES, '"a"', "a\\054b", "a b", "a" * 1025])
@@ -42,14 +47,22 @@ def test_a_value_that_this_server_never_sets_is_none(value):
 
 
 @pytest.mark.parametrize("name", ["mars_player", "other"])
-@pytest.mark.parametrize(("method", "path"), [("GET", "/api/levels"), ("POST", "/api/sessions"), ("GET", "/api/me/session")])
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("GET", "/api/levels"), ("POST", "/api/sessions"), ("GET", "/api/me/session")],
+)
 def test_a_long_cookie_keeps_nobody_waiting(server, name, method, path):
     """Forty of these kept everybody waiting for ten seconds and more."""
     client = server.client()
     client.get("/api/levels").raise_for_status()
     began = time.process_time()
     for _ in range(40):
-        answer = client.request(method, path, headers={"Cookie": f"{name}={ESCAPES}"}, json={} if method == "POST" else None)
+        answer = client.request(
+            method,
+            path,
+            headers={"Cookie": f"{name}={ESCAPES}"},
+            json={} if method == "POST" else None,
+        )
         assert answer.status_code < 300
         client.cookies.clear()
     assert time.process_time() - began < 4

@@ -26,12 +26,20 @@ class NoBudget:
 def test_the_limits_cost_a_move_at_most_a_fifth_of_a_millisecond(serve, tmp_path, monkeypatch):
     limited = serve()
     with monkeypatch.context() as patch:
-        patch.setattr("app.web.listening.limited_protocols", lambda _: (H11Protocol, WebSocketsSansIOProtocol))
+        patch.setattr(
+            "app.web.listening.limited_protocols", lambda _: (H11Protocol, WebSocketsSansIOProtocol)
+        )
         bare = serve(database=tmp_path / "bare.db")
     monkeypatch.setattr(bare.services.protection, "socket_budget", lambda _: NoBudget())
     spent = {limited: [], bare: []}
-    boards = {server: server.client().post("/api/sessions", json={"size": 42, "seed": 3}).json() for server in spent}
-    with limited.socket(boards[limited]["session"]) as first, bare.socket(boards[bare]["session"]) as second:
+    boards = {
+        server: server.client().post("/api/sessions", json={"size": 42, "seed": 3}).json()
+        for server in spent
+    }
+    with (
+        limited.socket(boards[limited]["session"]) as first,
+        bare.socket(boards[bare]["session"]) as second,
+    ):
         sockets = {limited: first, bare: second}
         frames = {server: socket.receive("frame") for server, socket in sockets.items()}
         for move in range(MOVES):
@@ -41,5 +49,7 @@ def test_the_limits_cost_a_move_at_most_a_fifth_of_a_millisecond(serve, tmp_path
                 frames[server] = sockets[server].frame_after(move)
                 spent[server].append((time.perf_counter() - began) * 1000)
     cost_ms = median(one - other for one, other in zip(spent[limited], spent[bare], strict=True))
-    print(f"\nround trip of a move, median: {median(spent[bare]):.2f} ms without limits; with them {cost_ms:+.3f} ms")
+    print(
+        f"\nround trip of a move, median: {median(spent[bare]):.2f} ms without limits; with them {cost_ms:+.3f} ms"
+    )
     assert cost_ms <= MOST_MS

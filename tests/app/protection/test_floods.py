@@ -19,7 +19,11 @@ from tests.support.servers import eventually
 
 def masked(opcode, payload):
     """A final frame of a client, masked with zeros."""
-    length = bytes([128 | len(payload)]) if len(payload) < 126 else bytes([128 | 126]) + struct.pack("!H", len(payload))
+    length = (
+        bytes([128 | len(payload)])
+        if len(payload) < 126
+        else bytes([128 | 126]) + struct.pack("!H", len(payload))
+    )
     return bytes([128 | opcode]) + length + bytes(4) + payload
 
 
@@ -75,7 +79,8 @@ def test_a_bucket_gives_its_burst_at_once_and_its_rate_after_that():
 
 
 @pytest.mark.parametrize(
-    "written", ["", "20", "20+/s", "0+1/s", "20+0/s", "20+0.0/s", "-1+2/s", "20+2/minute", "a+b/s", "1e3+1/s"]
+    "written",
+    ["", "20", "20+/s", "0+1/s", "20+0/s", "20+0.0/s", "-1+2/s", "20+2/minute", "a+b/s", "1e3+1/s"],
 )
 def test_a_size_that_is_none_is_refused_in_words(written):
     with pytest.raises(ValueError, match="expected BURST"):
@@ -90,11 +95,16 @@ def test_pings_never_reach_the_application_and_too_many_close_the_socket(server)
     assert server.services.protection.refusals["socket_pings"] == 1
 
 
-@pytest.mark.parametrize(("frame", "kind", "times"), [(PONG, "pings", 500), (FRAGMENT, "messages", 12_000)])
+@pytest.mark.parametrize(
+    ("frame", "kind", "times"), [(PONG, "pings", 500), (FRAGMENT, "messages", 12_000)]
+)
 def test_frames_that_are_no_message_close_the_socket_too(server, frame, kind, times):
     _, begun = begin(server)
     beginning = bytes([1, 128]) + bytes(4)  # of a message in fragments; none of them is the last
-    assert flood(server, begun, (beginning if frame is FRAGMENT else b"") + frame * times, 1) == (1008, f"too many {kind}")
+    assert flood(server, begun, (beginning if frame is FRAGMENT else b"") + frame * times, 1) == (
+        1008,
+        f"too many {kind}",
+    )
 
 
 def test_a_page_that_pings_as_browsers_and_libraries_do_stays(server):
@@ -188,14 +198,18 @@ def test_a_script_that_waits_for_each_frame_is_slowed_down_and_never_closed(serv
             socket.act(frame, "east" if move % 2 == 0 else "west")
             frame = socket.frame_after(frame["step"])
             if frame["outcome"]:
-                begun = client.post(f"/api/sessions/{begun['session']}/episodes", json={"seed": 5}).json()
+                begun = client.post(
+                    f"/api/sessions/{begun['session']}/episodes", json={"seed": 5}
+                ).json()
                 frame = socket.receive("frame")
                 while frame["step"] or frame["outcome"]:
                     frame = socket.receive("frame")
 
 
 def test_the_sockets_of_one_address_share_limits_and_those_of_another_do_not(serve):
-    server = serve(limits=Limits(histories="5+0.1/s", busy_sockets=2), trusted_proxies=("127.0.0.1",))
+    server = serve(
+        limits=Limits(histories="5+0.1/s", busy_sockets=2), trusted_proxies=("127.0.0.1",)
+    )
     _, begun = begin(server)
 
     def answers(address, sockets):
@@ -212,7 +226,9 @@ def test_the_sockets_of_one_address_share_limits_and_those_of_another_do_not(ser
                         count += 1
         return count
 
-    assert answers("203.0.113.1", 3) == 11, "ten of two sockets, and the one that is answered before it waits"
+    assert answers("203.0.113.1", 3) == 11, (
+        "ten of two sockets, and the one that is answered before it waits"
+    )
     assert answers("203.0.113.2", 1) == 5
 
 
@@ -220,7 +236,10 @@ def test_messages_of_any_kind_have_a_limit_over_all_sockets_of_an_address(serve)
     server = serve(limits=Limits(messages_per_address="30+0.1/s"))
     client, begun = begin(server)
     with ExitStack() as stack:
-        first, second = (stack.enter_context(server.socket(begun["watch"], client, path="/ws/watch/")) for _ in range(2))
+        first, second = (
+            stack.enter_context(server.socket(begun["watch"], client, path="/ws/watch/"))
+            for _ in range(2)
+        )
         for socket in (first, second):
             socket.receive("frame")
         first.connection.socket.sendall(text("ignored") * 20)
@@ -279,7 +298,9 @@ def test_reading_pauses_only_where_messages_wait(serve, monkeypatch):
         waited.append(self.queue.qsize())
         return await receive(self)
 
-    monkeypatch.setattr(_SelectorSocketTransport, "pause_reading", lambda self: (pauses.append(self), pause(self)))
+    monkeypatch.setattr(
+        _SelectorSocketTransport, "pause_reading", lambda self: (pauses.append(self), pause(self))
+    )
     monkeypatch.setattr(LimitedWebSocket, "receive", watched)
     client, begun = begin(server)
     with server.socket(begun["session"], client) as socket:

@@ -50,11 +50,16 @@ def test_any_other_host_is_refused_in_words_on_every_path_and_socket(server):
             answer = client.get(path, headers={"Host": host})
             assert answer.status_code == 400, host
             assert "--public-url" in answer.json()["detail"]
-        assert client.get("/api/health", headers={"X-Forwarded-Host": host}).status_code == 400, host
+        assert client.get("/api/health", headers={"X-Forwarded-Host": host}).status_code == 400, (
+            host
+        )
     page = client.get("/", headers={"Host": "evil.example", "Accept": "text/html"})
     assert (page.status_code, "text/html" in page.headers["content-type"]) == (400, True)
     assert "default-src 'self'" in page.headers["content-security-policy"]
-    with pytest.raises(InvalidStatus) as caught, server.socket("any", **{"X-Forwarded-Host": "evil.example"}):
+    with (
+        pytest.raises(InvalidStatus) as caught,
+        server.socket("any", **{"X-Forwarded-Host": "evil.example"}),
+    ):
         pass
     assert caught.value.response.status_code == 400
 
@@ -65,35 +70,51 @@ def test_a_page_whose_name_was_led_here_cannot_play(server):
 
 
 def guess(client, address):
-    return client.post("/api/admin/login", json={"password": "wrong-wrong"}, headers={"X-Forwarded-For": address}).status_code
+    return client.post(
+        "/api/admin/login", json={"password": "wrong-wrong"}, headers={"X-Forwarded-For": address}
+    ).status_code
 
 
 def test_wrong_guesses_cannot_be_spread_over_invented_addresses(serve):
     """Without a named proxy the header is nothing; behind one, what stands left of the visitor's address is invented."""
     client = serve(admin_password="correct-horse").page()
-    assert [guess(client, f"9.9.9.{number}") for number in range(FREE_ATTEMPTS + 1)] == [401] * FREE_ATTEMPTS + [429]
+    assert [guess(client, f"9.9.9.{number}") for number in range(FREE_ATTEMPTS + 1)] == [
+        401
+    ] * FREE_ATTEMPTS + [429]
 
 
 def test_behind_a_named_proxy_each_visitor_is_counted_alone(serve):
-    client = serve(admin_password="correct-horse", trusted_proxies=["127.0.0.0/8", "10.0.0.7"]).page()
-    said = [guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in range(FREE_ATTEMPTS + 1)]
+    client = serve(
+        admin_password="correct-horse", trusted_proxies=["127.0.0.0/8", "10.0.0.7"]
+    ).page()
+    said = [
+        guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in range(FREE_ATTEMPTS + 1)
+    ]
     assert said == [401] * FREE_ATTEMPTS + [429]
     assert guess(client, "5.6.7.9") == 401
-    assert [guess(client, f"2001:db8:1:2:{number}::1") for number in range(FREE_ATTEMPTS)] == [401] * FREE_ATTEMPTS
-    assert guess(client, "2001:db8:1:2:ffff::9") == 429, "a home changes its address within its /64 as it likes"
+    assert [guess(client, f"2001:db8:1:2:{number}::1") for number in range(FREE_ATTEMPTS)] == [
+        401
+    ] * FREE_ATTEMPTS
+    assert guess(client, "2001:db8:1:2:ffff::9") == 429, (
+        "a home changes its address within its /64 as it likes"
+    )
     assert guess(client, "2001:db8:1:3::9") == 401
 
 
 def cookie_of(client, **headers):
-    return client.post("/api/sessions", headers={name.replace("_", "-"): value for name, value in headers.items()}).headers[
-        "set-cookie"
-    ]
+    return client.post(
+        "/api/sessions", headers={name.replace("_", "-"): value for name, value in headers.items()}
+    ).headers["set-cookie"]
 
 
 def test_scheme_and_host_come_from_named_proxies_alone(serve, tmp_path):
     plain, named = (
         serve(),
-        serve(trusted_proxies=["127.0.0.1"], public_url="http://mars.example", database=tmp_path / "second.db"),
+        serve(
+            trusted_proxies=["127.0.0.1"],
+            public_url="http://mars.example",
+            database=tmp_path / "second.db",
+        ),
     )
     assert "Secure" not in cookie_of(plain.page(), X_Forwarded_Proto="https")
     assert "Secure" in cookie_of(named.page(), X_Forwarded_Proto="https")
@@ -122,7 +143,10 @@ def test_settings_that_name_no_address_are_refused_in_words(capsys):
         assert ended.value.code == 2
         assert sentence in capsys.readouterr().err
     settings = Settings(public_url="https://mars.example:443/lab/", trusted_proxies=["10.1.2.3/8"])
-    assert (settings.public_url, settings.trusted_proxies) == ("https://mars.example/lab", ("10.0.0.0/8",))
+    assert (settings.public_url, settings.trusted_proxies) == (
+        "https://mars.example/lab",
+        ("10.0.0.0/8",),
+    )
 
 
 def test_a_request_that_names_thousands_of_hosts_is_refused_at_the_eleventh(server):
@@ -130,4 +154,7 @@ def test_a_request_that_names_thousands_of_hosts_is_refused_at_the_eleventh(serv
     client = server.client()
     for count, status in ((10, 200), (11, 400), (2000, 400)):
         hosts = ",".join(["192.0.2.1"] * (count - 1))
-        assert client.get("/healthz", headers={"X-Forwarded-Host": hosts[:16_000]}).status_code == status
+        assert (
+            client.get("/healthz", headers={"X-Forwarded-Host": hosts[:16_000]}).status_code
+            == status
+        )

@@ -38,7 +38,10 @@ def come_and_go(server, number):
     """Begin a board, some with a rival, look at it, move, and leave, politely or not."""
     chance = random.Random(number)
     client = server.page()
-    body = {"size": chance.choice((9, 21)), **({"rival": "frontier-cost"} if number % 5 == 0 else {})}
+    body = {
+        "size": chance.choice((9, 21)),
+        **({"rival": "frontier-cost"} if number % 5 == 0 else {}),
+    }
     begun = client.post("/api/sessions", json=body).json()
     with server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
@@ -71,7 +74,9 @@ def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
     with ThreadPoolExecutor(8) as people:
         list(people.map(lambda number: come_and_go(server, number), range(1000)))
     after = state_of(server)
-    print(f"\n1,000 sessions: {before[0]:.1f} -> {after[0]:.1f} MB, {before[1]} -> {after[1]} descriptors")
+    print(
+        f"\n1,000 sessions: {before[0]:.1f} -> {after[0]:.1f} MB, {before[1]} -> {after[1]} descriptors"
+    )
     assert after[0] <= GROWTH * before[0]
     assert after[1] <= before[1]
 
@@ -86,7 +91,10 @@ def test_a_soak_ends_at_the_memory_and_descriptors_it_began_with(spawn):
             number += 8
             time.sleep(0.25)
     after = state_of(server)
-    print(f"\n{SOAK_MINUTES:g} minutes, {number} sessions: {before[0]:.1f} -> {after[0]:.1f} MB,", end=" ")
+    print(
+        f"\n{SOAK_MINUTES:g} minutes, {number} sessions: {before[0]:.1f} -> {after[0]:.1f} MB,",
+        end=" ",
+    )
     print(f"{before[1]} -> {after[1]} descriptors")
     assert after[0] <= GROWTH * before[0]
     assert after[1] <= before[1]

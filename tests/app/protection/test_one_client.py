@@ -80,8 +80,17 @@ def test_five_thousand_sockets_of_one_client_leave_room_and_give_everything_back
         flooded = percentiles(measure(server, 12))
         most = descriptors(server)
     eventually(lambda: descriptors(server) <= before)
-    print(f"\n{CONNECTIONS:,} sockets of one client: median, p99 and worst wait of the others", end=" ")
-    print(", ".join(f"{ms:.1f}" for ms in quiet), "ms quiet;", ", ".join(f"{ms:.1f}" for ms in flooded), "ms;", end=" ")
+    print(
+        f"\n{CONNECTIONS:,} sockets of one client: median, p99 and worst wait of the others",
+        end=" ",
+    )
+    print(
+        ", ".join(f"{ms:.1f}" for ms in quiet),
+        "ms quiet;",
+        ", ".join(f"{ms:.1f}" for ms in flooded),
+        "ms;",
+        end=" ",
+    )
     print(f"descriptors {before} -> {most} -> {descriptors(server)}")
     assert most < 1_100, "an address has at most 1,000 connections"
     assert flooded[2] < 5_000, "before there were caps somebody waited 27 s"
@@ -100,7 +109,11 @@ def moves_of(server, session, client, seconds):
 
 def decision_ms():
     """How long the planner takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
-    policy, episode, spent = policies.load("planner"), Episode.begin(EnvConfig.of("random", 128), seed=7), []
+    policy, episode, spent = (
+        policies.load("planner"),
+        Episode.begin(EnvConfig.of("random", 128), seed=7),
+        [],
+    )
     policy.reset(0)
     for _ in range(20):
         began = time.perf_counter()
@@ -115,7 +128,9 @@ def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decis
     server = spawn()
     with ExitStack() as stack:
         client = stack.enter_context(server.client())
-        honest = client.post("/api/sessions", json={"size": 64, "player": "frontier-cost", "seed": 3}).json()["session"]
+        honest = client.post(
+            "/api/sessions", json={"size": 64, "player": "frontier-cost", "seed": 3}
+        ).json()["session"]
         client.post(f"/api/sessions/{honest}/pace", json={"moves_per_second": 20})
         watched = [stack.enter_context(server.socket(honest, client))]
         moves_of(server, honest, client, 1)
@@ -153,14 +168,26 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
         filling = percentiles(measure(server, 8))
         eventually(lambda: count_events(tmp_path / "playground.db") == 50_000)
         full = percentiles(measure(server, 8))
-    for name, figures in (("quiet", quiet), ("while the events come", filling), ("with 50,000", full)):
-        print(f"\n{name}: median, p99 and worst wait of the others", ", ".join(f"{ms:.1f}" for ms in figures), "ms", end="")
+    for name, figures in (
+        ("quiet", quiet),
+        ("while the events come", filling),
+        ("with 50,000", full),
+    ):
+        print(
+            f"\n{name}: median, p99 and worst wait of the others",
+            ", ".join(f"{ms:.1f}" for ms in figures),
+            "ms",
+            end="",
+        )
     assert max(filling[1], full[1]) <= 2 * quiet[1]
 
 
 def boards_full_of_events(path, boards):
     """Store boards with a move and as many input events as are kept; return their sessions."""
-    events = [InputEventRow("keydown", "KeyW", False, True, 100.0 + number, 0, 2.5) for number in range(MAX_EVENTS_PER_EPISODE)]
+    events = [
+        InputEventRow("keydown", "KeyW", False, True, 100.0 + number, 0, 2.5)
+        for number in range(MAX_EVENTS_PER_EPISODE)
+    ]
     sessions = []
     with closing(Store(path)) as store:
         for seed in range(boards):
@@ -177,7 +204,9 @@ def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn
     sessions = boards_full_of_events(tmp_path / "playground.db", 12)
     server = spawn()
     with server.client() as client:
-        empty = [client.post("/api/sessions", json={"size": 21}).json()["session"] for _ in sessions]
+        empty = [
+            client.post("/api/sessions", json={"size": 21}).json()["session"] for _ in sessions
+        ]
 
         def end(ending):
             for session in ending:
@@ -194,7 +223,14 @@ def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn
         measure(server, 2)
         quiet, busy = measure_while_ending(empty), measure_while_ending(sessions)
     for name, figures in (("quiet", quiet), ("while episodes of 50,000 events end", busy)):
-        print(f"\n{name}: median, p99 and worst wait of the others", ", ".join(f"{ms:.1f}" for ms in figures), "ms", end="")
+        print(
+            f"\n{name}: median, p99 and worst wait of the others",
+            ", ".join(f"{ms:.1f}" for ms in figures),
+            "ms",
+            end="",
+        )
     server.kill()
     assert verify_database(tmp_path / "playground.db").findings == ()
-    assert busy[1] <= 2 * quiet[1] + 50, "where the thread of the writes did it all, they waited for most of a second"
+    assert busy[1] <= 2 * quiet[1] + 50, (
+        "where the thread of the writes did it all, they waited for most of a second"
+    )

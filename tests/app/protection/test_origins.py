@@ -38,11 +38,17 @@ def changing_calls(app):
             path = re.sub(r"\{[^}]*\}", "any", route.path)
             yield from ((method, path) for method in sorted(route.methods - set(SAFE_METHODS)))
         else:
-            assert isinstance(route, WebSocketRoute) or (isinstance(route, Mount) and route.path == "/static"), route
+            assert isinstance(route, WebSocketRoute) or (
+                isinstance(route, Mount) and route.path == "/static"
+            ), route
 
 
 def socket_paths(app):
-    return [re.sub(r"\{[^}]*\}", "", route.path) for route in app.routes if isinstance(route, WebSocketRoute)]
+    return [
+        re.sub(r"\{[^}]*\}", "", route.path)
+        for route in app.routes
+        if isinstance(route, WebSocketRoute)
+    ]
 
 
 def test_every_route_that_changes_something_refuses_another_sites_page(operated):
@@ -57,7 +63,9 @@ def test_every_route_that_changes_something_refuses_another_sites_page(operated)
         ):
             answer = client.request(method, path, headers=headers)
             assert answer.status_code == 403, (method, path, headers)
-            assert "must come from a page of this server or from a script" in answer.json()["detail"]
+            assert (
+                "must come from a page of this server or from a script" in answer.json()["detail"]
+            )
     assert len(operated.services.lobby) == 0
 
 
@@ -66,7 +74,10 @@ def test_every_socket_refuses_another_sites_page_before_it_opens(operated):
     assert len(paths) >= 4
     for path in paths:
         for origin in (FOREIGN, "null", "http://["):
-            with pytest.raises(InvalidStatus) as caught, operated.socket("any", origin=origin, path=path):
+            with (
+                pytest.raises(InvalidStatus) as caught,
+                operated.socket("any", origin=origin, path=path),
+            ):
                 pass
             assert caught.value.response.status_code == 403
 
@@ -87,7 +98,12 @@ def test_a_malformed_origin_is_a_refusal_in_words(server):
             answer = client.request(method, path, headers={"Origin": origin})
             assert answer.status_code == 403, origin
             assert "must be null or scheme://host" in answer.json()["detail"]
-    assert server.client(headers=[("Origin", server.url), ("Origin", FOREIGN)]).post("/api/sessions").status_code == 403
+    assert (
+        server.client(headers=[("Origin", server.url), ("Origin", FOREIGN)])
+        .post("/api/sessions")
+        .status_code
+        == 403
+    )
 
 
 def test_own_pages_and_scripts_are_welcome_and_anybody_may_read(serve):
@@ -102,5 +118,12 @@ def test_own_pages_and_scripts_are_welcome_and_anybody_may_read(serve):
     ):
         assert server.client().post("/api/sessions", headers=headers).status_code == 201, headers
     assert server.client().get("/api/levels", headers={"Origin": FOREIGN}).status_code == 200
-    for wrong in ("http://mars.example", "https://mars.example:444", "ftp://mars.example", "https://mars.example.evil.example"):
-        assert server.client().post("/api/sessions", headers={"Origin": wrong}).status_code == 403, wrong
+    for wrong in (
+        "http://mars.example",
+        "https://mars.example:444",
+        "ftp://mars.example",
+        "https://mars.example.evil.example",
+    ):
+        assert (
+            server.client().post("/api/sessions", headers={"Origin": wrong}).status_code == 403
+        ), wrong

@@ -64,27 +64,38 @@ FLOODS = {
 }
 
 
-@pytest.mark.parametrize(("begins_s", "seconds"), [(0, 3), (0.6, 4)], ids=["with the first moves", "while people play"])
+@pytest.mark.parametrize(
+    ("begins_s", "seconds"), [(0, 3), (0.6, 4)], ids=["with the first moves", "while people play"]
+)
 @pytest.mark.parametrize("sockets", [1, 30])
 @pytest.mark.parametrize("kind", FLOODS)
-def test_others_wait_at_most_twice_as_long_during_a_flood(spawn, tmp_path, kind, sockets, begins_s, seconds):
+def test_others_wait_at_most_twice_as_long_during_a_flood(
+    spawn, tmp_path, kind, sockets, begins_s, seconds
+):
     """In the quiet times the same client floods another server, so that the machine has as much to do."""
     server, other = spawn(), spawn(database=str(tmp_path / "other.db"))
     paths = {}
     for each in (server, other):
         with each.client() as client:
-            paths[each] = f"/ws/sessions/{client.post('/api/sessions', json={'size': 21}).json()['session']}"
+            paths[each] = (
+                f"/ws/sessions/{client.post('/api/sessions', json={'size': 21}).json()['session']}"
+            )
     measure(server, 2)  # the first moves of a process take longer
     message, opcode = FLOODS[kind]
     script = {0: GETS, 9: FLOOD.replace("while message:", "while True:")}.get(opcode, FLOOD)
     trips = {server: [], other: []}
     for _ in range(ROUNDS):
         for flooded in (other, server):
-            with misbehaving(script, flooded.port, paths[flooded], message.decode(), opcode, sockets, begins_s):
+            with misbehaving(
+                script, flooded.port, paths[flooded], message.decode(), opcode, sockets, begins_s
+            ):
                 trips[flooded].extend(measure(server, seconds))
     (quiet, quiet_p99), (flood, flood_p99) = (
         [float(np.percentile(each, p)) for p in (50, 99)] for each in reversed(trips.values())
     )
-    print(f"\n{kind}, {sockets} at once: median and p99 of the others {quiet:.1f}, {quiet_p99:.1f} ms quiet;", end=" ")
+    print(
+        f"\n{kind}, {sockets} at once: median and p99 of the others {quiet:.1f}, {quiet_p99:.1f} ms quiet;",
+        end=" ",
+    )
     print(f"{flood:.1f}, {flood_p99:.1f} ms; ratio {flood_p99 / quiet_p99:.1f}")
     assert flood_p99 <= 2 * quiet_p99

@@ -55,7 +55,9 @@ def spent_ms(data):
 def test_headers_of_many_lines_are_refused_in_words(server):
     head, body = answer_to(server, START + b"a:\r\n" * 3000 + b"\r\n")
     assert head.startswith("HTTP/1.1 431 ")
-    assert json.loads(body)["detail"] == f"the headers of a request must be {MOST_LINES} lines at most"
+    assert (
+        json.loads(body)["detail"] == f"the headers of a request must be {MOST_LINES} lines at most"
+    )
     assert server.services.protection.refusals == {"long_request": 1}
     eventually(lambda: server.services.protection.connections.slots.open == 0)
 
@@ -63,20 +65,27 @@ def test_headers_of_many_lines_are_refused_in_words(server):
 def test_long_headers_are_refused_in_words(server):
     head, body = answer_to(server, START + b"a: " + b"a" * 100_000 + b"\r\n\r\n")
     assert head.startswith("HTTP/1.1 431 ")
-    assert json.loads(body)["detail"] == f"the headers of a request must be {HEAD_BYTES} bytes at most"
+    assert (
+        json.loads(body)["detail"] == f"the headers of a request must be {HEAD_BYTES} bytes at most"
+    )
     eventually(lambda: server.services.protection.connections.slots.open == 0)
 
 
 def test_headers_of_as_many_lines_as_may_be_are_read_whatever_follows(server):
     lines = START + JSON + b"Content-Length: 500\r\n"
-    head, _ = answer_to(server, lines + b"a:\r\n" * (MOST_LINES - lines.count(b"\n")) + b"\r\n" + BODY.ljust(500, b"\n"))
+    head, _ = answer_to(
+        server,
+        lines + b"a:\r\n" * (MOST_LINES - lines.count(b"\n")) + b"\r\n" + BODY.ljust(500, b"\n"),
+    )
     assert head.startswith("HTTP/1.1 201 ")
     assert not server.services.protection.refusals
 
 
 def test_headers_of_a_request_behind_another_are_counted_too():
     parser = LimitedParser()
-    assert events(parser, b"GET / HTTP/1.1\r\nHost: a\r\n\r\n" + START + b"a:\r\n" * 200 + b"\r\n") == [
+    assert events(
+        parser, b"GET / HTTP/1.1\r\nHost: a\r\n\r\n" + START + b"a:\r\n" * 200 + b"\r\n"
+    ) == [
         h11.Request,
         h11.EndOfMessage,
     ]

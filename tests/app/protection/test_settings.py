@@ -13,7 +13,9 @@ PAGE = Path(__file__).parents[3] / "docs/reliability.md"
 def test_the_page_lists_every_limit_with_its_default():
     listed = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+?)`? \|", PAGE.read_text(), re.M))
     defaults = {name: field.default for name, field in Limits.model_fields.items()}
-    assert listed == {name: "none" if default is None else str(default) for name, default in defaults.items()}
+    assert listed == {
+        name: "none" if default is None else str(default) for name, default in defaults.items()
+    }
 
 
 def test_a_limit_is_read_from_the_environment(monkeypatch):

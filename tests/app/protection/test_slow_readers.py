@@ -35,7 +35,11 @@ def test_a_connection_whose_answers_nobody_reads_is_closed(serve):
 
 
 def test_a_websocket_whose_messages_nobody_reads_is_closed(serve):
-    server = serve(limits=Limits(answer_s=0.3, acts=FAST, refused_acts=FAST, messages=FAST, messages_per_address=FAST))
+    server = serve(
+        limits=Limits(
+            answer_s=0.3, acts=FAST, refused_acts=FAST, messages=FAST, messages_per_address=FAST
+        )
+    )
     begun = server.client().post("/api/sessions", json={"size": 42}).json()
     ask = f"GET /ws/sessions/{begun['session']} HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     ask += "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
@@ -45,7 +49,9 @@ def test_a_websocket_whose_messages_nobody_reads_is_closed(serve):
         refusals = server.services.protection.refusals
         with suppress(OSError):  # the server reads no more either
             for _ in range(100):
-                connection.sendall(text({"kind": "act", "episode": "x", "step": 0, "action": "south"}) * 100)
+                connection.sendall(
+                    text({"kind": "act", "episode": "x", "step": 0, "action": "south"}) * 100
+                )
         eventually(lambda: refusals["slow_reader"] == 1, 20)
 
 

@@ -54,7 +54,10 @@ def test_headers_that_never_end_are_answered_408_also_after_another_request(serv
             assert read_until(connection, b"}").startswith(b"HTTP/1.1 200 ")
         answer = drip(connection, START + b"X-Slow: " + b"a" * 60)
     assert answer.startswith("HTTP/1.1 408 ")
-    assert json.loads(answer.split("\r\n\r\n")[1])["detail"] == "the headers of a request must come within 0.4 s"
+    assert (
+        json.loads(answer.split("\r\n\r\n")[1])["detail"]
+        == "the headers of a request must come within 0.4 s"
+    )
     assert server.services.protection.refusals == {"slow_headers": 1}
     eventually(lambda: server.services.protection.connections.slots.open == 0)
 
@@ -93,7 +96,11 @@ def test_a_slow_body_and_a_slow_handshake_pass_and_a_socket_has_no_time_limit(se
         send_in_pieces(connection, ask.encode())
         assert connection.recv(65536).startswith(b"HTTP/1.1 101 ")
         time.sleep(1.2)
-        connection.sendall(text({"kind": "act", "episode": begun["frame"]["episode"], "step": 0, "action": "south"}))
+        connection.sendall(
+            text(
+                {"kind": "act", "episode": begun["frame"]["episode"], "step": 0, "action": "south"}
+            )
+        )
         read_until(connection, b'"step":1')
     assert not server.services.protection.refusals
 
@@ -108,7 +115,10 @@ def test_the_time_of_a_request_begins_with_its_turn(serve):
             assert each.recv(65536).startswith(b"HTTP/1.1 200 ")
 
 
-@pytest.mark.parametrize("wrong", ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n", f"X-Long: {'a' * 9000}\r\n"])
+@pytest.mark.parametrize(
+    "wrong",
+    ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n", f"X-Long: {'a' * 9000}\r\n"],
+)
 def test_a_handshake_that_is_not_taken_is_answered_and_keeps_no_connection(serve, wrong):
     """Neither library answered it, and no time limit held: such a connection stayed for ever, and counted as no socket."""
     server = serve(limits=Limits(headers_s=0.4, body_s=0.4))

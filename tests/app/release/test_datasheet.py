@@ -32,9 +32,13 @@ def place(tmp_path_factory):
     invitations.revoke(study.name, issued[-1:])
     recorder = StudyRecorder(folder / "play.db", study)
     people = []
-    for number, stage in enumerate(("complete", "complete", "complete", "withdrawn", "questions", "consent", "withdrawn")):
+    for number, stage in enumerate(
+        ("complete", "complete", "complete", "withdrawn", "questions", "consent", "withdrawn")
+    ):
         people.append(recorder.join(number, stage=stage, consent=number < 5))
-        recorder.conn.execute("UPDATE participants SET invitation = ? WHERE id = ?", (issued[number], people[-1]))
+        recorder.conn.execute(
+            "UPDATE participants SET invitation = ? WHERE id = ?", (issued[number], people[-1])
+        )
         if stage == "complete":
             for trial in range(study.protocol.ranked):
                 recorder.play(people[-1], "ranked", trial)
@@ -43,9 +47,27 @@ def place(tmp_path_factory):
     forget(folder / "play.db", people[0])
     Folder(folder / "studies").close(study.name)
     common = ("--study", study.name)
-    command("release", *common, "--database", folder / "play.db", "--studies", folder / "studies", "--out", folder / "one")
+    command(
+        "release",
+        *common,
+        "--database",
+        folder / "play.db",
+        "--studies",
+        folder / "studies",
+        "--out",
+        folder / "one",
+    )
     command("import", folder / "one", "--database", folder / "new.db")
-    command("release", *common, "--database", folder / "new.db", "--studies", folder / "none", "--out", folder / "two")
+    command(
+        "release",
+        *common,
+        "--database",
+        folder / "new.db",
+        "--studies",
+        folder / "none",
+        "--out",
+        folder / "two",
+    )
     return folder
 
 
@@ -54,7 +76,14 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
     with closing(Reader.open(place / "play.db")) as reader:
         data, _ = load_with_folder(reader, place / "studies", "dunes")
     own = asdict(build(data).groups[0].flow)
-    assert own["arrivals"] == {"declined": 1, "undecided": 1, "erased": 1, "issued": 9, "revoked": 1, "unopened": 1}
+    assert own["arrivals"] == {
+        "declined": 1,
+        "undecided": 1,
+        "erased": 1,
+        "issued": 9,
+        "revoked": 1,
+        "unopened": 1,
+    }
     report = json.loads((place / name / "report.json").read_text())
     assert report["groups"][0]["flow"] == own
     command("reproduce", place / name)
@@ -81,9 +110,16 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
 
 def test_no_invitation_can_be_found_in_a_release(place):
     with closing(Reader.open(place / "play.db")) as reader:
-        used = {row["invitation"] for row in reader.query("SELECT invitation FROM participants WHERE invitation IS NOT NULL")}
+        used = {
+            row["invitation"]
+            for row in reader.query(
+                "SELECT invitation FROM participants WHERE invitation IS NOT NULL"
+            )
+        }
     assert len(used) == 6
-    used = {ident for ident in used if not ident.isdigit()}  # four digits stand in any table of numbers
+    used = {
+        ident for ident in used if not ident.isdigit()
+    }  # four digits stand in any table of numbers
     for path in (each for each in (place / "one").rglob("*") if each.is_file()):
         data = path.read_bytes()
         assert not [ident for ident in used if ident.encode() in data], path

@@ -26,7 +26,10 @@ def queried(out):
     parts = re.split(r"^-- table: (\w+)$", (out / "queries.sql").read_text(), flags=re.M)
     conn = sqlite3.connect(out / "study.sqlite")
     conn.row_factory = sqlite3.Row
-    found = {name: [dict(row) for row in conn.execute(sql)] for name, sql in zip(parts[1::2], parts[2::2], strict=True)}
+    found = {
+        name: [dict(row) for row in conn.execute(sql)]
+        for name, sql in zip(parts[1::2], parts[2::2], strict=True)
+    }
     conn.close()
     return found
 
@@ -72,7 +75,9 @@ def test_the_steps_stand_where_a_replay_stands(made):
             episode.step(["north", "east", "south", "west"].index(action))
         own = [step for step in steps if step["episode"] == line["episode"]]
         assert [(step["row"], step["col"]) for step in own] == episode.path[1:]
-        assert [step["coverage"] for step in own] == [count / CONFIG.n for count in episode.discoveries[1:]]
+        assert [step["coverage"] for step in own] == [
+            count / CONFIG.n for count in episode.discoveries[1:]
+        ]
         outcomes.add(line["outcome"])
     assert {"explored", "abandoned", "out_of_bounds"} <= outcomes
 
@@ -84,15 +89,21 @@ def test_the_participants_are_as_their_episodes_say(made):
     assert set(rows) == {person.id for person in data.people}
     assert {row["kind"] for row in rows.values()} == {"human", "script"}
     for ident, row in rows.items():
-        own = [trial for trial in data.trials if trial.participant == ident and trial.phase == "ranked"]
+        own = [
+            trial for trial in data.trials if trial.participant == ident and trial.phase == "ranked"
+        ]
         assert row["ranked_episodes"] == len(own) == 3
         assert row["ranked_by_human"] == sum(trial.driver == "human" for trial in own)
         assert row["ranked_labelled"] == sum(bool(trial.labels) for trial in own)
-        assert row["labels"] == ("; ".join(sorted({label for trial in own for label in trial.labels})) or None)
+        assert row["labels"] == (
+            "; ".join(sorted({label for trial in own for label in trial.labels})) or None
+        )
         assert row["max_pause_share"] == max(trial.pause_share for trial in own)
         assert (row["attempts"], json.loads(row["answers"])) == (1, [[]])
         assert row["recruitment"] == data.protocol.recruitment
-    assert not {"completion_code", "player_id", "session_id", "invitation"} & set(next(iter(rows.values())))
+    assert not {"completion_code", "player_id", "session_id", "invitation"} & set(
+        next(iter(rows.values()))
+    )
 
 
 def test_the_data_package_is_valid_with_every_row_and_key(made):
@@ -117,7 +128,11 @@ def test_the_data_package_is_valid_with_every_row_and_key(made):
     ],
 )
 def test_the_data_package_notices_a_harmed_table(made, tmp_path, table, harm, said):
-    shutil.copytree(made[0] / "out", tmp_path / "out", ignore=shutil.ignore_patterns("minari", "parquet", "*.sqlite"))
+    shutil.copytree(
+        made[0] / "out",
+        tmp_path / "out",
+        ignore=shutil.ignore_patterns("minari", "parquet", "*.sqlite"),
+    )
     path = tmp_path / "out" / data_file("dunes", table)
     head, *rest = path.read_bytes().splitlines(keepends=True)
     at = next(number for number, line in enumerate(rest) if harm(line) != line)
@@ -135,7 +150,10 @@ def test_the_bundle_follows_the_rules_of_psych_ds(made):
     assert about["description"]
     variables = [each["name"] for each in about["variableMeasured"]]
     assert len(variables) == len(set(variables))
-    assert all(each["@type"] == "PropertyValue" and each["description"] for each in about["variableMeasured"])
+    assert all(
+        each["@type"] == "PropertyValue" and each["description"]
+        for each in about["variableMeasured"]
+    )
     files = [path for path in (out / "data").rglob("*") if path.is_file()]
     assert len(files) == len(PARQUET)
     for path in files:
@@ -145,7 +163,10 @@ def test_the_bundle_follows_the_rules_of_psych_ds(made):
         assert len(header) == len(set(header))
         assert set(header) <= set(variables)
         assert all(len(row) == len(header) for row in rows)
-    assert data_file("two-words", "input_events") == "data/study-twowords_description-inputevents_data.csv"
+    assert (
+        data_file("two-words", "input_events")
+        == "data/study-twowords_description-inputevents_data.csv"
+    )
 
 
 def test_croissants_record_sets_have_keys_and_references(made):
@@ -155,7 +176,9 @@ def test_croissants_record_sets_have_keys_and_references(made):
     metadata = {each["@id"]: each for each in json.loads(path.read_text())["recordSet"]}
     for table, names in PRIMARY_KEYS.items():
         key = metadata[table]["key"]
-        assert [each["@id"] for each in (key if isinstance(key, list) else [key])] == [f"{table}/{name}" for name in names]
+        assert [each["@id"] for each in (key if isinstance(key, list) else [key])] == [
+            f"{table}/{name}" for name in names
+        ]
         for field in metadata[table]["field"]:
             other = FOREIGN_KEYS.get(table, {}).get(field["name"])
             expected = {"field": {"@id": f"{other}/{field['name']}"}} if other else None
@@ -180,7 +203,9 @@ print(dataset.recover_environment().reset(seed=1)[0].shape)
 
 
 @pytest.mark.parametrize("hidden", [False, True])
-def test_minari_recovers_the_environment_in_a_fresh_process_or_names_what_to_install(made, hidden, monkeypatch):
+def test_minari_recovers_the_environment_in_a_fresh_process_or_names_what_to_install(
+    made, hidden, monkeypatch
+):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(made[0] / "out/minari"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     command = [sys.executable, "-c", RECOVER.format(hidden=hidden)]

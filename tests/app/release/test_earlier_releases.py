@@ -46,7 +46,11 @@ def without_release(text):
 def test_verify_prints_what_it_printed_before(studies, tmp_path, capsys):
     shutil.copy(earlier.FIXTURES / "databases" / "schema-4.db", studies)
     found = ""
-    for kind, name in (("--database", "studies-play.db"), ("--dataset", "dunes-1"), ("--database", "schema-4.db")):
+    for kind, name in (
+        ("--database", "studies-play.db"),
+        ("--dataset", "dunes-1"),
+        ("--database", "schema-4.db"),
+    ):
         rest = ("--studies", studies) if kind == "--database" else ()
         found += f"$ marsexplorer verify {kind} {name}{' --studies .' if rest else ''}\n"
         found += printed(capsys, studies, "verify", kind, studies / name, *rest)
@@ -55,9 +59,17 @@ def test_verify_prints_what_it_printed_before(studies, tmp_path, capsys):
 
 def test_an_earlier_bundle_is_imported_once_and_refused_under_other_names(studies, tmp_path):
     counts = import_release(studies / "dunes-1", tmp_path / "new.db")
-    assert (counts.added["participants"], counts.added["episodes"], counts.equal["episodes"]) == (10, EPISODES, 0)
+    assert (counts.added["participants"], counts.added["episodes"], counts.equal["episodes"]) == (
+        10,
+        EPISODES,
+        0,
+    )
     again = import_release(studies / "dunes-1", tmp_path / "new.db")
-    assert (again.added["episodes"], again.equal["episodes"], again.equal["releases"]) == (0, EPISODES, 0)
+    assert (again.added["episodes"], again.equal["episodes"], again.equal["releases"]) == (
+        0,
+        EPISODES,
+        0,
+    )
     result = verify_database(tmp_path / "new.db")
     assert (result.findings, result.episodes, result.moves) == ((), EPISODES, MOVES)
     with pytest.raises(MergeError, match="under other names"):
@@ -68,29 +80,53 @@ def test_an_earlier_bundle_is_imported_once_and_refused_under_other_names(studie
 def test_an_earlier_study_is_published_again_with_all_that_its_documents_held(studies, tmp_path):
     old = json.loads((studies / "dunes-1" / MANIFEST).read_text())
     request = ReleaseRequest(
-        studies / "studies-play.db", "dunes", tmp_path / "dunes-2", tuple(old["authors"]), "https://example.org/dunes"
+        studies / "studies-play.db",
+        "dunes",
+        tmp_path / "dunes-2",
+        tuple(old["authors"]),
+        "https://example.org/dunes",
     )
     written = build_release(request)
     manifest_hash = hashlib.sha256((studies / "dunes-1" / MANIFEST).read_bytes()).hexdigest()
-    assert (written.header.version, written.header.supersedes["manifest_sha256"]) == (2, manifest_hash)
+    assert (written.header.version, written.header.supersedes["manifest_sha256"]) == (
+        2,
+        manifest_hash,
+    )
     assert verify_bundle(tmp_path / "dunes-2").verified.findings == ()
-    assert (tmp_path / "dunes-2" / "protocol.json").read_text() == (studies / "dunes-1" / "protocol.json").read_text()
+    assert (tmp_path / "dunes-2" / "protocol.json").read_text() == (
+        studies / "dunes-1" / "protocol.json"
+    ).read_text()
     for name in ("CITATION.cff", "LICENSE"):
-        texts = [without_release((folder / name).read_text()) for folder in (studies / "dunes-1", tmp_path / "dunes-2")]
+        texts = [
+            without_release((folder / name).read_text())
+            for folder in (studies / "dunes-1", tmp_path / "dunes-2")
+        ]
         assert texts[0] == texts[1]
-    old_tables, new_tables = (columns(folder) for folder in (studies / "dunes-1", tmp_path / "dunes-2"))
+    old_tables, new_tables = (
+        columns(folder) for folder in (studies / "dunes-1", tmp_path / "dunes-2")
+    )
     assert old_tables <= new_tables
-    old_sets, new_sets = (record_sets(folder) for folder in (studies / "dunes-1", tmp_path / "dunes-2"))
+    old_sets, new_sets = (
+        record_sets(folder) for folder in (studies / "dunes-1", tmp_path / "dunes-2")
+    )
     assert old_sets <= new_sets
 
 
 def columns(folder):
     """Every column of a release's dictionary, with its type."""
     tables = json.loads((folder / "schema/columns.json").read_text())
-    return {(name, each["name"], each["type"]) for name, table in tables.items() for each in table["columns"]}
+    return {
+        (name, each["name"], each["type"])
+        for name, table in tables.items()
+        for each in table["columns"]
+    }
 
 
 def record_sets(folder):
     """Every field of a release's Croissant metadata, with its type and where it is read from."""
     found = json.loads((folder / "croissant.json").read_text())["recordSet"]
-    return {(field["@id"], field["dataType"], json.dumps(field["source"])) for each in found for field in each["field"]}
+    return {
+        (field["@id"], field["dataType"], json.dumps(field["source"]))
+        for each in found
+        for field in each["field"]
+    }

@@ -17,7 +17,9 @@ LOOKS = (
 
 
 def test_looks_are_known_wherever_a_release_was_imported(tmp_path, capsys):
-    study = freeze(tmp_path / "studies", players=3, looks=[2, 3], spending="pocock", hides_interim=True)
+    study = freeze(
+        tmp_path / "studies", players=3, looks=[2, 3], spending="pocock", hides_interim=True
+    )
     play_study(tmp_path / "play.db", study)
     first = tmp_path / "first"
     build_release(ReleaseRequest(tmp_path / "play.db", "dunes", first, looks=LOOKS))

@@ -79,7 +79,14 @@ def traces(folder):
     """Everything in the database that says who somebody is, or lets one act for them."""
     found = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
     conn = sqlite3.connect(folder / "play.db")
-    columns = ("participants.id", "players.id", "sessions.id", "participants.completion_code", "meta.value", "identities.value")
+    columns = (
+        "participants.id",
+        "players.id",
+        "sessions.id",
+        "participants.completion_code",
+        "meta.value",
+        "identities.value",
+    )
     for name in columns:
         found |= {row[0] for row in conn.execute(f"SELECT {name} FROM {name.split('.')[0]}")}
     conn.close()
@@ -105,7 +112,9 @@ def test_all_formats_hold_the_same(made):
     lines = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
     parquet = pq.read_table(out / "parquet/episodes.parquet").to_pylist()
     steps = pq.read_table(out / "parquet/steps.parquet").to_pylist()
-    assert [{name: value for name, value in line.items() if name != "actions"} for line in lines] == parquet
+    assert [
+        {name: value for name, value in line.items() if name != "actions"} for line in lines
+    ] == parquet
     by_episode = {line["episode"]: line["actions"] for line in lines}
     for ident, actions in by_episode.items():
         assert actions == [step["action"] for step in steps if step["episode"] == ident]
@@ -115,7 +124,10 @@ def test_all_formats_hold_the_same(made):
     stored = table(out / "study.sqlite", "episodes", "started_ms")
     assert len(stored) == len(parquet) == len(scores)
     assert {row["kind"] for row in parquet} == {"human", "script"}
-    assert all((row["kind"] == "script") == (row["driver"] == "script") == (row["script"] is not None) for row in parquet)
+    assert all(
+        (row["kind"] == "script") == (row["driver"] == "script") == (row["script"] is not None)
+        for row in parquet
+    )
     events = pq.read_table(out / "parquet/input_events.parquet").to_pylist()
     assert len(events) == len(table(out / "study.sqlite", "input_events", "episode_id"))
 
@@ -130,7 +142,9 @@ def test_rows_follow_their_schema_and_the_dictionary_names_every_column(made):
     assert json.loads((out / "schema/columns.json").read_text()) == dictionary()
     for name, columns in BUNDLE_COLUMNS.items():
         if name in PARQUET:
-            assert pq.read_schema(out / f"parquet/{name}.parquet").names == [column.name for column in columns]
+            assert pq.read_schema(out / f"parquet/{name}.parquet").names == [
+                column.name for column in columns
+            ]
     with (out / "scores.csv").open() as file:
         assert next(csv.reader(file)) == [column.name for column in BUNDLE_COLUMNS["scores"]]
 
@@ -138,7 +152,9 @@ def test_rows_follow_their_schema_and_the_dictionary_names_every_column(made):
 def test_the_documentation_lists_the_columns_as_they_are():
     text = (ROOT / "docs/release.md").read_text()
     for name in BUNDLE_COLUMNS:
-        assert markdown(name) in text, f"docs/release.md: the columns of {name} are not those of app/release/columns.py"
+        assert markdown(name) in text, (
+            f"docs/release.md: the columns of {name} are not those of app/release/columns.py"
+        )
 
 
 @pytest.mark.parametrize("driver", ["human", "script"])
@@ -150,15 +166,22 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
     dataset = minari.load_dataset(f"marsexplorer/dunes/{driver}-v1")
     assert dataset.total_episodes == (11 if driver == "human" else 6)
     metadata = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
-    ref_min, ref_max = (dataset.storage.metadata[name] for name in ("ref_min_score", "ref_max_score"))
-    rows = {row["episode"]: row for row in pq.read_table(folder / "out/parquet/episodes.parquet").to_pylist()}
-    made_again = gymnasium.make("MarsExplorer-v0", level="random", size=(7, 9), sensor_radius=3, observation="uint8")
+    ref_min, ref_max = (
+        dataset.storage.metadata[name] for name in ("ref_min_score", "ref_max_score")
+    )
+    rows = {
+        row["episode"]: row
+        for row in pq.read_table(folder / "out/parquet/episodes.parquet").to_pylist()
+    }
+    made_again = gymnasium.make(
+        "MarsExplorer-v0", level="random", size=(7, 9), sensor_radius=3, observation="uint8"
+    )
     for env in (dataset.recover_environment(), made_again):
         for episode, about in zip(dataset.iterate_episodes(), metadata, strict=True):
             row = rows[about["episode"]]
-            assert {name: about[name] for name in ("participant", "phase", "seed", "config_hash")} == {
-                name: row[name] for name in ("participant", "phase", "seed", "config_hash")
-            }
+            assert {
+                name: about[name] for name in ("participant", "phase", "seed", "config_hash")
+            } == {name: row[name] for name in ("participant", "phase", "seed", "config_hash")}
             observation, _ = env.reset(seed=about["seed"])
             assert np.array_equal(observation, episode.observations[0])
             for number, action in enumerate(episode.actions):
@@ -168,7 +191,9 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
                 assert terminated == episode.terminations[number]
                 assert truncated == episode.truncations[number] or row["outcome"] == "abandoned"
             if row["outcome"] != "abandoned":
-                assert minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))[0] == pytest.approx(row["score"])
+                assert minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))[
+                    0
+                ] == pytest.approx(row["score"])
     assert (ref_min, ref_max) == (-63.0, 126.0)
 
 
@@ -192,7 +217,9 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
 
 def test_a_release_is_built_while_a_server_runs(copy):
     recorder = StudyRecorder(copy / "play.db", freeze(copy / "studies2", "unused"))
-    assert build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new")).header.version == 2
+    assert (
+        build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new")).header.version == 2
+    )
     recorder.play(recorder.join(9), "warm_up", 0)
     recorder.close()
     assert verify_database(copy / "play.db").findings == ()
@@ -231,12 +258,23 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
     assert "license: CC-BY-4.0" in (out / "CITATION.cff").read_text()
     assert "creativecommons.org/licenses/by/4.0" in (out / "LICENSE").read_text()
     datasheet = (out / "DATASHEET.md").read_text()
-    for heading in ("Motivation", "Composition", "Collection", "Privacy", "Uses", "Verify", "Maintenance", "Columns"):
+    for heading in (
+        "Motivation",
+        "Composition",
+        "Collection",
+        "Privacy",
+        "Uses",
+        "Verify",
+        "Maintenance",
+        "Columns",
+    ):
         assert f"## {heading}" in datasheet
     assert "openssl pkeyutl" in datasheet
 
 
-def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(made, tmp_path, monkeypatch):
+def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(
+    made, tmp_path, monkeypatch
+):
     manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
     text = json.loads((made[0] / "out/protocol.json").read_text())
     assert hashlib.sha256(canonical_json(text)).hexdigest() == manifest["protocol_hash"]
@@ -289,14 +327,21 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
     joined = import_release(folder / "out", tmp_path / "again.db")
     assert joined.added["episodes"] == 18
     assert verify_database(tmp_path / "again.db").findings == ()
-    again = build_release(ReleaseRequest(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",)))
+    again = build_release(
+        ReleaseRequest(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",))
+    )
     assert nameless(folder / "out/study.sqlite") == nameless(tmp_path / "out2/study.sqlite")
     assert again.header.version == 2
     assert again.header.supersedes["manifest_sha256"] == built.manifest_hash
     for name in ("episodes", "steps", "input_events"):
-        old, new = (pq.read_table(out / f"parquet/{name}.parquet").to_pylist() for out in (folder / "out", tmp_path / "out2"))
+        old, new = (
+            pq.read_table(out / f"parquet/{name}.parquet").to_pylist()
+            for out in (folder / "out", tmp_path / "out2")
+        )
         same = [{key: value for key, value in row.items() if key != "participant"} for row in old]
-        assert same == [{key: value for key, value in row.items() if key != "participant"} for row in new]
+        assert same == [
+            {key: value for key, value in row.items() if key != "participant"} for row in new
+        ]
     people = [
         {row[0] for row in table(path, "participants", "id")}
         for path in (folder / "out/study.sqlite", tmp_path / "out2/study.sqlite")
@@ -340,7 +385,9 @@ def test_any_changed_file_is_found(copy):
         except ReleaseError:
             assert name in (MANIFEST, PUBLIC_KEY)
         else:
-            assert any((MANIFEST if name == SIGNATURE else name) in finding.where for finding in found), name
+            assert any(
+                (MANIFEST if name == SIGNATURE else name) in finding.where for finding in found
+            ), name
         path.write_bytes(data)
     assert verify_bundle(copy / "out").verified.findings == ()
 
@@ -359,11 +406,15 @@ def test_a_forged_release_has_another_signer(made, copy):
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     manifest = json.loads((out / MANIFEST).read_text())
     manifest["signer"] = signing.fingerprint((out / PUBLIC_KEY).read_bytes())
-    manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256((out / PUBLIC_KEY).read_bytes()).hexdigest()
+    manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256(
+        (out / PUBLIC_KEY).read_bytes()
+    ).hexdigest()
     (out / MANIFEST).write_text(json.dumps(manifest))
     (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
     assert verify_bundle(out).verified.findings == ()
-    assert [finding.what for finding in verify_bundle(out, signer=made[1].signer).verified.findings] == ["the signing key"]
+    assert [
+        finding.what for finding in verify_bundle(out, signer=made[1].signer).verified.findings
+    ] == ["the signing key"]
 
 
 def test_a_changed_field_in_the_bundles_database_is_named(copy):
@@ -372,7 +423,9 @@ def test_a_changed_field_in_the_bundles_database_is_named(copy):
     conn.commit()
     conn.close()
     found = verify_bundle(copy / "out").verified.findings
-    assert any(finding.what == "digest of its stored fields in the table steps" for finding in found)
+    assert any(
+        finding.what == "digest of its stored fields in the table steps" for finding in found
+    )
     assert any(finding.where == "file study.sqlite" for finding in found)
 
 
@@ -381,7 +434,11 @@ def refused(folder, match, **changes):
     given = ReleaseRequest(folder / "play.db", "dunes", folder / "new")
     with pytest.raises(ReleaseError, match=match):
         build_release(replace(given, **changes))
-    after = {path.name for path in folder.iterdir()} - {"play.db-signing-key", "play.db-wal", "play.db-shm"}
+    after = {path.name for path in folder.iterdir()} - {
+        "play.db-signing-key",
+        "play.db-wal",
+        "play.db-shm",
+    }
     assert after <= set(before)
 
 
@@ -392,7 +449,9 @@ def test_no_release_of_an_unknown_study_or_into_a_folder_that_is_there(copy):
 
 def test_no_release_with_one_failing_episode(copy):
     conn = sqlite3.connect(copy / "play.db")
-    conn.execute("UPDATE steps SET client_ms = 5 WHERE step = 0 AND episode_id = (SELECT min(episode_id) FROM steps)")
+    conn.execute(
+        "UPDATE steps SET client_ms = 5 WHERE step = 0 AND episode_id = (SELECT min(episode_id) FROM steps)"
+    )
     conn.commit()
     conn.close()
     refused(copy, "no release: episode episode-.*digest of its stored fields")
@@ -400,7 +459,9 @@ def test_no_release_with_one_failing_episode(copy):
 
 def test_no_release_where_free_text_holds_an_identity(copy):
     conn = sqlite3.connect(copy / "play.db")
-    (who,) = conn.execute("SELECT participant_id FROM identities WHERE value LIKE '%0zz'").fetchone()
+    (who,) = conn.execute(
+        "SELECT participant_id FROM identities WHERE value LIKE '%0zz'"
+    ).fetchone()
     conn.execute("UPDATE stage_events SET detail = ? WHERE participant_id = ? AND number = 1",
                  (json.dumps({"from": IDENTITIES["PROLIFIC_PID"].format(0)}), who))  # fmt: skip
     chain.append(conn, "participant", who)
@@ -418,7 +479,11 @@ def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret
     recorder.close()
     refused(tmp_path, "still open.*--interim")
     known = {study.name: (None, study.secret)}
-    built = build_release(ReleaseRequest(tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known))
+    built = build_release(
+        ReleaseRequest(
+            tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known
+        )
+    )
     assert built.header.left_out == {"open_episodes": 1, "without_consent": 0}
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["interim"], manifest["secret"]) == (True, None)
@@ -439,7 +504,15 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     from app.study.folder import Folder
 
     Folder(tmp_path / "studies").close(study.name)
-    args = ["release", "--study", "dunes", "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"]
+    args = [
+        "release",
+        "--study",
+        "dunes",
+        "--database",
+        tmp_path / "play.db",
+        "--studies",
+        tmp_path / "studies",
+    ]
     with pytest.raises(SystemExit) as left:
         main([str(arg) for arg in (*args, "--out", tmp_path / "out")])
     assert left.value.code == 0, capsys.readouterr().err
@@ -455,7 +528,9 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
 
     play(recorder.store, seed=5, player="somebody-else", config=CONFIG)
     (player,) = recorder.conn.execute("SELECT player_id FROM participants LIMIT 1").fetchone()
-    recorder.store.add_session(SessionRow("own-board", player, "human", None, "follow", 2.0, recorder.tick()))
+    recorder.store.add_session(
+        SessionRow("own-board", player, "human", None, "follow", 2.0, recorder.tick())
+    )
     recorder.close()
     built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
     assert built.header.rows["episodes"] == 18
@@ -466,7 +541,15 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
 @pytest.mark.parametrize("name", ["pyarrow", "minari", "h5py", "mlcroissant", "cryptography"])
 def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, capsys, name):
     monkeypatch.setitem(sys.modules, name, None)
-    args = ("release", "--study", "dunes", "--database", made[0] / "play.db", "--out", tmp_path / "out")
+    args = (
+        "release",
+        "--study",
+        "dunes",
+        "--database",
+        made[0] / "play.db",
+        "--out",
+        tmp_path / "out",
+    )
     code, _, err = run(capsys, *args)
     assert code == 1
     assert err.startswith(f"marsexplorer: {name} is not installed")

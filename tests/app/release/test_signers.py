@@ -33,11 +33,16 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(made, tmp_path, run, command):
+def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(
+    made, tmp_path, run, command
+):
     out, signer = made[0] / "out", made[1].signer
     args = COMMANDS[command](out, tmp_path)
     code, said = run(*args)
-    assert (code, said.count(f"signer not checked: nothing here says whose key {signer} is")) == (0, 1)
+    assert (code, said.count(f"signer not checked: nothing here says whose key {signer} is")) == (
+        0,
+        1,
+    )
     if command != "reproduce":  # which takes as long again
         code, said = run(*args, "--key", signer)
         assert (code, said.count("signer checked"), "not checked" in said) == (0, 1, False)
@@ -50,10 +55,19 @@ def test_a_pinned_key_is_known_from_then_on(made, tmp_path, run, monkeypatch):
     monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "config" / "signers.json"))
     code, said = run("verify", "--dataset", out, "--pin")
     assert (code, f"signer checked: {signer} is a pinned key" in said) == (0, True)
-    assert json.loads((tmp_path / "config" / "signers.json").read_text())["signers"][signer]["study"] == "dunes"
+    assert (
+        json.loads((tmp_path / "config" / "signers.json").read_text())["signers"][signer]["study"]
+        == "dunes"
+    )
     for command in ("verify", "import"):
-        code, said = run(*COMMANDS[command](out, tmp_path), *(("--key", out / PUBLIC_KEY) if command == "verify" else ()))
-        assert (code, ("is the key that was given" if command == "verify" else "is a pinned key") in said) == (0, True)
+        code, said = run(
+            *COMMANDS[command](out, tmp_path),
+            *(("--key", out / PUBLIC_KEY) if command == "verify" else ()),
+        )
+        assert (
+            code,
+            ("is the key that was given" if command == "verify" else "is a pinned key") in said,
+        ) == (0, True)
 
 
 def test_a_harmed_bundles_key_is_not_pinned(made, tmp_path, run):

@@ -67,13 +67,19 @@ def test_an_abandoned_episode_was_left():
 def test_a_ghost_is_the_policys_own_episode_on_that_terrain():
     record = played(free_moves).record()
     ghost, own = play_ghost("frontier-cost", record), play_terrain(load("frontier-cost", 3), record)
-    assert (ghost.actions, ghost.outcome, ghost.score) == (bytes(own.actions), own.outcome, own.score)
+    assert (ghost.actions, ghost.outcome, ghost.score) == (
+        bytes(own.actions),
+        own.outcome,
+        own.score,
+    )
 
 
 def test_a_ghost_that_cannot_be_had_says_why(monkeypatch):
     record = played(free_moves).record()
     with monkeypatch.context() as patch:
-        patch.setattr(type(load("frontier-cost", 3)), "size", (9, 9), raising=False)  # as a file's that knows one size
+        patch.setattr(
+            type(load("frontier-cost", 3)), "size", (9, 9), raising=False
+        )  # as a file's that knows one size
         with pytest.raises(GhostError, match="plays no boards of 9x13"):
             play_ghost("frontier-cost", record)
     with pytest.raises(GhostError, match="takes more than 0 s"):
@@ -84,5 +90,9 @@ def test_a_ghost_that_cannot_be_had_says_why(monkeypatch):
 
 def test_a_policy_is_compared_with_another_one():
     names = ["frontier-cost", "random", "ppo"]
-    assert [preferred(names, driver) for driver in ("A person", "ppo", "random")] == ["ppo", "frontier-cost", "ppo"]
+    assert [preferred(names, driver) for driver in ("A person", "ppo", "random")] == [
+        "ppo",
+        "frontier-cost",
+        "ppo",
+    ]
     assert preferred(["own"], "own") is None

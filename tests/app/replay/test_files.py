@@ -49,7 +49,11 @@ def test_a_board_is_drawn_in_the_common_colours_and_shows_nothing_before_it_was_
             known = 0 <= since <= step
             expected = NIGHT if not known else ROCK if ghost.codes[row, col] == OBSTACLE else SOIL
             is_rover = (row, col) == ghost.path[step]
-            assert is_rover or picture.getpixel((col * cell + 1, row * cell + 1)) == expected, (step, row, col)
+            assert is_rover or picture.getpixel((col * cell + 1, row * cell + 1)) == expected, (
+                step,
+                row,
+                col,
+            )
 
 
 def test_a_gif_has_a_picture_for_each_move_and_holds_the_end(courses):

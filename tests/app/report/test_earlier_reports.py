@@ -33,7 +33,10 @@ def leaves(value, path=()):
     """Yield (path, value) for every number and text of a JSON document; the players in the order of their figures."""
     if isinstance(value, dict):
         for key, each in value.items():
-            yield from leaves(by_figures(each) if key == "players" and isinstance(each, list) else each, (*path, key))
+            yield from leaves(
+                by_figures(each) if key == "players" and isinstance(each, list) else each,
+                (*path, key),
+            )
     elif isinstance(value, list):
         yield (*path, "number"), len(value)
         for index, each in enumerate(value):
@@ -44,7 +47,10 @@ def leaves(value, path=()):
 
 def by_figures(players):
     """Return the players without their pseudonyms, in the order of their figures: names are of one report alone."""
-    return sorted(({**player, "name": None} for player in players), key=lambda player: (player["score"], player["steps"]))
+    return sorted(
+        ({**player, "name": None} for player in players),
+        key=lambda player: (player["score"], player["steps"]),
+    )
 
 
 def differences(expected, found):
@@ -71,27 +77,58 @@ def same(one, other, version):
     return other == (one.replace(*version) if isinstance(one, str) else one)
 
 
-@pytest.mark.parametrize(("name", "options"), [("report.json", ()), ("report-synthetic.json", ("--synthetic",))])
+@pytest.mark.parametrize(
+    ("name", "options"), [("report.json", ()), ("report-synthetic.json", ("--synthetic",))]
+)
 def test_the_numbers_of_an_earlier_report_come_out_again(tmp_path, capsys, name, options):
     folder = earlier.studies(tmp_path)
     where = ("--database", str(folder / "studies-play.db"), "--studies", str(folder))
     with pytest.raises(SystemExit) as left:
-        main(["report", "--study", "dunes", "--no-moves", *where, "--json", str(tmp_path / "new.json"), *options])
+        main(
+            [
+                "report",
+                "--study",
+                "dunes",
+                "--no-moves",
+                *where,
+                "--json",
+                str(tmp_path / "new.json"),
+                *options,
+            ]
+        )
     assert not left.value.code, capsys.readouterr().err
-    expected, found = (json.loads(path.read_text()) for path in (folder / name, tmp_path / "new.json"))
+    expected, found = (
+        json.loads(path.read_text()) for path in (folder / name, tmp_path / "new.json")
+    )
     assert differences(expected, found) == []
     compared = [
-        path for path, value in leaves(expected) if isinstance(value, float) and not is_changed(path, dict(leaves(found)))
+        path
+        for path, value in leaves(expected)
+        if isinstance(value, float) and not is_changed(path, dict(leaves(found)))
     ]
     assert len(compared) > 500
 
 
 def test_a_changed_number_a_changed_sentence_and_a_lost_key_are_seen():
     old = {"software_version": "1", "made_at": "now", "score": 0.5, "rule": "t of version 1"}
-    assert differences(old, {**old, "software_version": "2", "made_at": "later", "rule": "t of version 2", "more": 1}) == []
+    assert (
+        differences(
+            old,
+            {
+                **old,
+                "software_version": "2",
+                "made_at": "later",
+                "rule": "t of version 2",
+                "more": 1,
+            },
+        )
+        == []
+    )
     assert differences(old, {**old, "score": 0.5000001})
     assert differences(old, {**old, "rule": "z of version 1"})
     assert differences(old, {key: old[key] for key in ("software_version", "made_at", "score")})
     group = {"groups": [{"comparisons": [{"new": [0.1, 0.2], "mean": 0.5}]}]}
-    assert not differences(old | group, old | {"groups": [{"comparisons": [{"new": None, "mean": 0.5}]}]})
+    assert not differences(
+        old | group, old | {"groups": [{"comparisons": [{"new": None, "mean": 0.5}]}]}
+    )
     assert differences(old | group, old | {"groups": [{"comparisons": [{"mean": 0.5}]}]})

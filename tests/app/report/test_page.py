@@ -10,7 +10,13 @@ import pytest
 
 from app.report import build
 from app.report.page import render
-from app.statistics.bayesian_model import BayesianModel, Posterior, TerrainFactor, priors_in_words, sampling_warnings
+from app.statistics.bayesian_model import (
+    BayesianModel,
+    Posterior,
+    TerrainFactor,
+    priors_in_words,
+    sampling_warnings,
+)
 from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
 from tests.support.made_studies import CONFIG, played, run, study
@@ -20,14 +26,23 @@ SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
 
 def pictures():
     games = [EpisodeSummary("explored", 0.9, 3, [9, 20, 40, 63], [(0, 0), (0, 1), (1, 1), (1, 2)])]
-    return {"curve": coverage_curve(CONFIG, [games, games]), "visits": visit_counts(CONFIG, [games])}
+    return {
+        "curve": coverage_curve(CONFIG, [games, games]),
+        "visits": visit_counts(CONFIG, [games]),
+    }
 
 
 @pytest.fixture(scope="module")
 def pages():
     """The page over people, and the one over scripts."""
-    runs = [run("ppo", SCORES.mean(0) + 0.02), run("random <b>", [0.3] * 6), run("random", [0.3] * 6)]
-    people = build(study(*played(SCORES), title="Rocks & <dunes>"), runs, pictures={"people": pictures()})
+    runs = [
+        run("ppo", SCORES.mean(0) + 0.02),
+        run("random <b>", [0.3] * 6),
+        run("random", [0.3] * 6),
+    ]
+    people = build(
+        study(*played(SCORES), title="Rocks & <dunes>"), runs, pictures={"people": pictures()}
+    )
     scripts = build(study(*played(SCORES, "script", "idler")), runs, True, {"idler": pictures()})
     return render(people), render(scripts)
 
@@ -61,11 +76,17 @@ def test_every_element_is_closed_and_every_id_is_one(pages):
     for page in pages:
         found = Collected(page)
         assert found.open == []
-        assert found.tags["svg"] == (6 if 'body class="human"' in page else 5)  # scripts have no flow of participants
+        assert found.tags["svg"] == (
+            6 if 'body class="human"' in page else 5
+        )  # scripts have no flow of participants
         ids = Counter(value for name, value in found.attributes if name == "id")
         assert ids
         assert max(ids.values()) == 1
-        used = {value[1:] for name, value in found.attributes if name.endswith("href") and value.startswith("#")}
+        used = {
+            value[1:]
+            for name, value in found.attributes
+            if name.endswith("href") and value.startswith("#")
+        }
         assert used <= set(ids)
 
 
@@ -79,7 +100,11 @@ def test_nothing_is_fetched_and_nothing_runs(pages):
     for page in pages:
         found = Collected(page)
         assert found.tags["script"] == 0
-        outside = [value for name, value in found.attributes if name in ("src", "href", "xlink:href") and value]
+        outside = [
+            value
+            for name, value in found.attributes
+            if name in ("src", "href", "xlink:href") and value
+        ]
         assert all(value.startswith(("#", "data:")) for value in outside)
         assert not re.search(r"url\((?!['\"]?(#|data:))", page)
         assert "@import" not in page
@@ -90,12 +115,20 @@ def test_the_page_says_every_part(pages):
                     "Learning over the ranked trials", "Where they went", "Deviations from the protocol", "Reporting checklist",
                     "Methods", "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
-    for wanted in ("95 % interval (printed)", "new terrains too", "guaranteed", "studentised bootstrap", "(primary)"):
+    for wanted in (
+        "95 % interval (printed)",
+        "new terrains too",
+        "guaranteed",
+        "studentised bootstrap",
+        "(primary)",
+    ):
         assert wanted in pages[0], wanted
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM: install it to run the browser tests")
+@pytest.mark.skipif(
+    chromium_path() is None, reason="NO CHROMIUM: install it to run the browser tests"
+)
 def test_a_browser_asks_for_nothing_overflows_nowhere_and_axe_finds_nothing(pages, tmp_path):
     from playwright.sync_api import sync_playwright
 
@@ -119,7 +152,12 @@ def test_a_long_policys_name_leaves_room_for_the_charts():
     """matplotlib warns when nothing is left of a chart, and warnings are errors here."""
     people, trials = played(np.full((5, 6), 0.8) + np.arange(5)[:, None] / 50)
     path = "/a/folder/of/policies/" + "with-a-name-that-is-long-" * 4 + "mine.safetensors"
-    page = render(build(study(people, trials), [run(path, [0.9, 0.8, 0.9, 0.8, 0.9, 0.7]), run("random", [0.3] * 6)]))
+    page = render(
+        build(
+            study(people, trials),
+            [run(path, [0.9, 0.8, 0.9, 0.8, 0.9, 0.7]), run("random", [0.3] * 6)],
+        )
+    )
     assert "…" in page
     assert path in page, "the tables have it whole"
 
@@ -132,8 +170,15 @@ def test_the_bayesian_model_stands_with_its_priors_and_what_is_wrong_with_it():
         terrains=(TerrainFactor(2, one),), r_hat=1.3, effective=12.0, diverging=5, chains=4, draws=500,
         priors=priors_in_words(400), warnings=sampling_warnings(1.3, 12.0, 5), note="Sampled.",
     )  # fmt: skip
-    page = render(replace(found, groups=tuple(replace(group, bayesian=model) for group in found.groups)))
+    page = render(
+        replace(found, groups=tuple(replace(group, bayesian=model) for group in found.groups))
+    )
     Collected(page)
-    for said in ("24 episodes entered, 3 of them censored", "largest R-hat is 1.300", "5 transitions diverged", "half-normal"):
+    for said in (
+        "24 episodes entered, 3 of them censored",
+        "largest R-hat is 1.300",
+        "5 transitions diverged",
+        "half-normal",
+    ):
         assert said in page
     assert "Bayesian" not in render(found)

@@ -14,7 +14,18 @@ from app.statistics.exclusion_sets import members, people_of
 from tests.support import earlier
 from tests.support.made_studies import played, run, study
 
-PARTS = ("figures", "metrics", "players", "comparisons", "outcomes", "labels", "primary", "pictures", "finished", "started")
+PARTS = (
+    "figures",
+    "metrics",
+    "players",
+    "comparisons",
+    "outcomes",
+    "labels",
+    "primary",
+    "pictures",
+    "finished",
+    "started",
+)
 """Of a group; who withdrew before playing is in no release, so `joined` and `left` may differ."""
 
 
@@ -44,7 +55,9 @@ def test_every_figure_of_an_imported_release_is_the_studys(tmp_path, options):
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
     import_release(folder / "dunes-1", tmp_path / "other.db")
     own = report_of(folder / "studies-play.db", folder, tmp_path / "own.json", *options)
-    other = report_of(tmp_path / "other.db", tmp_path / "no-studies", tmp_path / "other.json", *options)
+    other = report_of(
+        tmp_path / "other.db", tmp_path / "no-studies", tmp_path / "other.json", *options
+    )
     for one, two in zip(own["groups"], other["groups"], strict=True):
         assert {part: one[part] for part in PARTS} == {part: two[part] for part in PARTS}
     assert own["sentence"] == other["sentence"]

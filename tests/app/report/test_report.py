@@ -27,7 +27,13 @@ ITEMS = [
     "5.1.1", "5.1.2", "5.1.3", "5.1.4", "5.1.5", "5.2", "5.2.1", "5.2.2", "5.3", "5.4",
 ]  # fmt: skip
 """The checklist's numbers in arXiv 2506.13776, appendix B; 5.1 is a heading."""
-SCORES = np.array([[0.9, 0.8, 0.7, 0.9, 0.95, 0.6], [0.95, 0.9, 0.9, 0.85, 0.9, 0.9], [0.5, 0.9, 0.4, 0.8, 0.9, 0.7]])
+SCORES = np.array(
+    [
+        [0.9, 0.8, 0.7, 0.9, 0.95, 0.6],
+        [0.95, 0.9, 0.9, 0.85, 0.9, 0.9],
+        [0.5, 0.9, 0.4, 0.8, 0.9, 0.7],
+    ]
+)
 
 
 @pytest.fixture
@@ -42,7 +48,9 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
     assert (found.name, found.players, found.episodes) == ("protocol", 3, 18)
     assert found.score.mean == pytest.approx(means.mean())
     low, high = printed_interval(np.sort(means))
-    assert found.score.interval == pytest.approx((float(low), min(float(high), 1)))  # no mean score is above 1
+    assert found.score.interval == pytest.approx(
+        (float(low), min(float(high), 1))
+    )  # no mean score is above 1
     assert f"mean score {means.mean():.3f}" in report.sentence
     assert "3 players, 18 ranked episodes" in report.sentence
 
@@ -110,13 +118,17 @@ def test_the_exclusion_sets():
             rest = {"labels": ("untrusted",)}
         if by[each.participant] == 2 and each.trial == 1:
             rest = {"pause_share": 0.6}
-        changed.append(trial(people[by[each.participant]], each.trial, each.score, each.steps, **rest))
+        changed.append(
+            trial(people[by[each.participant]], each.trial, each.score, each.steps, **rest)
+        )
     group = build(study(people, changed)).groups[0]
     assert {figure.name: (figure.players, figure.episodes) for figure in group.figures} == {
         "all": (4, 20), "protocol": (3, 18), "strict": (1, 6)
     }  # fmt: skip
     assert group.labels == {"untrusted": 1}
-    assert "1 ranked episode of 1 participant carry a label of implausible input." in group.deviations
+    assert (
+        "1 ranked episode of 1 participant carry a label of implausible input." in group.deviations
+    )
     assert (group.started, group.finished, group.left) == (4, 3, 1)
 
 
@@ -125,7 +137,10 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
     trials[7] = trial(people[1], 1, 0.9, driver="script")
     group = build(study(people, trials)).groups[0]
     assert (group.figures[0].episodes, group.figure.players) == (17, 2)
-    assert "1 ranked episode of 1 participant had a move made by a script; they enter no figure." in group.deviations
+    assert (
+        "1 ranked episode of 1 participant had a move made by a script; they enter no figure."
+        in group.deviations
+    )
 
 
 @pytest.mark.parametrize(
@@ -152,31 +167,54 @@ def test_deviations_of_the_study():
     made = study(*played(SCORES), players=3)
     from dataclasses import replace
 
-    assert "not the one whose hash was frozen" in " ".join(build(replace(made, protocol_hash="0" * 64)).deviations)
-    assert "not the one that was committed to" in " ".join(build(replace(made, secret="ab" * 32)).deviations)
-    assert "joined before the protocol" in " ".join(build(replace(made, frozen_ms=FROZEN_MS + 1500)).deviations)
+    assert "not the one whose hash was frozen" in " ".join(
+        build(replace(made, protocol_hash="0" * 64)).deviations
+    )
+    assert "not the one that was committed to" in " ".join(
+        build(replace(made, secret="ab" * 32)).deviations
+    )
+    assert "joined before the protocol" in " ".join(
+        build(replace(made, frozen_ms=FROZEN_MS + 1500)).deviations
+    )
 
 
 def test_deviations_that_the_server_recorded():
     people, trials = played(SCORES)
-    people[0] = person(0, events=[(FROZEN_MS, "deviation", {"sentence": "The page was reloaded 40 times."})])
+    people[0] = person(
+        0, events=[(FROZEN_MS, "deviation", {"sentence": "The page was reloaded 40 times."})]
+    )
     assert "The page was reloaded 40 times." in build(study(people, trials)).groups[0].deviations
 
 
 def test_warm_up_trials_are_shown_and_enter_no_figure():
     people, trials = played(SCORES)
-    practice = [trial(who, index, 0.1, phase="warm_up", episode=f"w{who.id}{index}") for who in people for index in range(2)]
-    with_them, without = (build(study(people, given, warm_up=2)) for given in ([*trials, *practice], trials))
+    practice = [
+        trial(who, index, 0.1, phase="warm_up", episode=f"w{who.id}{index}")
+        for who in people
+        for index in range(2)
+    ]
+    with_them, without = (
+        build(study(people, given, warm_up=2)) for given in ([*trials, *practice], trials)
+    )
     assert with_them.groups[0].figures == without.groups[0].figures
-    assert [row[:2] for row in with_them.groups[0].metric("score").warm_up] == [(3, pytest.approx(0.1))] * 2
+    assert [row[:2] for row in with_them.groups[0].metric("score").warm_up] == [
+        (3, pytest.approx(0.1))
+    ] * 2
     assert [row[0] for row in without.groups[0].metric("score").warm_up] == [0, 0]
 
 
 def test_policies_are_compared_on_the_terrains_that_both_played():
     scores = SCORES.copy()
-    runs = [run("ppo", [0.95] * 5 + [NAN], [25.0] * 5 + [NAN]), run("random", [0.3] * 6, [63.0] * 6)]
+    runs = [
+        run("ppo", [0.95] * 5 + [NAN], [25.0] * 5 + [NAN]),
+        run("random", [0.3] * 6, [63.0] * 6),
+    ]
     report = build(study(*played(scores)), runs)
-    ppo = next(each for each in report.groups[0].comparisons if (each.policy, each.metric) == ("ppo", "score"))
+    ppo = next(
+        each
+        for each in report.groups[0].comparisons
+        if (each.policy, each.metric) == ("ppo", "score")
+    )
     assert ppo.terrains == 5
     assert ppo.ratio == pytest.approx(0.95 / scores[:, :5].mean())
     assert ppo.normalized == pytest.approx((0.95 - 0.3) / (scores[:, :5].mean() - 0.3))
@@ -187,11 +225,21 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
 
 def test_p_values_are_given_from_five_players_on_and_adjusted_for_the_number_of_policies():
     scores = np.random.default_rng(2).normal(0.7, 0.05, (5, 6))
-    runs = [run("ppo", scores.mean(0) + 0.05), run("planner", scores.mean(0)), run("random", [0.3] * 6)]
-    rows = {each.policy: each for each in build(study(*played(scores)), runs).groups[0].comparisons if each.metric == "score"}
+    runs = [
+        run("ppo", scores.mean(0) + 0.05),
+        run("planner", scores.mean(0)),
+        run("random", [0.3] * 6),
+    ]
+    rows = {
+        each.policy: each
+        for each in build(study(*played(scores)), runs).groups[0].comparisons
+        if each.metric == "score"
+    }
     assert rows["random"].p_adjusted == pytest.approx(3 * rows["random"].p_value)
     assert all(each.p_adjusted >= each.p_value for each in rows.values())
-    assert all((each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1]) for each in rows.values())
+    assert all(
+        (each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1]) for each in rows.values()
+    )
 
 
 def test_one_player_and_one_terrain_are_reported_without_intervals():
@@ -209,7 +257,9 @@ def test_one_player_and_one_terrain_are_reported_without_intervals():
 
 def test_the_headline_prints_no_interval_where_there_is_none_to_print():
     same = build(study(*played(np.full((3, 6), 0.9), steps=[[30] * 6, [31] * 6, [32] * 6])))
-    assert same.sentence.startswith("3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval ")
+    assert same.sentence.startswith(
+        "3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
+    )
     assert same.sentence.endswith(". Players who do not differ give no interval.")
     alike = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30))))
     assert alike.sentence == (
@@ -240,14 +290,23 @@ def test_the_live_figure_is_the_reports(data):
 
 
 def test_before_anybody_has_finished_the_live_figure_is_of_all():
-    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]), closed=False, hides_interim=False)
+    data = study(
+        *played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]),
+        closed=False,
+        hides_interim=False,
+    )
     live = live_figure(data)
     assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
-    assert build(data).sentence.startswith("Nobody has finished the study yet. So far: 2 players, 3 ranked episodes")
+    assert build(data).sentence.startswith(
+        "Nobody has finished the study yet. So far: 2 players, 3 ranked episodes"
+    )
 
 
 def test_everything_is_json_without_a_number_that_is_none(data):
-    document = json.loads(build(data, [run("ppo", [0.9] * 6)]).to_json(), parse_constant=lambda name: pytest.fail(name))
+    document = json.loads(
+        build(data, [run("ppo", [0.9] * 6)]).to_json(),
+        parse_constant=lambda name: pytest.fail(name),
+    )
     assert document["format"] == "marsexplorer-report-1"
     assert document["groups"][0]["figures"][1]["score"]["mean"] == pytest.approx(SCORES.mean())
     assert document["estimand"]
@@ -277,11 +336,18 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     assert items["5.1.3"].detail == "Median 0.5 minutes a ranked episode."
     assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
     assert list(items) == ITEMS
-    assert {item.source for item in items.values()} == {"database", "protocol", "software", "missing"}
+    assert {item.source for item in items.values()} == {
+        "database",
+        "protocol",
+        "software",
+        "missing",
+    }
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
     assert items["1.8"].source == "protocol"
-    assert items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
+    assert (
+        items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
+    )
 
 
 def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
@@ -292,19 +358,35 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
     assert "0 of 20 finished ranked episodes carry a label" in items["3.2.2"].detail
     assert "panel" in items["2.2"].detail
     assert (items["1.8"].answer, items["1.8"].source) == ("Yes", "protocol")
-    unplanned = build(study(people, trials, assumed_player_sd=None, assumed_episode_sd=None)).checklist
+    unplanned = build(
+        study(people, trials, assumed_player_sd=None, assumed_episode_sd=None)
+    ).checklist
     assert {item.number: item for item in unplanned}["1.8"].source == "missing"
 
 
 def test_the_report_counts_what_the_required_level_leaves_out():
     people, trials = played(SCORES)
-    trials[0] = replace(trials[0], attestation="unattested", attestation_reason="step 3: no press of its own")
-    trials[1] = replace(trials[1], attestation="unattested", attestation_reason="step 12: no press of its own")
+    trials[0] = replace(
+        trials[0], attestation="unattested", attestation_reason="step 3: no press of its own"
+    )
+    trials[1] = replace(
+        trials[1], attestation="unattested", attestation_reason="step 12: no press of its own"
+    )
     trials[7] = replace(trials[7], attestation="supervised")
     report = build(study(people, trials, required_attestation="attested"))
     group = report.groups[0]
-    assert group.attestation.episodes == {"unattested": 2, "declared": 0, "attested": 15, "supervised": 1}
-    assert group.attestation.people == {"unattested": 1, "declared": 0, "attested": 3, "supervised": 1}
+    assert group.attestation.episodes == {
+        "unattested": 2,
+        "declared": 0,
+        "attested": 15,
+        "supervised": 1,
+    }
+    assert group.attestation.people == {
+        "unattested": 1,
+        "declared": 0,
+        "attested": 3,
+        "supervised": 1,
+    }
     assert (group.attestation.left_out, group.attestation.people_left_out) == (2, 1)
     assert group.attestation.reasons == {"no press of its own": 2}
     assert (group.figure.players, group.excluded) == (2, {"not attested": 1})
@@ -324,7 +406,16 @@ def test_the_second_analysis_stands_in_the_report_of_a_study_whose_protocol_name
     assert model.converged
     assert model.mean == pytest.approx(scores.mean(), abs=0.01)
     document = json.loads(report.to_json())["groups"][0]["metrics"][0]["mixed_model"]
-    assert set(document) >= {"mean", "interval", "slope", "slope_interval", "player_sd", "terrain_sd", "rest_sd", "terrains"}
+    assert set(document) >= {
+        "mean",
+        "interval",
+        "slope",
+        "slope_interval",
+        "player_sd",
+        "terrain_sd",
+        "rest_sd",
+        "terrains",
+    }
     page = render(report)
     assert "Second analysis: mixed model" in page
     assert "How difficult each terrain was" in page

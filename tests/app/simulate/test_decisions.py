@@ -50,7 +50,10 @@ def walk(seed, style, forget_at=()):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_without_slips_it_plays_as_frontier_cost(seed):
-    episode, policy = Episode.begin(CONFIG, seed=seed), policies.load("frontier-cost", CONFIG.sensor_radius)
+    episode, policy = (
+        Episode.begin(CONFIG, seed=seed),
+        policies.load("frontier-cost", CONFIG.sensor_radius),
+    )
     policy.reset(seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
@@ -66,7 +69,9 @@ def test_a_lost_connection_changes_no_move(seed):
 def test_a_stack_plays_as_single_boards_do():
     styles = [PlayStyle(0.1 * i, 0.002 * i, 77 + i) for i in range(len(SEEDS))]
     singles = [walk(seed, style) for seed, style in zip(SEEDS, styles, strict=True)]
-    rng = type("Fixed", (), {"integers": lambda *_: np.array([each.stream for each in styles], np.uint64)})()
+    rng = type(
+        "Fixed", (), {"integers": lambda *_: np.array([each.stream for each in styles], np.uint64)}
+    )()
     slip, crash = (np.array([getattr(each, name) for each in styles]) for name in ("slip", "crash"))
     played = play_episodes(CONFIG, SEEDS, slip, crash, rng)
     assert played.steps.tolist() == [each.steps for each in singles]
@@ -81,14 +86,20 @@ def test_slips_are_valid_and_crashes_are_not():
     played = play_episodes(CONFIG, range(50), slip, crash, rng)
     assert set(played.outcome) <= {1, 4}  # explored or timed out
     played = play_episodes(CONFIG, range(50), slip, np.ones(50), rng)
-    assert set(played.outcome) == {3}  # from the corner straight off the grid, or into a rock next to it
+    assert set(played.outcome) == {
+        3
+    }  # from the corner straight off the grid, or into a rock next to it
     assert set(played.steps) == {1}
 
 
 def test_a_crash_takes_every_invalid_move_as_often():
     kernel, codes = DecisionKernel((5, 5), 6, 3000), np.ones((3000, 5, 5), np.uint8)
     codes[:, 0, 0] = 2
-    style = np.zeros(3000), np.ones(3000), np.random.default_rng(0).integers(0, 2**64, 3000, np.uint64)
+    style = (
+        np.zeros(3000),
+        np.ones(3000),
+        np.random.default_rng(0).integers(0, 2**64, 3000, np.uint64),
+    )
     at, moves = np.zeros((3000, 2), np.int64), np.zeros(3000, np.int64)
     counts = np.bincount(kernel.decide(codes, at, np.ones(3000, bool), style, moves), minlength=4)
     assert counts[1] == counts[2] == 0
@@ -96,7 +107,10 @@ def test_a_crash_takes_every_invalid_move_as_often():
 
 
 def test_populations_differ_as_their_names_say():
-    found = {name: true_level(CONFIG, SEEDS, population, 2000, 4) for name, population in SIMULATED_POPULATIONS.items()}
+    found = {
+        name: true_level(CONFIG, SEEDS, population, 2000, 4)
+        for name, population in SIMULATED_POPULATIONS.items()
+    }
     assert found["skilled"].mean_score > found["mixed"].mean_score > found["clumsy"].mean_score
     assert found["skilled"].mean_steps < found["mixed"].mean_steps < found["clumsy"].mean_steps
     assert found["skilled"].collisions == 0 < found["mixed"].collisions < found["clumsy"].collisions
@@ -110,7 +124,10 @@ def coverage(config, seeds, population, count, players, episodes=10_000):
     truth = true_level(config, seeds, population, episodes, 1)
     played = play_studies(config, seeds, population, (count, players), 2)
     shares = {}
-    for name, values, true in (("score", played.score, truth.mean_score), ("steps", played.steps_to_99, truth.mean_steps)):
+    for name, values, true in (
+        ("score", played.score, truth.mean_score),
+        ("steps", played.steps_to_99, truth.mean_steps),
+    ):
         means = values.mean(2)
         for how, ends in (("printed", printed_interval(means)), ("t", t_interval(means))):
             shares[name, how] = float(np.mean((ends[0] <= true) & (true <= ends[1])))
@@ -128,23 +145,32 @@ def test_intervals_of_two_hundred_whole_studies_cover_the_truth(name):
     config, seeds = EnvConfig.of("random", 21), range(900, 930)
     truth, shares = coverage(config, seeds, SIMULATED_POPULATIONS[name], 200, 10)
     print(name, truth, shares)
-    assert all(share >= 0.915 for (_, how), share in shares.items() if how == "printed"), shares  # 3 SE below 0.95 is 0.904
+    assert all(share >= 0.915 for (_, how), share in shares.items() if how == "printed"), (
+        shares
+    )  # 3 SE below 0.95 is 0.904
 
 
 def test_a_persona_is_the_same_whenever_it_is_asked_for():
     one, two = (draw_persona(3, "reloader", SIMULATED_POPULATIONS["mixed"], 8) for _ in range(2))
     assert one == two
     assert one.style("ranked", 4) == two.style("ranked", 4)
-    styles = {one.style(phase, trial).stream for phase in ("warm_up", "ranked") for trial in range(20)}
+    styles = {
+        one.style(phase, trial).stream for phase in ("warm_up", "ranked") for trial in range(20)
+    }
     assert len(styles) == 40
-    assert draw_persona(4, "reloader", SIMULATED_POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
+    assert (
+        draw_persona(4, "reloader", SIMULATED_POPULATIONS["mixed"], 8).slip_logit != one.slip_logit
+    )
 
 
 def test_personas_are_drawn_from_their_population():
-    slips = [draw_persona(number, "idler", SIMULATED_POPULATIONS["clumsy"], 8).style("ranked", 0).slip for number in range(400)]
-    whole = draw_players(SIMULATED_POPULATIONS["clumsy"], 4000, np.random.default_rng(0)).draw_episodes(
-        np.arange(4000), np.random.default_rng(1)
-    )[0]
+    slips = [
+        draw_persona(number, "idler", SIMULATED_POPULATIONS["clumsy"], 8).style("ranked", 0).slip
+        for number in range(400)
+    ]
+    whole = draw_players(
+        SIMULATED_POPULATIONS["clumsy"], 4000, np.random.default_rng(0)
+    ).draw_episodes(np.arange(4000), np.random.default_rng(1))[0]
     error = (np.var(slips) / 400 + np.var(whole) / 4000) ** 0.5
     assert abs(np.mean(slips) - whole.mean()) < 4 * error
 

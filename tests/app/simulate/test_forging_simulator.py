@@ -48,13 +48,17 @@ class Forger(SimulatedParticipant):
 
     def __init__(self, number, settings, clock, invitation, log):
         self.clock, self.invitation = clock, invitation
-        persona = draw_persona(number, "noisy-frontier", next(iter(SIMULATED_POPULATIONS.values())), 11)
+        persona = draw_persona(
+            number, "noisy-frontier", next(iter(SIMULATED_POPULATIONS.values())), 11
+        )
         super().__init__(persona, settings, SavedPlayer(), log, [])
 
     def _load_page(self):
         super()._load_page()
         self._clock = self.clock(self.settings.speed)
-        self._device = Device(self.persona, self._clock, self.persona.rng(8, self._loads), self._log)
+        self._device = Device(
+            self.persona, self._clock, self.persona.rng(8, self._loads), self._log
+        )
         page, invitation = self._page, self.invitation
 
         async def join(outside_ids, script):
@@ -95,7 +99,15 @@ async def play(server, tokens, clock, speed):
 
 def forged_levels(server, root, clock, speed, players=10):
     """Return (ranked episodes by level, ranked episodes that enter a human figure) of forgers with valid invitations."""
-    freeze(root, size=(9, 12), warm_up=1, ranked=2, players=players, recruitment="invitation", hides_interim=False)
+    freeze(
+        root,
+        size=(9, 12),
+        warm_up=1,
+        ranked=2,
+        players=players,
+        recruitment="invitation",
+        hides_interim=False,
+    )
     study = Folder(root).study("small")
     issued = Invitations(Folder(root)).issue("small", players)
     asyncio.run(play(server, [token_of(study, each.id) for each in issued], clock, speed))
@@ -109,7 +121,9 @@ def forged_levels(server, root, clock, speed, players=10):
 @pytest.mark.parametrize("clock", [HonestClock, SkippingClock])
 def test_at_a_hundred_times_a_persons_speed_no_episode_counts(server, tmp_path, clock):
     levels, counted = forged_levels(server, tmp_path / "studies", clock, 100.0)
-    print(f"\n{clock.__name__}, a hundred times a person's speed: {dict(levels)}, counted {counted}")
+    print(
+        f"\n{clock.__name__}, a hundred times a person's speed: {dict(levels)}, counted {counted}"
+    )
     assert (levels, counted) == (Counter(unattested=20), 0)
 
 
@@ -117,5 +131,7 @@ def test_at_a_hundred_times_a_persons_speed_no_episode_counts(server, tmp_path, 
 def test_at_a_persons_speed_nothing_gives_it_away(server, tmp_path):
     """Measure what docs/study.md states; should a check ever find it, the document is to be changed."""
     levels, counted = forged_levels(server, tmp_path / "studies", HonestClock, 1.0)
-    print(f"\na person's speed, honest stamps: {dict(levels)}, counted {counted} of 20 ranked episodes of 10 forgers")
+    print(
+        f"\na person's speed, honest stamps: {dict(levels)}, counted {counted} of 20 ranked episodes of 10 forgers"
+    )
     assert counted == levels["attested"] >= 18

@@ -17,7 +17,9 @@ def press(kind, presses, speed=1e6, number=0, idle_ms=0.0):
 
     async def work():
         device = InputDevice(
-            draw_persona(number, kind, SIMULATED_POPULATIONS["mixed"], 1), PageClock(speed), np.random.default_rng(number)
+            draw_persona(number, kind, SIMULATED_POPULATIONS["mixed"], 1),
+            PageClock(speed),
+            np.random.default_rng(number),
         )
         for step in range(presses):
             action = ("east", "south")[step // 3 % 2]
@@ -54,7 +56,9 @@ def test_both_keyboards_and_touch_screens_occur():
 
 
 def test_a_cheater_is_labelled_a_machine():
-    assert {"robotic timing", "no key-up", "under 80 ms"} <= set(plausibility_labels([], press("cheater", 40)))
+    assert {"robotic timing", "no key-up", "under 80 ms"} <= set(
+        plausibility_labels([], press("cheater", 40))
+    )
 
 
 def test_compressed_time_is_short_and_looks_long():

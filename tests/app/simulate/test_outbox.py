@@ -16,7 +16,9 @@ class FakeBoard:
 
     async def send_events(self, batch):
         self.received.append(batch)
-        answer = self.answers.pop(0) if self.answers else {"count": len(batch["events"]), "reason": None}
+        answer = (
+            self.answers.pop(0) if self.answers else {"count": len(batch["events"]), "reason": None}
+        )
         if answer is ConnectionLostError:
             raise ConnectionLostError("the connection is lost")
         return answer
@@ -24,14 +26,20 @@ class FakeBoard:
 
 def test_a_batch_whose_answer_is_lost_is_sent_again_unchanged_and_first():
     faults = []
-    outbox, board = Outbox(faults.append), FakeBoard({"count": MAX_EVENTS_PER_BATCH, "reason": None}, ConnectionLostError)
+    outbox, board = (
+        Outbox(faults.append),
+        FakeBoard({"count": MAX_EVENTS_PER_BATCH, "reason": None}, ConnectionLostError),
+    )
     outbox.add("e1", [{"client_ms": k} for k in range(MAX_EVENTS_PER_BATCH + 2)])
     outbox.add("e1", [])
     with pytest.raises(ConnectionLostError):
         asyncio.run(outbox.send_all(board))
     outbox.add("e2", [{"client_ms": 900}])
     asyncio.run(outbox.send_all(board))
-    sent = [(batch["episode"], len(batch["events"]), batch["events"][0]["client_ms"]) for batch in board.received]
+    sent = [
+        (batch["episode"], len(batch["events"]), batch["events"][0]["client_ms"])
+        for batch in board.received
+    ]
     assert sent == [
         ("e1", MAX_EVENTS_PER_BATCH, 0),
         ("e1", 2, MAX_EVENTS_PER_BATCH),

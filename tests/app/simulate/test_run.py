@@ -70,14 +70,22 @@ def check_database(path, study, log, kills):
     """Every participant has exactly its episodes, every episode exactly its moves, and all of it is a script's."""
     protocol = study.protocol
     people = rows(path, "SELECT id, kind, script, stage FROM participants")
-    assert sorted(script for _, _, script, _ in people) == sorted(player.kind for player in log.players)
+    assert sorted(script for _, _, script, _ in people) == sorted(
+        player.kind for player in log.players
+    )
     assert {kind for _, kind, _, _ in people} == {"script"}
     assert rows(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
     for person, _, _, stage in people:
         sql = """SELECT t.phase, t.trial, t.terrain, e.seed, e.outcome FROM study_episodes t
             JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY t.phase, t.trial"""
-        played = {phase: list(group) for phase, group in groupby(rows(path, sql, person), lambda row: row[0])}
-        for phase, label, of in (("warm_up", "warm-up", protocol.warm_up), ("ranked", "ranked", protocol.ranked)):
+        played = {
+            phase: list(group)
+            for phase, group in groupby(rows(path, sql, person), lambda row: row[0])
+        }
+        for phase, label, of in (
+            ("warm_up", "warm-up", protocol.warm_up),
+            ("ranked", "ranked", protocol.ranked),
+        ):
             trials = played.get(phase, [])
             assert [trial for _, trial, *_ in trials] == list(range(len(trials)))
             assert all(seed == study.seed(label, terrain) for _, _, terrain, seed, _ in trials)
@@ -87,10 +95,16 @@ def check_database(path, study, log, kills):
         assert len(played["tutorial"]) == 1
         if stage == "complete":
             assert all(outcome for trials in played.values() for *_, outcome in trials)
-    moves = rows(path, "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id")
+    moves = rows(
+        path, "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
+    )
     assert all((low, high) == (0, count - 1) for _, count, low, high in moves)
     # a kill can lose the frame of a move that is in the database: one a player, never the move
-    assert 0 <= sum(count for _, count, _, _ in moves) - log.moves <= (kills + log.reloads) * len(people)
+    assert (
+        0
+        <= sum(count for _, count, _, _ in moves) - log.moves
+        <= (kills + log.reloads) * len(people)
+    )
     assert rows(path, "SELECT count(*) FROM identities")[0][0] == len(people)
     # an input event is never lost, though its batch may be on its way when the server is killed, and never kept twice
     columns = "episode_id, kind, code, repeat, trusted, client_ms, step, round_trip_ms"
@@ -159,7 +173,9 @@ def test_kinds_that_leave_idle_or_wander_do_what_they_are_called(server, tmp_pat
     check_database(tmp_path / "playground.db", study, log, kills=0)
     data = load(tmp_path / "playground.db", study.name)
     scripts = {person.id: person.script for person in data.people}
-    assert any(trial.outcome is None for trial in data.trials if scripts[trial.participant] == "dropper")
+    assert any(
+        trial.outcome is None for trial in data.trials if scripts[trial.participant] == "dropper"
+    )
     assert log.faults == []
 
 
@@ -180,7 +196,9 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path, capsys):
     heeding = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
     piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     first = subprocess.Popen([sys.executable, "-m", "app.cli", *command, "60"], **piped, **heeding)
-    eventually(lambda: rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0] > 20, 60)
+    eventually(
+        lambda: rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0] > 20, 60
+    )
     first.send_signal(signal.SIGINT)
     out, said = first.communicate(timeout=60)
     assert first.returncode == 130, out + said
@@ -192,9 +210,9 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path, capsys):
     assert code == 0, said
     assert out.count("complete") == 2
     assert "moves/s; act to frame in ms: p50" in out
-    assert rows(tmp_path / "playground.db", "SELECT count(*), min(stage), max(stage) FROM participants") == [
-        (2, "complete", "complete")
-    ]
+    assert rows(
+        tmp_path / "playground.db", "SELECT count(*), min(stage), max(stage) FROM participants"
+    ) == [(2, "complete", "complete")]
     assert rows(tmp_path / "playground.db", "SELECT count(*) FROM steps")[0][0] > half
     # and a third time there is nothing left to do
     code, out, said = run("1e6")
@@ -208,9 +226,17 @@ def test_stopped_players_come_back_as_themselves(server, tmp_path, capsys):
 
 def test_a_state_file_of_the_first_version_is_read(tmp_path):
     player = {"cookie": "kept", "outside_ids": {"PROLIFIC_PID": "simulated-0"}, "has_left": True}
-    head = {"format": "marsexplorer-simulate-1", "study": "dunes", "kinds": ["idler"], "population": "mixed", "seed": 5}
+    head = {
+        "format": "marsexplorer-simulate-1",
+        "study": "dunes",
+        "kinds": ["idler"],
+        "population": "mixed",
+        "seed": 5,
+    }
     (tmp_path / "state.json").write_text(json.dumps({**head, "seats": [player]}))
-    config = SimulationConfig("http://127.0.0.1:1", "dunes", ("idler",), seed=5, state=tmp_path / "state.json")
+    config = SimulationConfig(
+        "http://127.0.0.1:1", "dunes", ("idler",), seed=5, state=tmp_path / "state.json"
+    )
     saved = SavedPlayers.read(config)
     assert vars(saved.of(0)) == player
     (tmp_path / "state.json").unlink()
@@ -226,7 +252,10 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
         with pytest.raises(StudyNotReadyError) as error:
             asyncio.run(
                 simulate(
-                    SimulationConfig(**{"url": server.url, "study": study.name, "kinds": ("random",), **rest}), OutcomeLog()
+                    SimulationConfig(
+                        **{"url": server.url, "study": study.name, "kinds": ("random",), **rest}
+                    ),
+                    OutcomeLog(),
                 )
             )
         return str(error.value)
@@ -234,7 +263,10 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
     assert "there is no such study here" in refused(study="nobody")
     assert "start one with `marsexplorer serve`" in refused(url="http://127.0.0.1:9")
     assert "nothing answers GET /prefix/api/studies" in refused(url=f"{server.url}/prefix")
-    assert all("must be like http://127.0.0.1:8000" in refused(url=url) for url in ("http://[", "localhost:8000", "http://"))
+    assert all(
+        "must be like http://127.0.0.1:8000" in refused(url=url)
+        for url in ("http://[", "localhost:8000", "http://")
+    )
     assert "cannot write" in refused(state=tmp_path / "nowhere" / "state.json")
     (tmp_path / "broken.json").write_text("{")
     assert "is no state of a simulation" in refused(state=tmp_path / "broken.json")
@@ -244,7 +276,9 @@ def test_each_mistake_is_a_sentence(serve, tmp_path):
 
 def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_path):
     study = freeze(tmp_path / "studies", size=9, **ENDLESS)
-    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=400))
+    simulation = Simulation(
+        SimulationConfig(server.url, study.name, ("noisy-frontier", "idler"), seed=6, speed=400)
+    )
     simulation.reaches(30)
     Folder(tmp_path / "studies").close(study.name)
     with pytest.raises(StudyOverError, match="closed"):
@@ -254,7 +288,11 @@ def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_pat
 def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
     study = freeze(tmp_path / "studies", size=9, **ENDLESS)
     server = spawn()
-    simulation = Simulation(SimulationConfig(server.url, study.name, ("noisy-frontier",), seed=6, speed=400, patience_s=0.5))
+    simulation = Simulation(
+        SimulationConfig(
+            server.url, study.name, ("noisy-frontier",), seed=6, speed=400, patience_s=0.5
+        )
+    )
     simulation.reaches(10)
     server.kill()
     with pytest.raises(StudyOverError, match="has been away"):
@@ -268,19 +306,33 @@ def test_a_server_that_leaks_or_grants_is_found_out(server, tmp_path, monkeypatc
     study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
     monkeypatch.setattr(StudyParticipation, "hides_scores", lambda self, episode: False)
     monkeypatch.setattr("app.web.access.is_owner", lambda connection, session: True)
-    log = Simulation(SimulationConfig(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)).result()
+    log = Simulation(
+        SimulationConfig(server.url, study.name, ("cheater", "random"), seed=7, speed=FAST)
+    ).result()
     assert any(fault.startswith("a ranked frame tells its score") for fault in log.faults)
     assert any("somebody else" in fault for fault in log.faults), log.faults
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("population", SIMULATED_POPULATIONS)
-def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn, tmp_path, population):
+def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(
+    spawn, tmp_path, population
+):
     """10 x (15 + 30) at 21x21, reloads and a kill -9, a leaver, a cheater; the report's interval covers the truth."""
-    study = freeze(tmp_path / "studies", size=21, warm_up=15, ranked=30, players=10, break_every=10, labels_version="1")
+    study = freeze(
+        tmp_path / "studies",
+        size=21,
+        warm_up=15,
+        ranked=30,
+        players=10,
+        break_every=10,
+        labels_version="1",
+    )
     server = spawn()
     kinds = (*["noisy-frontier"] * 10, "dropper", "cheater")
-    simulation = Simulation(SimulationConfig(server.url, study.name, kinds, population, seed=11, speed=200))
+    simulation = Simulation(
+        SimulationConfig(server.url, study.name, kinds, population, seed=11, speed=200)
+    )
     simulation.reaches(15_000, 1800)
     server.kill()
     server = spawn(port=server.port)
@@ -294,9 +346,13 @@ def test_a_whole_study_with_a_kill_in_the_middle_comes_to_the_known_truth(spawn,
     assert verified.findings == ()
     data = load(path, study.name)
     print(check_labels(data))
-    group = next(group for group in build(data, synthetic=True).groups if group.name == "noisy-frontier")
+    group = next(
+        group for group in build(data, synthetic=True).groups if group.name == "noisy-frontier"
+    )
     truth = true_level(
-        study.protocol.env_config, [study.seed("ranked", i) for i in range(30)], SIMULATED_POPULATIONS[population]
+        study.protocol.env_config,
+        [study.seed("ranked", i) for i in range(30)],
+        SIMULATED_POPULATIONS[population],
     )
     score, steps = group.figure.score, group.figure.steps
     for line in (

@@ -28,12 +28,22 @@ def simulated(seed, players=10, terrains=30, hazard=0.002):
     rng = np.random.default_rng(seed)
     player, terrain = (part.ravel() for part in np.indices((players, terrains)))
     trial = np.concatenate([rng.permutation(terrains) for _ in range(players)])
-    of_player, of_terrain = (rng.normal(0, sd, count) for sd, count in ((PLAYER_SD, players), (TERRAIN_SD, terrains)))
+    of_player, of_terrain = (
+        rng.normal(0, sd, count) for sd, count in ((PLAYER_SD, players), (TERRAIN_SD, terrains))
+    )
     middle = SLOPE * (trial - (terrains - 1) / 2) / (terrains - 1)
-    log_steps = np.log(MEDIAN) + middle + of_player[player] + of_terrain[terrain] + rng.normal(0, REST_SD, len(player))
+    log_steps = (
+        np.log(MEDIAN)
+        + middle
+        + of_player[player]
+        + of_terrain[terrain]
+        + rng.normal(0, REST_SD, len(player))
+    )
     ends = np.minimum(rng.exponential(1 / hazard, len(player)), LIMIT)
     moves = np.ceil(np.minimum(np.exp(log_steps), ends))
-    return Episodes(player, terrain, trial, moves, np.exp(log_steps) <= ends, LIMIT, terrains), of_terrain
+    return Episodes(
+        player, terrain, trial, moves, np.exp(log_steps) <= ends, LIMIT, terrains
+    ), of_terrain
 
 
 def fitted(*seeds):
@@ -51,7 +61,9 @@ def test_every_ranked_episode_enters_and_those_without_99_percent_as_censored(tm
     found = episodes_of(cohort, ids, data.protocol.env_config.limit)
     trials = [each for person in ids for each in cohort.ranked[person]]
     assert len(found.moves) == len(trials) > 0
-    assert list(found.moves) == [each.steps for each in trials]  # what was played, not what the primary figure counts for it
+    assert list(found.moves) == [
+        each.steps for each in trials
+    ]  # what was played, not what the primary figure counts for it
     assert list(found.is_explored) == [each.outcome == "explored" for each in trials]
     assert not found.is_explored.all()
 
@@ -121,9 +133,19 @@ def test_simulated_players_terrains_and_learning_come_back_although_episodes_are
 @pytest.mark.timeout(7200)
 def test_the_posterior_intervals_cover_over_40_studies():
     models = fitted(*range(100, 140))
-    truths = {"typical": MEDIAN, "change": 100 * np.expm1(SLOPE), "rest_sd": REST_SD, "player_sd": PLAYER_SD}
+    truths = {
+        "typical": MEDIAN,
+        "change": 100 * np.expm1(SLOPE),
+        "rest_sd": REST_SD,
+        "player_sd": PLAYER_SD,
+    }
     slack = 2.6 * coverage_error(95, len(models)) / 1.96
     for name, truth in truths.items():
-        inside = 100 * np.mean([low <= truth <= high for low, high in (getattr(each, name).interval for each in models)])
+        inside = 100 * np.mean(
+            [
+                low <= truth <= high
+                for low, high in (getattr(each, name).interval for each in models)
+            ]
+        )
         assert inside > 95 - slack, name
     assert np.mean([bool(each.warnings) for each in models]) <= 0.1

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.comparisons import compare_policy, holm, new_terrains_interval, player_means, quotient_interval
+from app.statistics.comparisons import (
+    compare_policy,
+    holm,
+    new_terrains_interval,
+    player_means,
+    quotient_interval,
+)
 from app.statistics.crossed import crossed_p
 from app.statistics.intervals import printed_interval
 
@@ -54,9 +60,13 @@ def compared(seed, players=8, terrains=12, shift=0.04, policies=3):
     """Return the comparison of a policy with people who differ, as do the terrains, for everybody and for the policy alone."""
     rng = np.random.default_rng(seed)
     terrain = rng.normal(0, 0.05, terrains)
-    table = 0.8 + rng.normal(0, 0.05, (players, 1)) + terrain + rng.normal(0, 0.05, (players, terrains))
+    table = (
+        0.8 + rng.normal(0, 0.05, (players, 1)) + terrain + rng.normal(0, 0.05, (players, terrains))
+    )
     values = 0.8 + shift + terrain + rng.normal(0, 0.03, terrains)
-    return compare_policy("ppo", "score", values, table, 0.2 + rng.normal(0, 0.02, terrains), policies=policies)
+    return compare_policy(
+        "ppo", "score", values, table, 0.2 + rng.normal(0, 0.02, terrains), policies=policies
+    )
 
 
 def test_a_p_below_5_percent_and_every_interval_that_leaves_no_difference_out_are_one_statement():
@@ -68,7 +78,9 @@ def test_a_p_below_5_percent_and_every_interval_that_leaves_no_difference_out_ar
         assert (found.new[0] > 0 or found.new[1] < 0) == says
         assert (found.ratio_interval[0] > 1 or found.ratio_interval[1] < 1) == says
         assert (found.normalized_interval[0] > 1 or found.normalized_interval[1] < 1) == says
-        assert (found.simultaneous[0] > 0 or found.simultaneous[1] < 0) == (3 * found.p_value < 0.05)
+        assert (found.simultaneous[0] > 0 or found.simultaneous[1] < 0) == (
+            3 * found.p_value < 0.05
+        )
     assert seen == {True, False}
 
 
@@ -79,7 +91,11 @@ def test_the_test_knows_which_players_were_drawn():
     table = 0.7 + player[:, None] + rng.normal(0, 0.01, (5, 20))
     found = compare_policy("ppo", "score", np.full(20, 0.78), table)
     flipped = stats.permutation_test(
-        (0.78 - table.mean(0),), np.mean, permutation_type="samples", n_resamples=999, rng=np.random.default_rng(1)
+        (0.78 - table.mean(0),),
+        np.mean,
+        permutation_type="samples",
+        n_resamples=999,
+        rng=np.random.default_rng(1),
     )
     assert flipped.pvalue < 0.01
     assert found.p_value > 0.3
@@ -110,7 +126,11 @@ def test_the_quotients_interval_holds_what_the_test_keeps():
     assert low < quotient < high
     for end, outwards in ((low, -1), (high, 1)):
         assert crossed_p(top - end * table) == pytest.approx(0.05, abs=1e-6)
-        assert crossed_p(top - (end + 0.01 * outwards) * table) < 0.05 < crossed_p(top - (end - 0.01 * outwards) * table)
+        assert (
+            crossed_p(top - (end + 0.01 * outwards) * table)
+            < 0.05
+            < crossed_p(top - (end - 0.01 * outwards) * table)
+        )
 
 
 def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatever_the_terrains():
@@ -119,7 +139,9 @@ def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatev
     players = np.array([0.9, 1.0, 1.1, 0.95, 1.05])[:, None]
     found = compare_policy("twin", "score", 0.9 * terrain, players * terrain)
     assert found.ratio == pytest.approx(0.9)
-    low, high = 0.9 / (1 + np.array([1, -1]) * stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / 5**0.5)
+    low, high = 0.9 / (
+        1 + np.array([1, -1]) * stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / 5**0.5
+    )
     assert found.ratio_interval == pytest.approx((low, high), rel=0.02)
 
 
@@ -128,12 +150,20 @@ def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
     found = compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
     assert found.normalized == pytest.approx((2.6 / 3 - 0.25) / (table.mean() - 0.25))
     assert found.normalized_interval is None
-    assert compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval is None
+    assert (
+        compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval
+        is None
+    )
 
 
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     table = np.array([[0.5, 0.7, 0.6]])
     found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
-    assert (found.these, found.new, found.ratio_interval, found.normalized) == (None, None, None, None)
+    assert (found.these, found.new, found.ratio_interval, found.normalized) == (
+        None,
+        None,
+        None,
+        None,
+    )
     assert (found.p_value, found.simultaneous) == (None, None)
     assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None

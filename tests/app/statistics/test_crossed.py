@@ -6,7 +6,13 @@ from scipy import stats
 
 from app.coverage.simulated_studies import generator, mean_score, simulate_policy, simulate_studies
 from app.coverage.table import SCORE_POPULATIONS
-from app.statistics.crossed import can_be_crossed, crossed_components, crossed_interval, crossed_mean, crossed_p
+from app.statistics.crossed import (
+    can_be_crossed,
+    crossed_components,
+    crossed_interval,
+    crossed_mean,
+    crossed_p,
+)
 from tests.app.statistics.test_spread import SHROUT_FLEISS
 
 NAN = float("nan")
@@ -16,7 +22,11 @@ def mean_squares(table):
     """Return MS_P, MS_T and MS_E of a table without gaps, from their definitions."""
     players, terrains = table.shape
     grand, rows, columns = table.mean(), table.mean(1), table.mean(0)
-    rest = sum((table[p, t] - rows[p] - columns[t] + grand) ** 2 for p in range(players) for t in range(terrains))
+    rest = sum(
+        (table[p, t] - rows[p] - columns[t] + grand) ** 2
+        for p in range(players)
+        for t in range(terrains)
+    )
     return (
         terrains * sum((rows - grand) ** 2) / (players - 1),
         players * sum((columns - grand) ** 2) / (terrains - 1),
@@ -60,7 +70,11 @@ def test_studies_are_worked_on_together_as_one_by_one():
 
 def test_gaps_leave_the_components_unbiased():
     rng = np.random.default_rng(4)
-    tables = rng.normal(0, 1, (3000, 8, 1)) + rng.normal(0, 0.7, (3000, 1, 10)) + rng.normal(0, 1.5, (3000, 8, 10))
+    tables = (
+        rng.normal(0, 1, (3000, 8, 1))
+        + rng.normal(0, 0.7, (3000, 1, 10))
+        + rng.normal(0, 1.5, (3000, 8, 10))
+    )
     tables[:, rng.random((8, 10)) < 0.3] = NAN
     found = crossed_components(tables)
     assert found.player.mean() == pytest.approx(1, abs=0.05)
@@ -73,7 +87,9 @@ def test_gaps_leave_the_components_unbiased():
 @pytest.mark.parametrize("confidence", [0.8, 0.95, 0.99])
 def test_the_p_is_below_5_percent_exactly_where_the_interval_leaves_0_out(confidence):
     rng = np.random.default_rng(6)
-    tables = 0.25 + rng.normal(0, 0.3, (400, 6, 1)) - 0.3 * rng.standard_exponential((400, 6, 9)) + 0.3
+    tables = (
+        0.25 + rng.normal(0, 0.3, (400, 6, 1)) - 0.3 * rng.standard_exponential((400, 6, 9)) + 0.3
+    )
     low, high = crossed_interval(tables, confidence)
     outside = (low > 0) | (high < 0)
     assert 0.05 < outside.mean() < 0.95
@@ -86,7 +102,13 @@ def test_cells_that_are_all_alike_have_no_doubt():
 
 
 @pytest.mark.parametrize(
-    "table", [np.ones((1, 5)), np.ones((5, 1)), np.array([[1.0, NAN], [NAN, 2.0]]), np.array([[1.0, 2.0], [NAN, NAN]])]
+    "table",
+    [
+        np.ones((1, 5)),
+        np.ones((5, 1)),
+        np.array([[1.0, NAN], [NAN, 2.0]]),
+        np.array([[1.0, 2.0], [NAN, NAN]]),
+    ],
 )
 def test_too_few_values_are_not_crossed(table):
     assert not can_be_crossed(table)
@@ -95,7 +117,9 @@ def test_too_few_values_are_not_crossed(table):
 def sign_flips(differences):
     """Return the p of the test of before: signs of the terrains' differences are flipped, the players are taken as given."""
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (1999, differences.shape[-1]))
-    return (1 + (abs(signs @ differences.mean(0)) >= abs(differences.mean(0).sum()) - 1e-12).sum()) / 2000
+    return (
+        1 + (abs(signs @ differences.mean(0)) >= abs(differences.mean(0).sum()) - 1e-12).sum()
+    ) / 2000
 
 
 @pytest.mark.parametrize("icc", [0.0, 0.1, 0.3, 0.5])

@@ -43,7 +43,14 @@ def with_failures(failed, rule):
     people, trials = played(np.random.default_rng(4).normal(0.9, 0.01, (5, 6)))
     by = {person.id: index for index, person in enumerate(people)}
     changed = [
-        trial(people[by[each.participant]], each.trial, 0.3, steps=9, steps_to_99=CONFIG.limit, outcome="collided")
+        trial(
+            people[by[each.participant]],
+            each.trial,
+            0.3,
+            steps=9,
+            steps_to_99=CONFIG.limit,
+            outcome="collided",
+        )
         if each.trial < failed[by[each.participant]]
         else each
         for each in trials
@@ -57,12 +64,16 @@ def test_the_guaranteed_interval_is_the_headline_where_failures_are_one_players(
     assert found.score.headline == found.steps.headline == "guaranteed"
     assert found.score.interval == found.score.guaranteed != found.score.printed
     assert f"guaranteed 95 % interval {found.score.guaranteed[0]:.3f}" in report.sentence
-    assert any("the guaranteed interval is the headline" in line for line in report.groups[0].cautions)
+    assert any(
+        "the guaranteed interval is the headline" in line for line in report.groups[0].cautions
+    )
     assert (report.rule_version, report.rule) == ("2", RULES["2"])
     assert "95 % interval (headline)" in render(report)
 
 
-@pytest.mark.parametrize(("failed", "rule"), [((1, 1, 1, 1, 1), "2"), ((0, 0, 0, 0, 0), "2"), ((3, 0, 0, 0, 0), "1")])
+@pytest.mark.parametrize(
+    ("failed", "rule"), [((1, 1, 1, 1, 1), "2"), ((0, 0, 0, 0, 0), "2"), ((3, 0, 0, 0, 0), "1")]
+)
 def test_the_printed_interval_is_the_headline_otherwise_and_in_studies_of_rule_1(failed, rule):
     report = build(with_failures(failed, rule))
     found = report.groups[0].figure.score

@@ -49,7 +49,10 @@ def test_one_player_gives_a_mean_without_an_interval(store):
 def test_each_player_weighs_the_same_however_much_they_played(store):
     seeds = iter(range(100))
     own = {"ada": [True], "bob": [True, False, False, False], "cid": [False]}
-    episodes = {p: [store.episode(play(store, next(seeds), p, e).id) for e in plays] for p, plays in own.items()}
+    episodes = {
+        p: [store.episode(play(store, next(seeds), p, e).id) for e in plays]
+        for p, plays in own.items()
+    }
     (figure,) = human_level(store)["figures"]
     means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
     interval = estimate(np.array(means), metric_bounds(SMALL, "score")).interval
@@ -78,7 +81,9 @@ def test_the_figures_are_those_of_the_whole_estimate_to_the_last_digit(store, fa
 def made(monkeypatch):
     """How many episodes each figure was made from, in the order of making."""
     counts, make = [], module._figure
-    monkeypatch.setattr(module, "_figure", lambda config, played: counts.append(len(played)) or make(config, played))
+    monkeypatch.setattr(
+        module, "_figure", lambda config, played: counts.append(len(played)) or make(config, played)
+    )
     return counts
 
 
@@ -110,9 +115,18 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
         ("UPDATE episodes SET driver = 'script' WHERE seed = 3",),
         ("UPDATE episodes SET assisted = 1 WHERE seed = 3",),
         ("UPDATE episodes SET score = score - 1e-9 WHERE seed = 3",),
-        (f"UPDATE sessions SET owner_id = 'player-1' WHERE id = (SELECT session_id FROM episodes WHERE id = {LAST})",),
+        (
+            f"UPDATE sessions SET owner_id = 'player-1' WHERE id = (SELECT session_id FROM episodes WHERE id = {LAST})",
+        ),
     ],
-    ids=["erased", "no longer attested", "a script's", "assisted", "another score", "another player's"],
+    ids=[
+        "erased",
+        "no longer attested",
+        "a script's",
+        "assisted",
+        "another score",
+        "another player's",
+    ],
 )
 def test_an_episode_that_leaves_or_changes_does_so_in_the_next_reading(store, changes):
     for seed in range(4):
@@ -153,11 +167,18 @@ def test_configurations_are_never_mixed(store):
     play(store, seed=2)
     play(store, seed=1, config=WIDE)
     figures = human_level(store)["figures"]
-    assert [(f["level"], f["rows"], f["cols"], f["episodes"]) for f in figures] == [("random", 5, 7, 2), ("1-1-1", 7, 9, 1)]
+    assert [(f["level"], f["rows"], f["cols"], f["episodes"]) for f in figures] == [
+        ("random", 5, 7, 2),
+        ("1-1-1", 7, 9, 1),
+    ]
 
 
 def test_the_interval_is_the_t_interval_of_the_mean():
     values = [0.5, 0.7, 0.9, 0.4]
     low, high = stats.t.interval(0.95, 3, loc=np.mean(values), scale=stats.sem(values))
-    assert mean_interval(values) == {"mean": pytest.approx(0.625), "low": pytest.approx(low), "high": pytest.approx(high)}
+    assert mean_interval(values) == {
+        "mean": pytest.approx(0.625),
+        "low": pytest.approx(low),
+        "high": pytest.approx(high),
+    }
     assert mean_interval([0.5, 0.5]) == {"mean": 0.5, "low": 0.5, "high": 0.5}

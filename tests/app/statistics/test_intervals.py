@@ -19,7 +19,12 @@ from app.statistics.intervals import (
 from marsexplorer.evaluation.intervals import t_interval
 
 RNG = np.random.default_rng(7)
-SAMPLES = [RNG.standard_normal(5), 1 - RNG.standard_exponential(10), RNG.standard_exponential(30), RNG.lognormal(0, 1, 8)]
+SAMPLES = [
+    RNG.standard_normal(5),
+    1 - RNG.standard_exponential(10),
+    RNG.standard_exponential(30),
+    RNG.lognormal(0, 1, 8),
+]
 
 
 def test_the_t_interval_is_the_textbooks():
@@ -31,7 +36,9 @@ def test_the_t_interval_is_the_textbooks():
 
 @pytest.mark.parametrize("values", SAMPLES)
 def test_the_t_interval_and_the_skewness_are_scipys(values):
-    assert t_interval(values) == pytest.approx(stats.t.interval(0.95, len(values) - 1, values.mean(), stats.sem(values)))
+    assert t_interval(values) == pytest.approx(
+        stats.t.interval(0.95, len(values) - 1, values.mean(), stats.sem(values))
+    )
     assert float(skewness(values)) == pytest.approx(float(stats.skew(values, bias=False)))
 
 
@@ -82,11 +89,15 @@ def test_the_studentised_bootstrap_is_its_literal_twin():
         ratios.append((resample.mean() - values.mean()) / stats.sem(resample))
     low, high = np.quantile(ratios, [0.025, 0.975], method="inverted_cdf")
     error = stats.sem(values)
-    assert bootstrap_t(values, 999) == pytest.approx((values.mean() - high * error, values.mean() - low * error))
+    assert bootstrap_t(values, 999) == pytest.approx(
+        (values.mean() - high * error, values.mean() - low * error)
+    )
 
 
 def test_a_resample_without_spread_counts_as_infinitely_far():
-    low, high = bootstrap_t(np.array([0.0, 0.0, 0.0, 0.0, 1.0]))  # a third of the resamples are five zeros
+    low, high = bootstrap_t(
+        np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    )  # a third of the resamples are five zeros
     assert low == -math.inf or high == math.inf
 
 
@@ -95,10 +106,14 @@ def test_the_guaranteed_interval_is_its_literal_twin():
     stakes = [math.sin(math.pi * (k + 0.5) / 400) ** 2 for k in range(200)]
 
     def wealth(mean, shares):
-        return sum(math.prod(1 + stake * (x / mean - 1) for x in shares) for stake in stakes) / len(stakes)
+        return sum(math.prod(1 + stake * (x / mean - 1) for x in shares) for stake in stakes) / len(
+            stakes
+        )
 
     low = optimize.brentq(lambda mean: wealth(mean, values) - 40, 1e-6, np.mean(values))
-    high = 1 - optimize.brentq(lambda mean: wealth(mean, [1 - x for x in values]) - 40, 1e-6, 1 - np.mean(values))
+    high = 1 - optimize.brentq(
+        lambda mean: wealth(mean, [1 - x for x in values]) - 40, 1e-6, 1 - np.mean(values)
+    )
     assert guaranteed_interval(np.array(values), (0, 1)) == pytest.approx((low, high), abs=1e-6)
     ends = np.array([low - 0.01, low + 0.01, high - 0.01, high + 0.01])
     covers = guaranteed_covers(np.tile(values, (4, 1)), (0, 1), ends)
@@ -119,7 +134,9 @@ def test_the_guarantee_holds_for_what_breaks_every_other_interval(share):
 def test_scaling_the_bounds_scales_the_guaranteed_interval():
     values = np.array([0.2, 0.4, 0.9])
     low, high = guaranteed_interval(values, (0, 1))
-    assert guaranteed_interval(10 * values - 3, (-3, 7)) == pytest.approx((10 * low - 3, 10 * high - 3))
+    assert guaranteed_interval(10 * values - 3, (-3, 7)) == pytest.approx(
+        (10 * low - 3, 10 * high - 3)
+    )
 
 
 def test_a_value_outside_the_bounds_is_refused():
@@ -129,7 +146,14 @@ def test_a_value_outside_the_bounds_is_refused():
 
 def test_one_player_has_a_mean_and_no_interval():
     found = estimate(np.array([0.8]), (0, 1))
-    assert (found.mean, found.players, found.interval, found.t, found.bootstrap, found.sd) == (0.8, 1, None, None, None, None)
+    assert (found.mean, found.players, found.interval, found.t, found.bootstrap, found.sd) == (
+        0.8,
+        1,
+        None,
+        None,
+        None,
+        None,
+    )
     assert found.guaranteed is not None
 
 
@@ -143,8 +167,12 @@ def test_an_estimate_says_which_end_it_widened():
 
 @pytest.mark.parametrize("is_guaranteed", [False, True])
 @pytest.mark.parametrize("confidence", [0.95, 0.98, 1.0])
-@pytest.mark.parametrize("values", [*SAMPLES, np.array([0.2]), np.full(6, 0.3), np.array([0.9, 1.0, 1.0, 1.0])])
-def test_the_headline_alone_is_that_of_the_estimate_to_the_last_digit(values, confidence, is_guaranteed):
+@pytest.mark.parametrize(
+    "values", [*SAMPLES, np.array([0.2]), np.full(6, 0.3), np.array([0.9, 1.0, 1.0, 1.0])]
+)
+def test_the_headline_alone_is_that_of_the_estimate_to_the_last_digit(
+    values, confidence, is_guaranteed
+):
     bounds = (float(values.min()) - 0.5, float(values.max()) + 0.01)
     assert headline_interval(values, bounds, confidence, is_guaranteed) == (
         estimate(values, bounds, confidence, is_guaranteed).interval

@@ -36,7 +36,12 @@ def test_the_equivalence_test_is_two_one_sided_t_tests():
 
 @pytest.mark.parametrize(
     ("shift", "noise", "margin", "verdict"),
-    [(0, 1, 5.0, "flat"), (-30, 1, 5.0, "changed"), (0, 60, 5.0, "undecided"), (0, 1, None, "undecided")],
+    [
+        (0, 1, 5.0, "flat"),
+        (-30, 1, 5.0, "changed"),
+        (0, 60, 5.0, "undecided"),
+        (0, 1, None, "undecided"),
+    ],
 )
 def test_verdicts_on_learning(shift, noise, margin, verdict):
     rng = np.random.default_rng(8)
@@ -46,7 +51,13 @@ def test_verdicts_on_learning(shift, noise, margin, verdict):
 
 def test_learning_of_one_player_or_of_gaps_is_undecided_not_an_error():
     assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
-    gaps = np.array([[1.0, NAN, NAN, NAN, NAN, NAN], [1.0, 2.0, 2.0, 3.0, 3.0, 2.0], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]])
+    gaps = np.array(
+        [
+            [1.0, NAN, NAN, NAN, NAN, NAN],
+            [1.0, 2.0, 2.0, 3.0, 3.0, 2.0],
+            [2.0, 2.0, 2.0, 2.0, 2.0, 2.0],
+        ]
+    )
     found = assess_learning("steps", gaps, 5.0)
     assert [row[0] for row in found.by_trial] == [3, 2, 2, 2, 2, 2]
     assert found.change == pytest.approx(np.mean([1.0, 0.0]))

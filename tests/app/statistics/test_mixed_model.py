@@ -23,7 +23,12 @@ def simulated(seed, players=10, terrains=12, sds=(0.02, 0.03, 0.04), slope=0.001
     shape = (players, terrains)
     trials = rng.permuted(np.tile(np.arange(float(terrains)), (players, 1)), axis=1)
     terrain = sds[1] * rng.standard_normal(terrains)
-    table = 0.9 + sds[0] * rng.standard_normal((players, 1)) + terrain + sds[2] * rng.standard_normal(shape)
+    table = (
+        0.9
+        + sds[0] * rng.standard_normal((players, 1))
+        + terrain
+        + sds[2] * rng.standard_normal(shape)
+    )
     return table + slope * (trials - trials.mean()), trials, terrain
 
 
@@ -47,11 +52,16 @@ def test_the_figures_are_statsmodels_own():
     player, terrain = np.nonzero(known)
     fixed = np.column_stack([np.ones(known.sum()), trials[known] - trials[known].mean()])
     designs = [np.eye(10)[player], np.eye(12)[terrain]]
-    names = [[[f"{kind}{i}" for i in range(part.shape[1])]] for kind, part in zip("pt", designs, strict=True)]
+    names = [
+        [[f"{kind}{i}" for i in range(part.shape[1])]]
+        for kind, part in zip("pt", designs, strict=True)
+    ]
     effects = VCSpec(["p", "t"], names, [[part] for part in designs])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        theirs = MixedLM(100 * table[known], fixed, groups=np.zeros(known.sum()), exog_vc=effects).fit()
+        theirs = MixedLM(
+            100 * table[known], fixed, groups=np.zeros(known.sum()), exog_vc=effects
+        ).fit()
     ours = fit_mixed_model("score", table, trials)
     assert (ours.mean, ours.slope) == pytest.approx(theirs.fe_params / 100, rel=1e-4)
     sds = np.sqrt([*theirs.vcomp, theirs.scale]) / 100
@@ -61,16 +71,25 @@ def test_the_figures_are_statsmodels_own():
 
 
 def test_simulated_variances_slope_and_difficulties_come_back():
-    found = [(fit_mixed_model("score", *simulated(seed)[:2]), simulated(seed)[2]) for seed in range(20)]
-    means = [np.mean([getattr(model, name) for model, _ in found]) for name in ("player_sd", "terrain_sd", "rest_sd", "slope")]
+    found = [
+        (fit_mixed_model("score", *simulated(seed)[:2]), simulated(seed)[2]) for seed in range(20)
+    ]
+    means = [
+        np.mean([getattr(model, name) for model, _ in found])
+        for name in ("player_sd", "terrain_sd", "rest_sd", "slope")
+    ]
     assert means == pytest.approx([0.02, 0.03, 0.04, 0.001], rel=0.15)
     guesses = np.array([[each.effect for each in model.terrains] for model, _ in found])
-    assert np.corrcoef(guesses.ravel(), np.array([truth for _, truth in found]).ravel())[0, 1] > 0.85
+    assert (
+        np.corrcoef(guesses.ravel(), np.array([truth for _, truth in found]).ravel())[0, 1] > 0.85
+    )
     inside = np.mean(
         [
             low <= truth <= high
             for model, terrain in found
-            for (low, high), truth in zip([each.interval for each in model.terrains], terrain, strict=True)
+            for (low, high), truth in zip(
+                [each.interval for each in model.terrains], terrain, strict=True
+            )
         ]
     )
     assert 0.88 < inside < 0.99
@@ -101,7 +120,9 @@ def test_a_terrain_that_nobody_finished_has_no_difficulty_and_the_others_keep_th
     ],
 )
 def test_what_cannot_be_fitted_says_so_in_words(table, said):
-    found = fit_mixed_model("score", table, np.tile(np.arange(float(table.shape[1])), (len(table), 1)))
+    found = fit_mixed_model(
+        "score", table, np.tile(np.arange(float(table.shape[1])), (len(table), 1))
+    )
     assert not found.converged
     assert said in found.note
     assert (found.mean, found.interval, found.slope, found.terrains) == (None, None, None, ())
@@ -116,13 +137,17 @@ def test_a_fit_that_does_not_converge_says_so_in_words(monkeypatch):
     assert "did not converge" in found.note
 
 
-@pytest.mark.parametrize("sds", [(0.02, 0.03, 0.04), (0.0, 0.03, 0.04), (0.02, 0.0, 0.04), (0.0, 0.0, 0.04)])
+@pytest.mark.parametrize(
+    "sds", [(0.02, 0.03, 0.04), (0.0, 0.03, 0.04), (0.02, 0.0, 0.04), (0.0, 0.0, 0.04)]
+)
 def test_the_fit_does_not_depend_on_where_the_search_begins(sds, monkeypatch):
     import app.statistics.mixed_model as module
 
     first = [fit_mixed_model("score", *simulated(seed, sds=sds)[:2]) for seed in range(2)]
     fit = module._fit
-    monkeypatch.setattr(module, "_fit", lambda values, design, start: fit(values, design, (0.7, 0.7)))
+    monkeypatch.setattr(
+        module, "_fit", lambda values, design, start: fit(values, design, (0.7, 0.7))
+    )
     for seed, one in enumerate(first):
         other = fit_mixed_model("score", *simulated(seed, sds=sds)[:2])
         assert one.converged
@@ -135,7 +160,9 @@ def test_statsmodels_is_loaded_where_it_is_used_alone():
     for path in (Path(__file__).parents[3] / "app").rglob("*.py"):
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, (ast.Import, ast.ImportFrom)):
-                assert "statsmodels" not in ast.unparse(node), f"{path} loads statsmodels for everybody: it takes a second"
+                assert "statsmodels" not in ast.unparse(node), (
+                    f"{path} loads statsmodels for everybody: it takes a second"
+                )
 
 
 @pytest.mark.long

@@ -21,7 +21,9 @@ def store(tmp_path):
         yield store
 
 
-def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(store):
+def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(
+    store,
+):
     for player in ("ada", "bob", "cy"):
         for seed in range(3):
             play(store, seed + 10 * ord(player[0]), player, explore=player != "cy", config=CONFIG)
@@ -40,12 +42,16 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     assert not {"seed", "owner_id"} & rows[0].keys()
     assert not {"seed", "terrain", "owner_id"} & describe_own(rows[0]).keys()
     fresh = [
-        row["steps"] for row in rows if row["driver"] == "human" and not row["seed_chosen"] and row["outcome"] == "explored"
+        row["steps"]
+        for row in rows
+        if row["driver"] == "human" and not row["seed_chosen"] and row["outcome"] == "explored"
     ]
     assert (best["episodes"], best["explored"], best["best"]["moves"]) == (7, 6, min(fresh))
     own = [row["steps"] for row in rows if row["id"] in counted]
     assert (best["people"]["ranked"], best["people"]["you"]) == (3, round(sum(own) / 3, 1))
-    assert best["people"]["means"] == sorted([best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)])
+    assert best["people"]["means"] == sorted(
+        [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
+    )
     text = b"".join(export_own(store, "episodes", "csv", "ada")).decode()
     assert all(row["id"] in text for row in rows)
     assert not any(row["id"] in text for row in others)

@@ -30,7 +30,9 @@ def test_five_steps_are_seen_by_hardly_any_flat_study_of_ten_players():
     assert learning.power < 0.001
     assert learning.players > 100
     assert learning in plan.underpowered
-    assert simulate_flat_power(protocol(equivalence_margin=5.0), 100, np.random.default_rng(1)) < 0.03
+    assert (
+        simulate_flat_power(protocol(equivalence_margin=5.0), 100, np.random.default_rng(1)) < 0.03
+    )
     assert policies.power == pytest.approx(0.8, abs=0.05)
 
 
@@ -41,8 +43,13 @@ def test_the_derived_margin_is_reached_by_the_reports_own_test(players):
     computed = plan_study(planned).comparisons[0]
     assert computed.power >= 0.8
     assert computed.players <= players
-    assert plan_study(protocol(players=players, equivalence_margin=margin - 2)).comparisons[0].power < 0.8
-    assert simulate_flat_power(planned, 150, np.random.default_rng(2)) == pytest.approx(computed.power, abs=0.09)
+    assert (
+        plan_study(protocol(players=players, equivalence_margin=margin - 2)).comparisons[0].power
+        < 0.8
+    )
+    assert simulate_flat_power(planned, 150, np.random.default_rng(2)) == pytest.approx(
+        computed.power, abs=0.09
+    )
 
 
 def test_the_power_for_a_policy_is_that_of_the_t_test_in_simulation():
@@ -51,13 +58,18 @@ def test_the_power_for_a_policy_is_that_of_the_t_test_in_simulation():
     p = stats.ttest_1samp(means, 0, axis=1).pvalue
     assert difference_power(1.0, players, 1.4, 4) == pytest.approx((p < 0.05 / 4).mean(), abs=0.01)
     low, _ = printed_interval(means[:2000], 1 - 0.05 / 4)
-    assert (low > 0).mean() <= difference_power(1.0, players, 1.4, 4) + 0.02  # the printed interval is never narrower than t's
+    assert (low > 0).mean() <= difference_power(
+        1.0, players, 1.4, 4
+    ) + 0.02  # the printed interval is never narrower than t's
 
 
 def test_more_players_see_smaller_effects_and_one_player_sees_none():
     assert derived_margin(protocol(players=40)) < derived_margin(protocol(players=10))
     assert derived_difference(protocol(players=40)) < derived_difference(protocol(players=10))
-    assert (derived_margin(protocol(players=1)), derived_difference(protocol(players=1))) == (None, None)
+    assert (derived_margin(protocol(players=1)), derived_difference(protocol(players=1))) == (
+        None,
+        None,
+    )
     assert (flat_power(1.0, 1, 100.0), difference_power(1.0, 1, 100.0, 1)) == (0.0, 0.0)
     plan = plan_study(protocol(players=1))
     assert (plan.half_width, {each.power for each in plan.comparisons}, {each.least for each in plan.comparisons}) == (

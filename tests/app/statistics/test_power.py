@@ -28,7 +28,10 @@ def test_the_expected_and_the_assured_width_are_what_simulation_finds():
 
 
 def test_episodes_do_not_make_up_for_players():
-    many, few = plan_sample_size(0.05, 0.1, 0.01, ranked=1000), plan_sample_size(0.05, 0.1, 0.01, ranked=30)
+    many, few = (
+        plan_sample_size(0.05, 0.1, 0.01, ranked=1000),
+        plan_sample_size(0.05, 0.1, 0.01, ranked=30),
+    )
     floor = plan_sample_size(0.05, 0.0, 0.01).players
     assert floor <= many.players <= floor + 1
     assert many.players < few.players < 1.2 * floor
@@ -56,7 +59,9 @@ def test_what_cannot_be_is_refused(given, said):
 
 def test_a_studys_own_spread_is_a_plan_for_the_next():
     rng = np.random.default_rng(2)
-    scores = np.clip(0.8 + 0.05 * rng.standard_normal((30, 1)) + 0.08 * rng.standard_normal((30, 6)), 0, 1)
+    scores = np.clip(
+        0.8 + 0.05 * rng.standard_normal((30, 1)) + 0.08 * rng.standard_normal((30, 6)), 0, 1
+    )
     between, within = spread_of(study(*played(scores)))
     assert between == pytest.approx(0.05, rel=0.4)
     assert within == pytest.approx(0.08, rel=0.15)

@@ -33,12 +33,18 @@ def test_one_look_at_the_end_is_no_sequential_study():
 def test_the_boundaries_of_uneven_looks_hold_in_simulation():
     fractions = (0.3, 0.45, 0.9, 1.0)
     steps = np.sqrt(np.diff((0.0, *fractions)))
-    walks = (np.random.default_rng(3).standard_normal((400_000, 4)) * steps).cumsum(1) / np.sqrt(fractions)
+    walks = (np.random.default_rng(3).standard_normal((400_000, 4)) * steps).cumsum(1) / np.sqrt(
+        fractions
+    )
     for spending in ("obrien-fleming", "pocock"):
         found = boundaries(spending, fractions)
-        crossed = np.logical_or.accumulate(np.abs(walks) > [each.z for each in found], axis=1).mean(0)
+        crossed = np.logical_or.accumulate(np.abs(walks) > [each.z for each in found], axis=1).mean(
+            0
+        )
         assert crossed == pytest.approx([each.spent for each in found], abs=0.001)
-        assert [each.spent for each in found] == pytest.approx([spent_alpha(spending, each) for each in fractions])
+        assert [each.spent for each in found] == pytest.approx(
+            [spent_alpha(spending, each) for each in fractions]
+        )
 
 
 def test_so_early_a_look_that_nothing_may_be_concluded():

@@ -6,7 +6,9 @@ import pytest
 from app.statistics.intervals import printed_interval
 from app.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
 
-SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
+SHROUT_FLEISS = np.array(
+    [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float
+)
 """Shrout and Fleiss 1979, table 2: between mean square 11.24, within 6.26, ICC(1,1) = 0.17."""
 NAN = float("nan")
 
@@ -49,7 +51,11 @@ def test_the_icc_is_unbiased_where_players_share_their_terrains():
     rng = np.random.default_rng(3)
     shares = np.sqrt([0.05, 0.4, 0.55])
     shape = (1200, 10, 30)
-    parts = (rng.standard_normal((1200, 10, 1)), rng.standard_normal((1200, 1, 30)), rng.standard_normal(shape))
+    parts = (
+        rng.standard_normal((1200, 10, 1)),
+        rng.standard_normal((1200, 1, 30)),
+        rng.standard_normal(shape),
+    )
     tables = sum(share * part for share, part in zip(shares, parts, strict=True))
     found = [variance_components(table) for table in tables]
     assert np.mean([each.icc for each in found]) == pytest.approx(0.05, abs=0.003)
@@ -66,7 +72,9 @@ def test_gaps_leave_the_icc_near_the_truth():
         table[rng.random(table.shape) < 0.2] = NAN
         found.append(variance_components(table))
     assert np.mean([each.icc for each in found]) == pytest.approx(1 / 3.96, abs=0.02)
-    assert np.mean([each.icc_interval[0] <= 1 / 3.96 <= each.icc_interval[1] for each in found]) > 0.92
+    assert (
+        np.mean([each.icc_interval[0] <= 1 / 3.96 <= each.icc_interval[1] for each in found]) > 0.92
+    )
     sizes = (~np.isnan(table)).sum(1)
     assert found[-1].n0 == pytest.approx((sizes.sum() - (sizes**2).sum() / sizes.sum()) / 9)
 
@@ -77,7 +85,9 @@ def test_players_more_alike_than_chance_have_a_negative_icc_and_no_spread_betwee
     assert (found.between_sd, found.design_effect) == (0, 1)
 
 
-@pytest.mark.parametrize("table", [np.ones((1, 5)), np.array([[1.0, NAN], [NAN, 2.0]]), np.ones((4, 3))])
+@pytest.mark.parametrize(
+    "table", [np.ones((1, 5)), np.array([[1.0, NAN], [NAN, 2.0]]), np.ones((4, 3))]
+)
 def test_no_components_without_two_players_two_episodes_or_a_spread(table):
     assert variance_components(table) is None
 
@@ -94,10 +104,15 @@ def test_the_iqms_interval_is_the_rules_on_the_players_shares_in_it():
     winsorised = np.clip(values, low, high).mean()
     shares = [
         iqm(table)
-        + 2 * len(table) * sum(np.clip(value, low, high) - winsorised for value in row if not np.isnan(value)) / len(values)
+        + 2
+        * len(table)
+        * sum(np.clip(value, low, high) - winsorised for value in row if not np.isnan(value))
+        / len(values)
         for row in table
     ]
     assert iqm_shares(table) == pytest.approx(shares)
     assert np.mean(shares) == pytest.approx(iqm(table))
-    assert iqm_interval(table) == pytest.approx(tuple(map(float, printed_interval(np.array(shares)))))
+    assert iqm_interval(table) == pytest.approx(
+        tuple(map(float, printed_interval(np.array(shares))))
+    )
     assert iqm_shares(np.stack([table, table + 1]))[1] == pytest.approx(np.array(shares) + 1)

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.statistics.summaries import EpisodeSummary, coverage_curve, summarize_episodes, trial_summaries, visit_counts
+from app.statistics.summaries import (
+    EpisodeSummary,
+    coverage_curve,
+    summarize_episodes,
+    trial_summaries,
+    visit_counts,
+)
 from marsexplorer.config import EnvConfig
 
 TINY = EnvConfig("random", 5, 7)
@@ -19,26 +25,47 @@ def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had(
     assert made["steps"] == [0, 1, 2]
     first, second = np.array([7, 17.5, 17.5]) / 35, np.array([7, 7, 35]) / 35
     assert made["mean"] == pytest.approx((first + second) / 2, abs=1e-4)
-    low, high = stats.t.interval(0.95, 1, loc=(first[2] + second[2]) / 2, scale=stats.sem([first[2], second[2]]))
+    low, high = stats.t.interval(
+        0.95, 1, loc=(first[2] + second[2]) / 2, scale=stats.sem([first[2], second[2]])
+    )
     assert (made["low"][2], made["high"][2]) == pytest.approx((low, high), abs=1e-4)
     alone = coverage_curve(TINY, [[episode([7, 14])]])
     assert (alone["low"], alone["high"]) == ([], []), "one group gives no interval"
 
 
 def test_visits_count_every_move_and_leave_out_what_lies_off_the_grid():
-    found = np.array(visit_counts(TINY, [[episode([1], [(0, 0), (0, 1), (0, 0), (-1, 0)])], [episode([1], [(0, 0), (4, 6)])]]))
+    found = np.array(
+        visit_counts(
+            TINY,
+            [[episode([1], [(0, 0), (0, 1), (0, 0), (-1, 0)])], [episode([1], [(0, 0), (4, 6)])]],
+        )
+    )
     assert found.shape == (5, 7)
     assert (found[0, 0], found[0, 1], found[4, 6], found.sum()) == (1.5, 0.5, 0.5, 2.5)
 
 
 def test_trials_name_the_number_of_people_behind_each_point():
-    made = trial_summaries([[episode([1], steps=10), episode([1], steps=8)], [episode([1], steps=20)]])
-    assert [(each["trial"], each["players"], each["steps"]["mean"]) for each in made] == [(1, 2, 15.0), (2, 1, 8.0)]
+    made = trial_summaries(
+        [[episode([1], steps=10), episode([1], steps=8)], [episode([1], steps=20)]]
+    )
+    assert [(each["trial"], each["players"], each["steps"]["mean"]) for each in made] == [
+        (1, 2, 15.0),
+        (2, 1, 8.0),
+    ]
     assert made[1]["steps"]["low"] is None
 
 
 def test_the_unit_of_a_figure_is_the_group():
     made = summarize_episodes(
-        TINY, [[episode([1], steps=10), episode([1], steps=20, outcome="collided")], [episode([1], steps=30)]]
+        TINY,
+        [
+            [episode([1], steps=10), episode([1], steps=20, outcome="collided")],
+            [episode([1], steps=30)],
+        ],
     )
-    assert (made["groups"], made["episodes"], made["steps"]["mean"], made["completed"]) == (2, 3, 22.5, 0.75)
+    assert (made["groups"], made["episodes"], made["steps"]["mean"], made["completed"]) == (
+        2,
+        3,
+        22.5,
+        0.75,
+    )

@@ -20,7 +20,9 @@ def play_in_turn(rng, players=12, terrains=12, leak=0.0, at_once=False):
             started, ended = begin + index * MINUTE, begin + (index + 1) * MINUTE
             before = sum(end <= started for end in finished[terrain])
             finished[terrain].append(ended)
-            steps = int(90 + skill[number] + difficulty[terrain] + rng.normal(0, 10) - leak * before)
+            steps = int(
+                90 + skill[number] + difficulty[terrain] + rng.normal(0, 10) - leak * before
+            )
             rest = {"terrain": int(terrain), "started_ms": started, "ended_ms": ended}
             found.setdefault(who.id, []).append(trial(who, index, 0.9, steps, **rest))
     return found
@@ -47,7 +49,10 @@ def test_it_is_silent_for_few_people_and_where_nobody_came_later():
     assert leak_trend({}).slope is None
     few = leak_trend(play_in_turn(rng, players=4))
     assert (few.players, few.p_value) == (4, None)
-    alone = {who: [each for each in own if each.terrain == index] for index, (who, own) in enumerate(play_in_turn(rng).items())}
+    alone = {
+        who: [each for each in own if each.terrain == index]
+        for index, (who, own) in enumerate(play_in_turn(rng).items())
+    }
     nobody = leak_trend(alone)
     assert (nobody.most, nobody.slope) == (0, None)
     assert "was not tested" in nobody.sentence

@@ -68,11 +68,15 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
 
 
 @pytest.mark.parametrize("before", [0, 1, 4])
-def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_the_end_makes(store, before):
+def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_the_end_makes(
+    store, before
+):
     """Of four events some are hashed before the end, the others come later."""
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:2])
-    events = [InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)]
+    events = [
+        InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)
+    ]
     add_input_events(store, row.id, events[:before], 5)
     begun = chain.begin_hash(store.connection, row.id)
     add_input_events(store, row.id, events[before:], 5)
@@ -81,7 +85,12 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
     salt, parts, whole = store.connection.execute(sql).fetchone()
     table = json.loads(parts)["input_events"]
-    lines = [["input_events", "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms"]]
+    lines = [
+        [
+            "input_events",
+            "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms",
+        ]
+    ]
     lines += [[number, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5] for number in range(4)]
     said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     assert table == hashlib.sha256(salt + said.encode()).hexdigest()
@@ -92,7 +101,9 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
 
 def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(store):
     row, episode = open_episode(store, add_session(store), seed=1)
-    events = [InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)]
+    events = [
+        InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)
+    ]
     add_input_events(store, row.id, events[:2], 5)
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
@@ -103,13 +114,22 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
         add_input_events(store, row.id, batch, 7)
     assert kinds(store) == ["session", "episode", "events", "events"]
     assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
-    assert store.connection.execute("SELECT first FROM chain_salts WHERE kind = 'events'").fetchall() == [(2,), (5,)]
+    assert store.connection.execute(
+        "SELECT first FROM chain_salts WHERE kind = 'events'"
+    ).fetchall() == [(2,), (5,)]
     assert verify_database(store.path).findings == ()
     for number in range(6):
-        store.connection.execute("UPDATE input_events SET client_ms = client_ms + 0.5 WHERE number = ?", [number])
+        store.connection.execute(
+            "UPDATE input_events SET client_ms = client_ms + 0.5 WHERE number = ?", [number]
+        )
         (found,) = verify_database(store.path).findings
-        assert (found.where, found.what) == (f"episode {row.id}", "digest of its stored fields in the table input_events")
-        store.connection.execute("UPDATE input_events SET client_ms = client_ms - 0.5 WHERE number = ?", [number])
+        assert (found.where, found.what) == (
+            f"episode {row.id}",
+            "digest of its stored fields in the table input_events",
+        )
+        store.connection.execute(
+            "UPDATE input_events SET client_ms = client_ms - 0.5 WHERE number = ?", [number]
+        )
 
 
 def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_before_it(tmp_path):
@@ -117,10 +137,14 @@ def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_bef
     person = recorder.join(0)
     study_store = StudyStore(recorder.store)
     study_store.add_stage_event(person, 5, "break", {})
-    (entry,) = recorder.conn.execute("SELECT kind, replaces IS NOT NULL FROM chain ORDER BY number DESC LIMIT 1").fetchall()
+    (entry,) = recorder.conn.execute(
+        "SELECT kind, replaces IS NOT NULL FROM chain ORDER BY number DESC LIMIT 1"
+    ).fetchall()
     assert entry == ("participant", 1)
     assert verify_database(recorder.path).findings == ()
-    recorder.conn.execute("UPDATE stage_events SET at_ms = 1 WHERE participant_id = ? AND number = 0", [person])
+    recorder.conn.execute(
+        "UPDATE stage_events SET at_ms = 1 WHERE participant_id = ? AND number = 0", [person]
+    )
     study_store.add_stage_event(person, 6, "break", {})
     study_store.set_stage(person, 7, "withdrawn")
     recorder.close()
@@ -157,7 +181,9 @@ def test_the_same_rows_have_another_hash_each_time(copy):
         chain.append(conn, "participant", people[0])
     hashes = conn.execute("SELECT hash FROM chain ORDER BY number DESC LIMIT 2").fetchall()
     assert len(set(hashes)) == 2
-    assert conn.execute("SELECT count(*) FROM chain_salts WHERE id = ?", [people[0]]).fetchone() == (1,)
+    assert conn.execute(
+        "SELECT count(*) FROM chain_salts WHERE id = ?", [people[0]]
+    ).fetchone() == (1,)
     conn.close()
 
 
@@ -173,8 +199,15 @@ def test_a_head_is_sha256_over_the_head_before_and_the_entry(copy):
 
 def test_nothing_in_the_chain_says_who_or_when_but_for_the_day(copy):
     for table in ("players", "sessions", "participants", "episodes", "studies"):
-        ids = {ident for (ident,) in ask(copy[0], f"SELECT {'name' if table == 'studies' else 'id'} FROM {table}")}
-        assert not any(ident in repr(row) for row in ask(copy[0], "SELECT * FROM chain") for ident in ids)
+        ids = {
+            ident
+            for (ident,) in ask(
+                copy[0], f"SELECT {'name' if table == 'studies' else 'id'} FROM {table}"
+            )
+        }
+        assert not any(
+            ident in repr(row) for row in ask(copy[0], "SELECT * FROM chain") for ident in ids
+        )
     assert all(day_ms % 86_400_000 == 0 for (day_ms,) in ask(copy[0], "SELECT day_ms FROM chain"))
 
 
@@ -185,7 +218,11 @@ def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
     shutil.copy(path, known)
     theirs = "id = ?1 OR id IN (SELECT session_id FROM participants WHERE id = ?1) OR id IN (SELECT e.id FROM episodes e " \
         "JOIN participants p ON p.session_id = e.session_id WHERE p.id = ?1)"  # fmt: skip
-    lost = ask(known, f"SELECT number, kind, id, first, salt, parts FROM chain_salts WHERE {theirs}", people[0])
+    lost = ask(
+        known,
+        f"SELECT number, kind, id, first, salt, parts FROM chain_salts WHERE {theirs}",
+        people[0],
+    )
     assert len(lost) > 7
     forget(path, people[0])
     left = path.read_bytes()
@@ -194,13 +231,20 @@ def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
     conn = sqlite3.connect(known)
     for _, kind, ident, first, salt, parts in lost:
         thing = Thing(kind, ident, first)
-        assert chain.combine(chain.compute(conn, thing, salt)) in hashes, "with the salt it could be made"
-        assert not {chain.combine(chain.compute(conn, thing, each)) for each in (*salts, b"")} & hashes
+        assert chain.combine(chain.compute(conn, thing, salt)) in hashes, (
+            "with the salt it could be made"
+        )
+        assert (
+            not {chain.combine(chain.compute(conn, thing, each)) for each in (*salts, b"")} & hashes
+        )
         assert salt not in left
         assert not any(part.encode() in left for part in json.loads(parts).values())
     conn.close()
     ((note, kind),) = ask(path, "SELECT note, kind FROM chain ORDER BY number DESC LIMIT 1")
-    assert (kind, json.loads(note)) == ("forgotten", {"forgotten": sorted(number for number, *_ in lost)})
+    assert (kind, json.loads(note)) == (
+        "forgotten",
+        {"forgotten": sorted(number for number, *_ in lost)},
+    )
     result = verify_database(path)
     assert (result.findings, result.chain.forgotten) == ((), len(lost))
 
@@ -210,7 +254,10 @@ def test_an_entry_that_calls_others_forgotten_cannot_take_two_or_later_ones(copy
     conn = sqlite3.connect(path, isolation_level=None)
     chain.append_note(conn, "forgotten", {"forgotten": [3, 3, 10_000]})
     found = [finding.stored for finding in verify_database(path).findings if finding.what == "it"]
-    assert found == ["entry 3 forgotten, which is not in force", "entry 10000 forgotten, which is not in force"]
+    assert found == [
+        "entry 3 forgotten, which is not in force",
+        "entry 10000 forgotten, which is not in force",
+    ]
     conn.close()
 
 
@@ -219,7 +266,9 @@ def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgott
     path = tmp_path / "play.db"
     person, *_ = play_study(path, study)
     conn = sqlite3.connect(path, isolation_level=None)
-    (ident,) = conn.execute("SELECT min(episode_id) FROM study_episodes WHERE participant_id = ?", [person]).fetchone()
+    (ident,) = conn.execute(
+        "SELECT min(episode_id) FROM study_episodes WHERE participant_id = ?", [person]
+    ).fetchone()
     conn.execute("UPDATE steps SET key_up_ms = 1 WHERE episode_id = ?", [ident])
     conn.execute("UPDATE participants SET completed_ms = 1 WHERE id = ?", [person])
     conn.close()
@@ -232,9 +281,18 @@ def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgott
 @pytest.mark.parametrize(
     ("harm", "kind"),
     [
-        ("UPDATE input_events SET code = 'KeyQ' WHERE episode_id = (SELECT min(id) FROM episodes)", "episode"),
-        ("UPDATE identities SET value = 'other' WHERE participant_id = (SELECT min(id) FROM participants)", "participant"),
-        ("UPDATE sessions SET control = 'cookie' WHERE id = (SELECT min(id) FROM sessions)", "session"),
+        (
+            "UPDATE input_events SET code = 'KeyQ' WHERE episode_id = (SELECT min(id) FROM episodes)",
+            "episode",
+        ),
+        (
+            "UPDATE identities SET value = 'other' WHERE participant_id = (SELECT min(id) FROM participants)",
+            "participant",
+        ),
+        (
+            "UPDATE sessions SET control = 'cookie' WHERE id = (SELECT min(id) FROM sessions)",
+            "session",
+        ),
         ("UPDATE studies SET frozen_ms = 5", "study"),
         ("DELETE FROM chain_salts WHERE id = (SELECT min(id) FROM episodes)", "episode"),
     ],
@@ -248,7 +306,9 @@ def test_a_merge_makes_nothing_sound_that_was_changed_before(copy, tmp_path, har
     other.close()
     conn.close()
     merge([path, tmp_path / "other.db"], tmp_path / "both.db")
-    assert {finding.where.split()[0] for finding in verify_database(tmp_path / "both.db").findings} == {kind}
+    assert {
+        finding.where.split()[0] for finding in verify_database(tmp_path / "both.db").findings
+    } == {kind}
 
 
 def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_path):
@@ -258,7 +318,8 @@ def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_pa
     other.close()
     merge([path, tmp_path / "other.db"], tmp_path / "both.db")
     notes = [
-        json.loads(note)["merged"] for (note,) in ask(tmp_path / "both.db", "SELECT note FROM chain WHERE kind = 'merged'")
+        json.loads(note)["merged"]
+        for (note,) in ask(tmp_path / "both.db", "SELECT note FROM chain WHERE kind = 'merged'")
     ]
     heads = [verify_database(each).chain for each in (path, tmp_path / "other.db")]
     assert notes == [{"head": head.head, "entries": head.entries} for head in heads]
@@ -279,13 +340,28 @@ def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, c
     head = verify_database(path).chain
     assert code == 0
     assert f"chain: {head.entries} entries; head {head.head}\n" in said
-    run(capsys, "release", "--database", path, "--studies", tmp_path, "--study", "dunes", "--out", tmp_path / "out")
+    run(
+        capsys,
+        "release",
+        "--database",
+        path,
+        "--studies",
+        tmp_path,
+        "--study",
+        "dunes",
+        "--out",
+        tmp_path / "out",
+    )
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["chain_head"], manifest["chain_entries"]) == (head.head, head.entries)
     forget(path, people[0])
     for earlier in (head.head, head.head.upper(), tmp_path / "out"):
         code, said = run(capsys, *given, "--head", earlier)
-        assert (code, "since then: 1 of kind forgotten" in said, "1 of kind participant" in said) == (0, True, True)
+        assert (
+            code,
+            "since then: 1 of kind forgotten" in said,
+            "1 of kind participant" in said,
+        ) == (0, True, True)
     code, said = run(capsys, *given, "--head", "0" * 64)
     assert (code, said.startswith("chain: the head given is 000")) == (1, True)
 

@@ -10,7 +10,13 @@ from app.statistics.human_level import human_level
 from app.storage.erasure import forget
 from app.storage.export import export_table
 from app.storage.merging import MergeError, merge
-from app.storage.playground import attempts_of, daily_secret, find_attempt, find_terrain, keep_terrain
+from app.storage.playground import (
+    attempts_of,
+    daily_secret,
+    find_attempt,
+    find_terrain,
+    keep_terrain,
+)
 from app.storage.reader import Reader
 from app.storage.store import Store, StoreError
 from app.study.verification import verify_database
@@ -57,7 +63,11 @@ def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
 
 def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_players_own(store):
     daily, ranked = play_daily(store).id, play(store, seed=7).id
-    for at_ms, shown in ((DURING_MS, {ranked}), (AFTER_MS - 1, {ranked}), (AFTER_MS, {daily, ranked})):
+    for at_ms, shown in (
+        (DURING_MS, {ranked}),
+        (AFTER_MS - 1, {ranked}),
+        (AFTER_MS, {daily, ranked}),
+    ):
         with closing(Reader.open(store.path, public=True, at_ms=at_ms)) as reader:
             assert {row["episode"] for row in reader.episodes()} == shown
             assert {row["id"] for row in reader.finished()} == shown
@@ -67,7 +77,9 @@ def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_play
             assert reader.episode(daily, viewer="ada")["daily"] == DAY
             assert reader.episode(ranked)["daily"] is None
         for public in (True, False):
-            text = b"".join(export_table(store, "episodes", "csv", public=public, at_ms=at_ms)).decode()
+            text = b"".join(
+                export_table(store, "episodes", "csv", public=public, at_ms=at_ms)
+            ).decode()
             assert (daily in text, ranked in text) == (daily in shown, True)
             assert (f",{DAY},true\n" in text) == (daily in shown)
 
@@ -79,15 +91,27 @@ def test_a_daily_episode_enters_no_human_figure(store):
         assert [row["episode"] for row in reader.episodes(who="human")] == [ranked]
         assert [figure["episodes"] for figure in human_level(reader)["figures"]] == [1]
         assert len(reader.totals("human")) == 1
-    assert b"".join(export_table(store, "episodes", "jsonl", "human", at_ms=AFTER_MS)).count(b"\n") == 1
+    assert (
+        b"".join(export_table(store, "episodes", "jsonl", "human", at_ms=AFTER_MS)).count(b"\n")
+        == 1
+    )
 
 
 OTHER_KEY = "00" * 32
 HARMS = [
-    ("UPDATE daily_terrains SET key = '" + OTHER_KEY + "'", {"commitment", "seed of a daily attempt", "digest"}),
-    ("UPDATE daily_terrains SET config = replace(config, '13', '14')", {"config of a daily attempt", "digest"}),
+    (
+        "UPDATE daily_terrains SET key = '" + OTHER_KEY + "'",
+        {"commitment", "seed of a daily attempt", "digest"},
+    ),
+    (
+        "UPDATE daily_terrains SET config = replace(config, '13', '14')",
+        {"config of a daily attempt", "digest"},
+    ),
     ("UPDATE daily_terrains SET day = '2026-11-21'", {"day of a daily attempt", "digest"}),
-    ("UPDATE daily_attempts SET day = '2026-11-20'", {"day of a daily attempt", "start of a daily attempt", "digest"}),
+    (
+        "UPDATE daily_attempts SET day = '2026-11-20'",
+        {"day of a daily attempt", "start of a daily attempt", "digest"},
+    ),
     ("UPDATE daily_attempts SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
     ("DELETE FROM daily_attempts", {"digest"}),
     ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted of a daily attempt", "digest"}),
@@ -112,7 +136,10 @@ def test_an_episode_of_before_there_were_any_cannot_be_made_a_daily_one(tmp_path
             "SELECT e.id, s.owner_id FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE seed = 11"
         )
     assert verify_database(path).findings == ()
-    change(path, f"INSERT INTO daily_attempts VALUES ('{row['id']}', '{DAY}', '{row['owner_id']}', '{terrain.commitment}')")
+    change(
+        path,
+        f"INSERT INTO daily_attempts VALUES ('{row['id']}', '{DAY}', '{row['owner_id']}', '{terrain.commitment}')",
+    )
     assert "daily attempt" in {finding.what for finding in verify_database(path).findings}
 
 
@@ -121,7 +148,11 @@ def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
         with closing(Store(tmp_path / name)) as store:
             play_daily(store, player)
     counts, _ = merge([tmp_path / "a.db", tmp_path / "b.db", tmp_path / "a.db"], tmp_path / "c.db")
-    assert (counts.added["daily_attempts"], counts.equal["daily_attempts"], counts.added["daily_terrains"]) == (2, 1, 2)
+    assert (
+        counts.added["daily_attempts"],
+        counts.equal["daily_attempts"],
+        counts.added["daily_terrains"],
+    ) == (2, 1, 2)
     assert verify_database(tmp_path / "c.db").findings == ()
     change(tmp_path / "b.db", "DELETE FROM daily_attempts")
     with pytest.raises(MergeError, match="has other rows"):
@@ -132,7 +163,9 @@ def test_whoever_is_forgotten_leaves_no_daily_attempt(tmp_path):
     study = freeze(tmp_path / "studies")
     people = play_study(tmp_path / "play.db", study, ("human", "human"))
     with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
-        (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
+        (player,) = recorder.conn.execute(
+            "SELECT player_id FROM participants WHERE id = ?", [people[0]]
+        ).fetchone()
         mine, theirs = play_daily(recorder.store, player), play_daily(recorder.store, "bob")
         assert mine.config != CONFIG
     assert forget(tmp_path / "play.db", people[0]).episodes == 7

@@ -18,7 +18,14 @@ from app.storage.store import StoreError
 from app.storage.study_rows import participant_label
 from app.study.verification import verify_database
 from tests.support.recorded import play
-from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study, write_chain_anew
+from tests.support.stored_studies import (
+    CONFIG,
+    IDENTITIES,
+    StudyRecorder,
+    freeze,
+    play_study,
+    write_chain_anew,
+)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +35,9 @@ def origin(tmp_path_factory):
     study = freeze(folder / "studies")
     people = play_study(folder / "play.db", study)
     recorder = StudyRecorder(folder / "play.db", study)
-    (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [people[0]]).fetchone()
+    (player,) = recorder.conn.execute(
+        "SELECT player_id FROM participants WHERE id = ?", [people[0]]
+    ).fetchone()
     play(recorder.store, seed=5, player=player, config=CONFIG)
     recorder.close()
     return folder, study, people
@@ -51,13 +60,19 @@ def ask(path, sql, *values):
 def traces_of(path, person):
     """Every id and word by which the database knows a participant."""
     found = {person}
-    (row,) = ask(path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", person)
+    (row,) = ask(
+        path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", person
+    )
     found |= set(row)
-    found |= {row[0] for row in ask(path, "SELECT value FROM identities WHERE participant_id = ?", person)}
+    found |= {
+        row[0] for row in ask(path, "SELECT value FROM identities WHERE participant_id = ?", person)
+    }
     boards = ask(path, "SELECT id FROM sessions WHERE player_id = ?", row[0])
     found |= {board for (board,) in boards}
     for (board,) in boards:
-        found |= {ident for (ident,) in ask(path, "SELECT id FROM episodes WHERE session_id = ?", board)}
+        found |= {
+            ident for (ident,) in ask(path, "SELECT id FROM episodes WHERE session_id = ?", board)
+        }
     assert len(found) > 10
     return found
 
@@ -88,7 +103,9 @@ def test_it_leaves_the_log_empty_of_a_database_that_was_not_closed_well(copy):
     path, _, people = copy
     writer = sqlite3.connect(path)
     writer.execute("PRAGMA wal_autocheckpoint = 0")
-    writer.execute("UPDATE participants SET completion_code = 'CODE-in-the-log' WHERE id = ?", [people[0]])
+    writer.execute(
+        "UPDATE participants SET completion_code = 'CODE-in-the-log' WHERE id = ?", [people[0]]
+    )
     writer.commit()
     for name in ("play.db", "play.db-wal", "play.db-shm"):
         shutil.copy(path.with_name(name), path.with_name(f"killed{name[4:]}"))
@@ -138,7 +155,9 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
         assert find_participant(path, who)["id"] == people[0]
 
 
-def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(copy, tmp_path):
+def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(
+    copy, tmp_path
+):
     path, study, people = copy
     first = build_release(ReleaseRequest(path, study.name, tmp_path / "out1"))
     assert forget(path, people[0]).outdated == (1,)
@@ -168,8 +187,25 @@ def _empty(path, *more):
     """Delete all rows but the list of the forgotten."""
     conn = sqlite3.connect(path)
     conn.execute("PRAGMA foreign_keys = OFF")
-    people = ("stage_events", "identities", "participants", "sessions", "players", "studies", "releases")
-    for table in ("chain", "chain_salts", "input_events", "steps", "study_episodes", "episodes", *people, *more):
+    people = (
+        "stage_events",
+        "identities",
+        "participants",
+        "sessions",
+        "players",
+        "studies",
+        "releases",
+    )
+    for table in (
+        "chain",
+        "chain_salts",
+        "input_events",
+        "steps",
+        "study_episodes",
+        "episodes",
+        *people,
+        *more,
+    ):
         conn.execute(f"DELETE FROM {table}")
     conn.commit()
     conn.close()
@@ -184,7 +220,9 @@ def test_a_merge_with_an_older_copy_does_not_bring_them_back(copy, tmp_path):
     for number, sources in enumerate(((path, older), (older, path))):
         joined, _ = merge(sources, tmp_path / f"both{number}.db")
         assert joined.forgotten == 1
-        assert {row[0] for row in ask(tmp_path / f"both{number}.db", "SELECT id FROM participants")} == {people[0], people[2]}
+        assert {
+            row[0] for row in ask(tmp_path / f"both{number}.db", "SELECT id FROM participants")
+        } == {people[0], people[2]}
         assert people[1].encode() not in (tmp_path / f"both{number}.db").read_bytes()
         assert verify_database(tmp_path / f"both{number}.db").findings == ()
 
@@ -194,7 +232,9 @@ def test_where_the_protocol_keeps_episodes_they_stay_without_a_person(tmp_path):
     path = tmp_path / "play.db"
     people = play_study(path, study)
     (player, session, code) = ask(
-        path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", people[0]
+        path,
+        "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?",
+        people[0],
     )[0]
     done = forget(path, people[0])
     assert (done.keeps, done.episodes, done.outdated) == (True, 0, ())
@@ -213,7 +253,9 @@ def test_a_kept_episode_meets_its_older_copy_in_a_merge_without_its_person(tmp_p
     people = play_study(path, study, ("human",))
     shutil.copy(path, tmp_path / "older.db")
     forget(path, people[0])
-    for number, sources in enumerate(((path, tmp_path / "older.db"), (tmp_path / "older.db", path))):
+    for number, sources in enumerate(
+        ((path, tmp_path / "older.db"), (tmp_path / "older.db", path))
+    ):
         out = tmp_path / f"both{number}.db"
         joined, _ = merge(sources, out)
         assert (joined.added["episodes"], joined.forgotten) == (6, 1)
@@ -231,7 +273,9 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     recorder = StudyRecorder(path, second)
     other = recorder.join(0)
     recorder.play(other, "ranked", 0)
-    (player,) = recorder.conn.execute("SELECT player_id FROM participants WHERE id = ?", [person]).fetchone()
+    (player,) = recorder.conn.execute(
+        "SELECT player_id FROM participants WHERE id = ?", [person]
+    ).fetchone()
     recorder.conn.execute("UPDATE participants SET player_id = ? WHERE id = ?", (player, other))
     recorder.conn.execute("UPDATE sessions SET player_id = ?1, owner_id = ?1", [player])
     write_chain_anew(recorder.conn)

@@ -49,7 +49,9 @@ def test_csv_and_json_lines_hold_the_same_values_in_the_same_order(store):
         for line, cell in zip(lines, cells, strict=True):
             assert tuple(line) == tuple(cell) == columns
             words = {True: "true", False: "false", None: ""}
-            assert [words[v] if v is None or isinstance(v, bool) else str(v) for v in line.values()] == list(cell.values())
+            assert [
+                words[v] if v is None or isinstance(v, bool) else str(v) for v in line.values()
+            ] == list(cell.values())
 
 
 def test_an_episodes_row_tells_what_is_needed_to_play_it_again(store):
@@ -57,7 +59,12 @@ def test_an_episodes_row_tells_what_is_needed_to_play_it_again(store):
     (line,) = table(store, "episodes")
     record = store.load_record(row.id)
     assert line["verified"] is True
-    assert (line["episode"], line["seed"], line["outcome"], line["return"]) == (row.id, 1, "explored", record.total)
+    assert (line["episode"], line["seed"], line["outcome"], line["return"]) == (
+        row.id,
+        1,
+        "explored",
+        record.total,
+    )
     assert bytes.fromhex(line["terrain"]) == record.terrain
     assert line["steps"] == line["steps_to_target"] == len(line["actions"].split())
     assert line["coverage"] == replay(record).coverage
@@ -68,7 +75,9 @@ def test_steps_carry_the_path_and_the_coverage_of_the_replay(store):
     lines = table(store, "steps")
     episode = replay(store.load_record(row.id))
     assert [(line["row"], line["col"]) for line in lines] == episode.path[1:]
-    assert [line["coverage"] for line in lines] == [cells / episode.config.n for cells in episode.discoveries[1:]]
+    assert [line["coverage"] for line in lines] == [
+        cells / episode.config.n for cells in episode.discoveries[1:]
+    ]
     assert [line["step"] for line in lines] == list(range(episode.steps))
     assert {line["key_up_ms"] for line in lines} == {80.5}
     assert all(line["verified"] for line in lines)
@@ -96,20 +105,30 @@ def test_what_does_not_replay_as_recorded_is_marked_and_not_hidden(store, sql):
     tamper(store, sql)
     (line,) = table(store, "episodes")
     assert line["verified"] is False
-    assert [step["verified"] for step in table(store, "steps")] == [False] * (1 if sql.startswith("DELETE") else 2)
+    assert [step["verified"] for step in table(store, "steps")] == [False] * (
+        1 if sql.startswith("DELETE") else 2
+    )
 
 
 def test_unfinished_episodes_are_left_out(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:2])
     assert table(store, "episodes") == table(store, "steps") == []
-    assert b"".join(export_table(store, "steps", "csv")) == (",".join(COLUMNS["steps"]) + "\n").encode()
+    assert (
+        b"".join(export_table(store, "steps", "csv"))
+        == (",".join(COLUMNS["steps"]) + "\n").encode()
+    )
 
 
 def test_human_exports_hold_the_counted_episodes_only(store):
     counted = play(store, seed=1)
     play(store, seed=1)  # met before
-    for rest in ({"assisted": True}, {"seed_chosen": True}, {"driver": "script"}, {"driver": "policy:random"}):
+    for rest in (
+        {"assisted": True},
+        {"seed_chosen": True},
+        {"driver": "script"},
+        {"driver": "policy:random"},
+    ):
         play(store, seed=2, player="bob", **rest)
     assert len(table(store, "episodes")) == 6
     assert [line["episode"] for line in table(store, "episodes", who="human")] == [counted.id]
@@ -122,9 +141,15 @@ def test_pseudonyms_agree_within_an_export_and_never_between_two(store):
     key = new_key()
     lines = table(store, "episodes", key=key)
     assert lines[0]["player"] == lines[1]["player"] != lines[2]["player"]
-    assert {line["player"] for line in lines} == {line["player"] for line in table(store, "steps", key=key)}
-    assert not {line["player"] for line in lines} & {line["player"] for line in table(store, "episodes")}
-    text = b"".join(export_table(store, "episodes", "csv")) + b"".join(export_table(store, "steps", "jsonl"))
+    assert {line["player"] for line in lines} == {
+        line["player"] for line in table(store, "steps", key=key)
+    }
+    assert not {line["player"] for line in lines} & {
+        line["player"] for line in table(store, "episodes")
+    }
+    text = b"".join(export_table(store, "episodes", "csv")) + b"".join(
+        export_table(store, "steps", "jsonl")
+    )
     assert b"ada-lovelace" not in text
     assert b"session-" not in text
 
@@ -151,10 +176,18 @@ def test_an_export_given_up_halfway_leaves_the_store_working(store):
 def test_both_files_are_written_whole_or_neither(store, tmp_path):
     play(store, seed=1)
     seen = []
-    said = export_to(store.path, tmp_path / "out", "csv", "all", lambda *progress: seen.append(progress))
-    assert said == f"1 episode in {tmp_path / 'out' / 'episodes.csv'}, 2 steps in {tmp_path / 'out' / 'steps.csv'}"
+    said = export_to(
+        store.path, tmp_path / "out", "csv", "all", lambda *progress: seen.append(progress)
+    )
+    assert (
+        said
+        == f"1 episode in {tmp_path / 'out' / 'episodes.csv'}, 2 steps in {tmp_path / 'out' / 'steps.csv'}"
+    )
     assert seen[-1] == (2, 2)
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "steps.csv"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "episodes.csv",
+        "steps.csv",
+    ]
 
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -168,10 +201,14 @@ def test_episodes_that_do_not_verify_are_counted_in_what_is_said(store, tmp_path
     play(store, seed=1)
     tamper(store, "UPDATE episodes SET total = 0.25")
     for fmt in ("csv", "jsonl"):
-        assert "1 of them did not replay as recorded" in export_to(store.path, tmp_path, fmt, "all", lambda *_: None)
+        assert "1 of them did not replay as recorded" in export_to(
+            store.path, tmp_path, fmt, "all", lambda *_: None
+        )
 
 
-@pytest.mark.parametrize("wrong", [("players", "csv", "all"), ("steps", "xml", "all"), ("steps", "csv", "me")])
+@pytest.mark.parametrize(
+    "wrong", [("players", "csv", "all"), ("steps", "xml", "all"), ("steps", "csv", "me")]
+)
 def test_an_unknown_table_format_or_filter_is_refused_before_anything_is_read(store, wrong):
     with pytest.raises(ValueError, match="must be one of"):
         export_table(store, *wrong)
@@ -191,13 +228,17 @@ def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):
 
 
 @pytest.mark.parametrize(
-    ("folder", "fmt", "who"), [("csv", "csv", "all"), ("jsonl", "jsonl", "all"), ("human", "csv", "human")]
+    ("folder", "fmt", "who"),
+    [("csv", "csv", "all"), ("jsonl", "jsonl", "all"), ("human", "csv", "human")],
 )
 def test_an_export_of_an_earlier_database_is_what_it_always_was(tmp_path, folder, fmt, who):
     path, _ = earlier.database(4, tmp_path)
     export_to(path, tmp_path / "out", fmt, who, lambda done, total: None)
     for name in COLUMNS:
-        was, now = (read_under_one_pseudonym(place / f"{name}.{fmt}") for place in (EXPORTS / folder, tmp_path / "out"))
+        was, now = (
+            read_under_one_pseudonym(place / f"{name}.{fmt}")
+            for place in (EXPORTS / folder, tmp_path / "out")
+        )
         assert without_later_columns(now) == was
 
 

@@ -33,7 +33,12 @@ def ask(path, sql):
 def test_two_servers_of_one_study_become_one(servers, tmp_path):
     folder, study = servers
     joined, twice = merge([folder / "a.db", folder / "b.db"], tmp_path / "c.db")
-    assert (joined.added["participants"], joined.added["episodes"], joined.equal["episodes"], twice) == (4, 24, 0, 0)
+    assert (
+        joined.added["participants"],
+        joined.added["episodes"],
+        joined.equal["episodes"],
+        twice,
+    ) == (4, 24, 0, 0)
     result = verify_database(tmp_path / "c.db")
     assert (result.findings, result.episodes) == ((), 24)
     assert ask(tmp_path / "c.db", "SELECT count(*) FROM meta") == [(0,)]
@@ -71,7 +76,10 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
             r"the table steps has episode_id .*, step 1 with another content in .*b.db",
         ),
         ("UPDATE participants SET stage = 'ranked'", "the table participants has id"),
-        ("UPDATE studies SET protocol_hash = 'x'", "another protocol_hash.*two studies of one name"),
+        (
+            "UPDATE studies SET protocol_hash = 'x'",
+            "another protocol_hash.*two studies of one name",
+        ),
         ("UPDATE studies SET secret = '00'", "another secret"),
     ],
 )
@@ -87,9 +95,14 @@ def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
     assert not list(tmp_path.glob("*c.db*"))
 
 
-@pytest.mark.parametrize("harm", ["DELETE FROM stage_events WHERE number = 2", "DELETE FROM input_events WHERE number = 1000"])
+@pytest.mark.parametrize(
+    "harm",
+    ["DELETE FROM stage_events WHERE number = 2", "DELETE FROM input_events WHERE number = 1000"],
+)
 @pytest.mark.parametrize("first", ["a.db", "b.db"])
-def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(servers, tmp_path, harm, first):
+def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(
+    servers, tmp_path, harm, first
+):
     for name in ("a.db", "b.db"):
         shutil.copy(servers[0] / "a.db", tmp_path / name)
     conn = sqlite3.connect(tmp_path / "b.db", isolation_level=None)
@@ -104,7 +117,9 @@ def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     play_study(tmp_path / "a.db", study, ("human",))
     from app.study.folder import Folder
 
-    play_study(tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1)
+    play_study(
+        tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1
+    )
     merge([tmp_path / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
     ((closed_ms, secret),) = ask(tmp_path / "c.db", "SELECT closed_ms, secret FROM studies")
     assert closed_ms
@@ -112,12 +127,22 @@ def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     assert verify_database(tmp_path / "c.db").findings == ()
 
 
-def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(servers, tmp_path, capsys):
+def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(
+    servers, tmp_path, capsys
+):
     folder, study = servers
     recorder = StudyRecorder(tmp_path / "live.db", study)
     recorder.play(recorder.join(0), "warm_up", 0)
     with pytest.raises(SystemExit) as left:
-        main(["merge", str(folder / "a.db"), str(tmp_path / "live.db"), "--out", str(tmp_path / "c.db")])
+        main(
+            [
+                "merge",
+                str(folder / "a.db"),
+                str(tmp_path / "live.db"),
+                "--out",
+                str(tmp_path / "c.db"),
+            ]
+        )
     said = capsys.readouterr()
     assert (left.value.code, said.err) == (0, "")
     assert "3 participants and 13 episodes from 2 databases" in said.out

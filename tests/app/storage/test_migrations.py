@@ -30,12 +30,19 @@ def old(request, tmp_path):
 
 
 def count_rows(conn):
-    tables = [name for (name,) in conn.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
+    tables = [
+        name
+        for (name,) in conn.execute(
+            "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+        )
+    ]
     return {table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in tables}
 
 
 def read_digests(conn):
-    return [list(row) for row in conn.execute("SELECT kind, id, digest FROM digests ORDER BY kind, id")]
+    return [
+        list(row) for row in conn.execute("SELECT kind, id, digest FROM digests ORDER BY kind, id")
+    ]
 
 
 def test_there_is_a_database_of_every_earlier_schema():
@@ -77,7 +84,9 @@ def test_an_old_database_gets_the_digests_it_always_got(schema, tmp_path):
 def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(schema, tmp_path):
     path, _ = earlier.database(schema, tmp_path)
     with closing(open_database(path).conn) as conn:
-        found = conn.execute("SELECT c.*, s.id, s.salt, s.parts FROM chain c JOIN chain_salts s USING (number)").fetchall()
+        found = conn.execute(
+            "SELECT c.*, s.id, s.salt, s.parts FROM chain c JOIN chain_salts s USING (number)"
+        ).fetchall()
         before = ""
         for *entry, head, ident, salt, parts in sorted(found):
             made = chain.compute(conn, chain.Thing(entry[2], ident), salt, entry[3])
@@ -87,7 +96,9 @@ def test_the_first_chain_is_what_the_code_that_goes_on_with_it_would_have_made(s
         assert {chain.Thing(row[2], row[-3]) for row in found} == chain.things(conn)
 
 
-def test_a_chain_of_an_earlier_schema_keeps_its_head_and_goes_on_with_entries_of_the_newest_version(tmp_path):
+def test_a_chain_of_an_earlier_schema_keeps_its_head_and_goes_on_with_entries_of_the_newest_version(
+    tmp_path,
+):
     path, expected = earlier.database(5, tmp_path)
     was = expected["upgraded"]["chain"]
     with closing(Store(path)) as store:
@@ -96,26 +107,44 @@ def test_a_chain_of_an_earlier_schema_keeps_its_head_and_goes_on_with_entries_of
         (running, *_) = (found for found in resumable(store, 0) if not found.ended)
         episode = restore_episode(running.episode, running.actions)
         episode.abandon()
-        store.close_episode(running.episode.id, episode.record(), running.episode.started_ms + 1, "unattested", "given up")
-        versions = store.query("SELECT version, count(*) AS n FROM chain GROUP BY version ORDER BY version")
+        store.close_episode(
+            running.episode.id,
+            episode.record(),
+            running.episode.started_ms + 1,
+            "unattested",
+            "given up",
+        )
+        versions = store.query(
+            "SELECT version, count(*) AS n FROM chain GROUP BY version ORDER BY version"
+        )
     assert [tuple(row.values()) for row in versions] == [(1, was["entries"]), (chain.VERSION, 1)]
     verified = verify_database(path, head=was["head"])
-    assert [finding.what for finding in verified.findings] == ["attestation"]  # which this test made up
+    assert [finding.what for finding in verified.findings] == [
+        "attestation"
+    ]  # which this test made up
     assert verified.since.entry == was["entries"]
 
 
 HARMED_BEFORE = [
     ("UPDATE steps SET client_ms = 5 WHERE episode_id = (SELECT min(episode_id) FROM steps)", 1),
     ("UPDATE participants SET joined_ms = joined_ms + 1 WHERE stage = 'complete'", 1),
-    ("DELETE FROM stage_events WHERE number = 2 AND participant_id = (SELECT min(participant_id) FROM stage_events)", 1),
-    ("DELETE FROM digests WHERE kind = 'episode' AND id = (SELECT min(id) FROM digests WHERE kind = 'episode')", 1),
+    (
+        "DELETE FROM stage_events WHERE number = 2 AND participant_id = (SELECT min(participant_id) FROM stage_events)",
+        1,
+    ),
+    (
+        "DELETE FROM digests WHERE kind = 'episode' AND id = (SELECT min(id) FROM digests WHERE kind = 'episode')",
+        1,
+    ),
     ("UPDATE input_events SET code = 'x' WHERE number = 0", 12),
     ("DELETE FROM participants WHERE stage = 'withdrawn'", 2),
 ]
 
 
 @pytest.mark.parametrize(("harm", "count"), HARMED_BEFORE)
-def test_what_schema_4_could_find_is_found_after_the_upgrade_and_after_later_changes(harm, count, tmp_path):
+def test_what_schema_4_could_find_is_found_after_the_upgrade_and_after_later_changes(
+    harm, count, tmp_path
+):
     path, _ = earlier.database(4, tmp_path)
     with closing(sqlite3.connect(path, isolation_level=None)) as conn:
         conn.execute("PRAGMA foreign_keys = OFF")
@@ -132,10 +161,15 @@ def test_what_schema_4_could_find_is_found_after_the_upgrade_and_after_later_cha
 
 def test_the_old_schemas_are_what_the_migrations_make(old):
     path, expected = old
-    with closing(sqlite3.connect(path)) as conn, closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
+    with (
+        closing(sqlite3.connect(path)) as conn,
+        closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh,
+    ):
         for migration in MIGRATIONS[: expected["user_version"]]:
             migration(fresh)
-        schema = "SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY type, name"
+        schema = (
+            "SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY type, name"
+        )
         assert conn.execute(schema).fetchall() == fresh.execute(schema).fetchall()
 
 
@@ -146,12 +180,19 @@ def test_every_episode_of_an_old_database_simulates_to_what_was_recorded(old):
         for ident, totals in expected["finished"].items():
             record = reader.load_record(ident)
             episode = replay(record)
-            assert {name: getattr(episode, name) for name in ("outcome", "steps", "discovered", "score")} == {
-                name: totals[name] for name in ("outcome", "steps", "discovered", "score")
-            }
-            assert (record.total, record.trajectory_hash) == (totals["total"], totals["trajectory_hash"])
+            assert {
+                name: getattr(episode, name) for name in ("outcome", "steps", "discovered", "score")
+            } == {name: totals[name] for name in ("outcome", "steps", "discovered", "score")}
+            assert (record.total, record.trajectory_hash) == (
+                totals["total"],
+                totals["trajectory_hash"],
+            )
     verified = verify_database(path)
-    assert [str(finding) for finding in verified.findings] == expected["upgraded"]["verify"]["findings"] == []
+    assert (
+        [str(finding) for finding in verified.findings]
+        == expected["upgraded"]["verify"]["findings"]
+        == []
+    )
     for name in ("episodes", "moves", "still_open"):
         assert getattr(verified, name) == expected["upgraded"]["verify"][name]
 
@@ -192,5 +233,7 @@ def test_a_migration_that_fails_leaves_the_schema_before_it(path):
     with pytest.raises(StoreError, match="cannot open"):
         open_database(path, migrations=(*MIGRATIONS, broken))
     store = Store(path)
-    assert store._db.execute("SELECT count(*) FROM sqlite_master WHERE name = 'half'").fetchone() == (0,)
+    assert store._db.execute(
+        "SELECT count(*) FROM sqlite_master WHERE name = 'half'"
+    ).fetchone() == (0,)
     store.close()

@@ -22,14 +22,24 @@ CALLS = {"execute", "executemany", "executescript", "query"}
 def find_sql(source):
     """Return (line, text) of every string that is an SQL statement and of every call that takes one."""
     tree = ast.parse(source)
-    texts = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings and their like
+    texts = {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
+    }  # docstrings and their like
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            text = "".join(part.value if isinstance(part, ast.Constant) else "x" for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in texts:
+            text = "".join(
+                part.value if isinstance(part, ast.Constant) else "x" for part in node.values
+            )
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in texts
+        ):
             text = node.value
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CALLS:
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in CALLS
+        ):
             found.append((node.lineno, f".{node.func.attr}("))
             continue
         else:
@@ -53,7 +63,9 @@ def test_no_other_folder_speaks_sql():
 
 @pytest.mark.parametrize("folder", SPEAKERS)
 def test_the_search_finds_sql_where_it_does_stand(folder):
-    found = [text for path in (ROOT / folder).rglob("*.py") for _, text in find_sql(path.read_text())]
+    found = [
+        text for path in (ROOT / folder).rglob("*.py") for _, text in find_sql(path.read_text())
+    ]
     assert any(text.lower().startswith("select") for text in found)
     assert any(text.startswith(".execute") for text in found)
 

@@ -16,7 +16,17 @@ from app.storage.database import APPLICATION_ID, StoreError
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
-from tests.support.recorded import NOW, SMALL, add_session, add_steps, free_moves, open_episode, play, resumable, tour
+from tests.support.recorded import (
+    NOW,
+    SMALL,
+    add_session,
+    add_steps,
+    free_moves,
+    open_episode,
+    play,
+    resumable,
+    tour,
+)
 
 STEP = StepRow(
     episode_id="", step=0, action=1, reward=0.5, discovered=9, server_ms=NOW,
@@ -51,7 +61,9 @@ def test_what_was_committed_is_there_for_another_connection_at_once(store, path)
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:1])
     with sqlite3.connect(path) as other:
-        assert other.execute("SELECT step, action, reward FROM steps").fetchall() == [(0, episode.actions[0], episode.reward)]
+        assert other.execute("SELECT step, action, reward FROM steps").fetchall() == [
+            (0, episode.actions[0], episode.reward)
+        ]
     other.close()
 
 
@@ -59,7 +71,12 @@ def test_a_step_is_taken_once_and_in_order_and_never_after_the_end(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     add_steps(store, row, episode, free_moves(episode)[:2])
     step = replace(STEP, episode_id=row.id, step=1)
-    for wrong in (step, replace(step, step=3), replace(step, step=2, episode_id="nowhere"), replace(step, step=-1)):
+    for wrong in (
+        step,
+        replace(step, step=3),
+        replace(step, step=2, episode_id="nowhere"),
+        replace(step, step=-1),
+    ):
         with pytest.raises(StoreError, match="nothing changed"):
             store.add_step(wrong)
     episode.abandon()
@@ -147,16 +164,23 @@ def test_the_same_bits_in_another_shape_are_another_terrain(store):
     other = replace(first.config, rows=7, cols=5)
     row = replace(first, id="turned", session_id=add_session(store), config=other)
     store.open_episode(row)
-    assert store._db.execute("SELECT terrain_met_before FROM episodes WHERE id = 'turned'").fetchone() == (0,)
+    assert store._db.execute(
+        "SELECT terrain_met_before FROM episodes WHERE id = 'turned'"
+    ).fetchone() == (0,)
 
 
 def test_a_player_and_a_rival_opened_together_do_not_meet_each_others_terrain(store):
     mine = add_session(store)
     row, _ = open_episode(store, mine, seed=1, assisted=True)
     rival = add_session(store, None, "random", rival_of=mine)
-    rows = [replace(row, id="b", session_id=rival, seed=2, terrain=b"other"), replace(row, id="a", number=1, terrain=b"other")]
+    rows = [
+        replace(row, id="b", session_id=rival, seed=2, terrain=b"other"),
+        replace(row, id="a", number=1, terrain=b"other"),
+    ]
     store.next_episode([], rows)
-    assert store._db.execute("SELECT terrain_met_before FROM episodes WHERE id IN ('a', 'b')").fetchall() == [(0,), (0,)]
+    assert store._db.execute(
+        "SELECT terrain_met_before FROM episodes WHERE id IN ('a', 'b')"
+    ).fetchall() == [(0,), (0,)]
 
 
 def test_a_rival_that_ended_first_does_not_tell_the_terrain_its_player_is_on(store):
@@ -235,9 +259,19 @@ def test_a_missing_folder_is_made(tmp_path):
 
 
 def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
-    sql = dict(store._db.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall())
+    sql = dict(
+        store._db.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
+    )
     play = {"meta", "players", "sessions", "episodes", "steps"}
-    studies = {"studies", "participants", "identities", "stage_events", "study_episodes", "input_events", "forgotten"}
+    studies = {
+        "studies",
+        "participants",
+        "identities",
+        "stage_events",
+        "study_episodes",
+        "input_events",
+        "forgotten",
+    }
     assert set(sql) == play | studies | {"daily_terrains", "daily_attempts"} | {
         "chain",
         "chain_salts",
@@ -249,7 +283,8 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
     }
     assert all("STRICT" in text for text in sql.values())
     pragma = {
-        name: store._db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("journal_mode", "synchronous", "foreign_keys")
+        name: store._db.execute(f"PRAGMA {name}").fetchone()[0]
+        for name in ("journal_mode", "synchronous", "foreign_keys")
     }
     assert pragma == {"journal_mode": "wal", "synchronous": 1, "foreign_keys": 1}
     assert int.from_bytes(path.read_bytes()[68:72], "big") == APPLICATION_ID
@@ -289,7 +324,12 @@ def foreign(path):
 
 
 @pytest.mark.parametrize(
-    "make", [foreign, lambda path: path.write_text("dear diary\n" * 50), lambda path: path.write_bytes(b"x")]
+    "make",
+    [
+        foreign,
+        lambda path: path.write_text("dear diary\n" * 50),
+        lambda path: path.write_bytes(b"x"),
+    ],
 )
 @pytest.mark.parametrize("opening", [Store, Reader.open])
 def test_a_file_that_is_not_ours_is_refused_and_left_as_it_is(tmp_path, path, make, opening):
@@ -346,7 +386,9 @@ def as_nobody(action):
     """Return what `action()` prints as a user without rights, in a child: root writes through every permission."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # forking beside threads: the child uses none of their locks
+        warnings.simplefilter(
+            "ignore"
+        )  # forking beside threads: the child uses none of their locks
         child = os.fork()
     if child == 0:
         try:
@@ -395,13 +437,17 @@ def test_a_read_only_database_is_refused_for_writing_and_open_for_reading(open_f
     one, two, three = as_nobody(read_and_write)
     assert one == "1"
     assert two == f"the database {path} is read-only: make it writable or give another --database"
-    assert three.startswith(f"cannot write the database {open_folder / 'new.db'}: Permission denied")
+    assert three.startswith(
+        f"cannot write the database {open_folder / 'new.db'}: Permission denied"
+    )
     assert path.read_bytes() == before
 
 
 def test_random_episodes_come_back_as_they_were(store):
     for seed in range(20):
-        row = play(store, seed=seed, explore=seed % 2 == 0, config=replace(SMALL, rows=5 + seed % 3))
+        row = play(
+            store, seed=seed, explore=seed % 2 == 0, config=replace(SMALL, rows=5 + seed % 3)
+        )
         twin = Episode.begin(row.config, seed=seed)
         record = store.load_record(row.id)
         for action in record.actions:
@@ -424,5 +470,7 @@ def test_reading_in_the_servers_process_keeps_its_hold_on_the_file(path, store):
     assert log.stat().st_ino == before
     row = play(store, seed=2)
     with sqlite3.connect(path) as other:
-        assert other.execute("SELECT count(*) FROM episodes WHERE id = ?", [row.id]).fetchone() == (1,)
+        assert other.execute("SELECT count(*) FROM episodes WHERE id = ?", [row.id]).fetchone() == (
+            1,
+        )
     other.close()

@@ -33,7 +33,9 @@ def rows(server, sql, *values):
 def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server, study, tmp_path):
     client = server.client()
     offered = {"recruitment": "open", "warm_up": 2, "ranked": 3}
-    assert client.get("/api/studies").json() == [{"name": "small", "title": study.protocol.title, "status": "open", **offered}]
+    assert client.get("/api/studies").json() == [
+        {"name": "small", "title": study.protocol.title, "status": "open", **offered}
+    ]
     described = client.get("/api/studies/small").json()
     assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
@@ -47,9 +49,16 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
 
 
 def test_the_whole_way_from_consent_to_completion_code(server, study):
-    person = Person(server, outside_ids={"PROLIFIC_PID": "pid-1", "STUDY_ID": "s-1", "WEATHER": "fine"})
+    person = Person(
+        server, outside_ids={"PROLIFIC_PID": "pid-1", "STUDY_ID": "s-1", "WEATHER": "fine"}
+    )
     where = person.where
-    assert (where["stage"], where["session"], where["about"], where["phase"]) == ("consent", None, None, None)
+    assert (where["stage"], where["session"], where["about"], where["phase"]) == (
+        "consent",
+        None,
+        None,
+        None,
+    )
     assert where["consent"]["text"] == study.protocol.consent.text
     assert "2 practice rounds and 3 rounds that count" in where["consent"]["text"]
     assert where["rules"] == {"coverage": "99 %", "lidar_radius": "6", "max_steps": "63"}
@@ -77,33 +86,55 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     assert where["stage"] == "debrief"
     debrief = where["debrief"]
     assert [each["outcome"] for each in debrief["episodes"]] == ["explored"] * 3
-    assert debrief["policy"] == {"name": "frontier-cost", **dict.fromkeys(("mean_steps_warm_up", "own_mean_steps_warm_up"), debrief["policy"]["own_mean_steps_warm_up"])}  # fmt: skip # noqa: E501
+    assert debrief["policy"] == {"name": "frontier-cost", **dict.fromkeys(("mean_steps_warm_up", "own_mean_steps_warm_up"), debrief["policy"]["own_mean_steps_warm_up"])}  # fmt: skip
     assert len(debrief["completion_code"]) == 8
     for index in range(2):
         replays = person.client.get(f"{person.url}/debrief/{index}").json()
         assert replays["own"] == seen["warm_up"][index]
-        assert [frame["grid"] for frame in replays["policy"]["frames"]] == [frame["grid"] for frame in replays["own"]]
+        assert [frame["grid"] for frame in replays["policy"]["frames"]] == [
+            frame["grid"] for frame in replays["own"]
+        ]
     assert person.client.get(f"{person.url}/debrief/2").status_code == 404
     person.call("advance", {"from": "debrief"})
-    assert (person.where["stage"], person.where["debrief"]["completion_code"]) == ("complete", debrief["completion_code"])
+    assert (person.where["stage"], person.where["debrief"]["completion_code"]) == (
+        "complete",
+        debrief["completion_code"],
+    )
     kept = rows(server, "SELECT name, value FROM identities ORDER BY name")
-    assert [tuple(each.values()) for each in kept] == [("PROLIFIC_PID", "pid-1"), ("STUDY_ID", "s-1")]
+    assert [tuple(each.values()) for each in kept] == [
+        ("PROLIFIC_PID", "pid-1"),
+        ("STUDY_ID", "s-1"),
+    ]
     check_rows(server, study)
 
 
 def check_rows(server, study):
     """The database holds what was played, on the study's terrains, in the participant's order."""
     (participant,) = rows(server, "SELECT * FROM participants")
-    assert (participant["kind"], participant["stage"], participant["consent_version"]) == ("human", "complete", "1")
+    assert (participant["kind"], participant["stage"], participant["consent_version"]) == (
+        "human",
+        "complete",
+        "1",
+    )
     assert participant["completed_ms"] >= participant["consent_ms"] >= participant["joined_ms"]
-    trials = rows(server, "SELECT * FROM study_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number")
+    trials = rows(
+        server,
+        "SELECT * FROM study_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number",
+    )
     own = study.balanced_order("human", 0)
     assert [(each["phase"], each["trial"], each["terrain"]) for each in trials] == [
         ("tutorial", 0, 0), ("warm_up", 0, 0), ("warm_up", 1, 1), *(("ranked", i, own[i]) for i in range(3))
     ]  # fmt: skip
-    seeds = [1, study.seed("warm-up", 0), study.seed("warm-up", 1), *(study.seed("ranked", i) for i in own)]
+    seeds = [
+        1,
+        study.seed("warm-up", 0),
+        study.seed("warm-up", 1),
+        *(study.seed("ranked", i) for i in own),
+    ]
     assert [each["seed"] for each in trials] == seeds
-    assert {(each["seed_chosen"], each["assisted"], each["driver"]) for each in trials} == {(0, 0, "human")}
+    assert {(each["seed_chosen"], each["assisted"], each["driver"]) for each in trials} == {
+        (0, 0, "human")
+    }
     assert {each["session_id"] for each in trials} == {participant["session_id"]}
     for each in trials:
         record = server.services.store.load_record(each["id"])
@@ -167,10 +198,16 @@ def test_each_step_out_of_turn_is_refused_in_words(server):
     yes = {"version": "1", "agree": True}
     assert "you are at the consent" in person.refused("next")
     assert "you are at the consent" in person.refused("answers", {"answers": [0, 1, 1]})
-    assert "you are at the consent, not at the instructions" in person.refused("advance", {"from": "instructions"})
-    assert "the consent text is version '1', not '2'" in person.refused("consent", {**yes, "version": "2"})
+    assert "you are at the consent, not at the instructions" in person.refused(
+        "advance", {"from": "instructions"}
+    )
+    assert "the consent text is version '1', not '2'" in person.refused(
+        "consent", {**yes, "version": "2"}
+    )
     person.call("consent", yes)
-    assert "you are at the instructions; this belongs to the consent" in person.refused("consent", yes)
+    assert "you are at the instructions; this belongs to the consent" in person.refused(
+        "consent", yes
+    )
     person.call("advance", {"from": "instructions"})
     assert "play the tutorial to its end first" in person.refused("advance", {"from": "tutorial"})
     assert "nothing to give up" in person.refused("give-up", {"episode": "e", "step": 0})
@@ -178,8 +215,12 @@ def test_each_step_out_of_turn_is_refused_in_words(server):
     assert "play the tutorial" in person.refused("advance", {"from": "tutorial"})
     person.play()
     person.call("advance", {"from": "tutorial"})
-    assert "one choice for each of the 3 questions, got 1" in person.refused("answers", {"answers": [0]}, 422)
-    assert "answer 2 must be 0 to 2, got 7" in person.refused("answers", {"answers": [0, 1, 7]}, 422)
+    assert "one choice for each of the 3 questions, got 1" in person.refused(
+        "answers", {"answers": [0]}, 422
+    )
+    assert "answer 2 must be 0 to 2, got 7" in person.refused(
+        "answers", {"answers": [0, 1, 7]}, 422
+    )
     assert "at least 0" in person.refused("answers", {"answers": [0, 1, -1]}, 422)
     person.call("answers", {"answers": [0, 1, 1]})
     assert person.client.get(f"{person.url}/debrief/0").status_code == 409
@@ -191,7 +232,10 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
     client = server.client()
     for name in ("none", "..", "A B", "x" * 60):
         assert client.get(f"/api/studies/{name}").status_code == 404
-    assert client.post("/api/studies/none/join").json()["detail"] == "there is no such study here: check the link"
+    assert (
+        client.post("/api/studies/none/join").json()["detail"]
+        == "there is no such study here: check the link"
+    )
     freeze(tmp_path / "studies", "later")
     assert client.post("/api/studies/later/join").status_code == 201
     stranger = server.client()
@@ -206,7 +250,11 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
         ("advance", {"from": "ranked"}, "from must be"),
         ("advance", {"form": "tutorial"}, "unknown field 'form'; the fields are: from"),
         ("settings", {"palette": "pink"}, "palette must be"),
-        ("settings", {"keys": {"north": ["KeyW"], "south": ["KeyW"]}}, "one key cannot mean two directions"),
+        (
+            "settings",
+            {"keys": {"north": ["KeyW"], "south": ["KeyW"]}},
+            "one key cannot mean two directions",
+        ),
         ("join", {"outside_ids": {"PROLIFIC_PID": "x" * 300}}, "at most 200 characters"),
     ):
         assert said in person.refused(what, body, 422)
@@ -257,7 +305,9 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     assert done.me()["debrief"]["completion_code"]
     done.call("advance", {"from": "debrief"})
     assert rows(server, "SELECT secret FROM studies") == [{"secret": study.secret.hex()}]
-    (tmp_path / "studies" / "small" / "closed.json").unlink()  # its terrains are public: there is no way back
+    (
+        tmp_path / "studies" / "small" / "closed.json"
+    ).unlink()  # its terrains are public: there is no way back
     assert "is closed" in person.refused("next")
 
 
@@ -267,7 +317,9 @@ def test_one_outside_id_is_one_person_and_one_cookie(server):
     assert first.client.post(f"{first.url}/join", json={"outside_ids": ids}).status_code == 200
     assert first.client.post(f"{first.url}/join").status_code == 200
     twin = Person(server, joins=False)
-    assert "joined with this PROLIFIC_PID in another browser" in twin.refused("join", {"outside_ids": ids})
+    assert "joined with this PROLIFIC_PID in another browser" in twin.refused(
+        "join", {"outside_ids": ids}
+    )
     second = Person(server, outside_ids={**ids, "PROLIFIC_PID": "pid-2"})
     assert second.where["participant"] != first.where["participant"]
     said = first.refused("join", {"outside_ids": {"PROLIFIC_PID": "pid-3"}})
@@ -306,7 +358,9 @@ def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
     server.stop()
     path = server.services.store.path
     assert forget(path, person.where["participant"]).episodes == 1
-    kept = rows(server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes")
+    kept = rows(
+        server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes"
+    )
     assert [each["n"] for each in kept] == [1, 1]
 
 
@@ -316,7 +370,11 @@ def test_settings_are_kept_and_each_change_is_on_record(server):
     keys = {"north": ["KeyI"], "east": ["KeyL"], "south": ["KeyK"], "west": ["KeyJ"]}
     person.call("settings", {"modality": "touch", "keys": keys})
     person.call("settings", {"palette": "high-contrast"})
-    assert person.me()["settings"] == {"modality": "touch", "palette": "high-contrast", "keys": keys}
+    assert person.me()["settings"] == {
+        "modality": "touch",
+        "palette": "high-contrast",
+        "keys": keys,
+    }
     assert len(rows(server, "SELECT * FROM stage_events WHERE kind = 'settings'")) == 2
 
 
@@ -343,7 +401,8 @@ def test_a_scripts_step_in_a_persons_episode_is_a_deviation_on_record(server):
     person.play(moves=1, input=None)
     person.play(moves=1)
     (row,) = rows(
-        server, "SELECT e.driver FROM episodes e JOIN study_episodes t ON t.episode_id = e.id WHERE t.phase = 'warm_up'"
+        server,
+        "SELECT e.driver FROM episodes e JOIN study_episodes t ON t.episode_id = e.id WHERE t.phase = 'warm_up'",
     )
     assert row["driver"] == "script"
     noted = rows(server, "SELECT detail FROM stage_events WHERE kind = 'deviation'")
@@ -372,7 +431,9 @@ def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(s
     assert "cannot be played on this server now" in Person(server, joins=False).refused("join")
 
 
-def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(serve, tmp_path):
+def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(
+    serve, tmp_path
+):
     freeze(tmp_path / "studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
            return_url="https://example.org/done?code={code}")  # fmt: skip
     person = Person(serve(), "bare", outside_ids={"PROLIFIC_PID": "p"})
@@ -381,4 +442,7 @@ def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_r
     person.play_on()
     debrief = person.where["debrief"]
     assert (debrief["policy"], debrief["warm_up_terrains"]) == (None, 0)
-    assert (debrief["completion_code"], debrief["return_url"]) == ("THANKS", "https://example.org/done?code=THANKS")
+    assert (debrief["completion_code"], debrief["return_url"]) == (
+        "THANKS",
+        "https://example.org/done?code=THANKS",
+    )

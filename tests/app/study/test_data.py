@@ -24,14 +24,26 @@ def test_people_and_trials_are_as_they_were_played(place):
     folder, study, people = place
     data = load(folder / "play.db", "dunes")
     assert data.protocol == study.protocol
-    assert (data.protocol_hash, data.closed_ms, data.secret) == (study.protocol_hash, study.closed_ms, study.secret.hex())
+    assert (data.protocol_hash, data.closed_ms, data.secret) == (
+        study.protocol_hash,
+        study.closed_ms,
+        study.secret.hex(),
+    )
     assert {person.id for person in data.people} == set(people)
     assert [person.kind for person in data.people] == ["human", "human", "script"]
     assert data.people[2].script == "noisy-frontier"
     assert [event[1] for event in data.people[0].events] == ["joined", "stage", "answers", "order"]
     assert len(data.trials) == 3 * (1 + 2 + 3)
-    first = next(each for each in data.trials if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0))
-    assert (first.outcome, first.steps, first.steps_to_99) == ("abandoned", 2, study.protocol.env_config.limit)
+    first = next(
+        each
+        for each in data.trials
+        if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0)
+    )
+    assert (first.outcome, first.steps, first.steps_to_99) == (
+        "abandoned",
+        2,
+        study.protocol.env_config.limit,
+    )
     assert first.seed == study.seed("ranked", first.terrain)
     assert data.seeds() == {i: study.seed("ranked", i) for i in range(3)}
 
@@ -42,7 +54,11 @@ def test_a_trials_record_replays_to_what_the_trial_says(place):
     data = load(reader, "dunes")
     for trial, record in trial_records(reader, data.trials):
         episode = replay(record)
-        assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, pytest.approx(trial.score))
+        assert (episode.outcome, episode.steps, episode.score) == (
+            trial.outcome,
+            trial.steps,
+            pytest.approx(trial.score),
+        )
     reader.close()
 
 
@@ -61,13 +77,20 @@ def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
     recorder.close()
     data = load(tmp_path / "play.db", "dunes")
     (trial,) = data.trials
-    assert (trial.ended_ms, trial.outcome, trial.steps_to_99, trial.score) == (None, None, None, None)
+    assert (trial.ended_ms, trial.outcome, trial.steps_to_99, trial.score) == (
+        None,
+        None,
+        None,
+        None,
+    )
     assert (data.closed_ms, data.secret, data.people[0].completed_ms) == (None, None, None)
 
 
 def test_an_unknown_study_and_an_absent_file_give_different_errors(place, tmp_path):
     folder, _, _ = place
-    with pytest.raises(StudyError, match=r"nobody has joined a study 'moon' in .*; studies in it: dunes"):
+    with pytest.raises(
+        StudyError, match=r"nobody has joined a study 'moon' in .*; studies in it: dunes"
+    ):
         load(folder / "play.db", "moon")
     with pytest.raises(StoreError, match="no database at"):
         load(tmp_path / "none.db", "dunes")

@@ -29,7 +29,10 @@ def test_the_frozen_protocols_and_their_seeds_still_hold(studies):
     assert folder.names() == ["dunes", "pilot"]
     pilot, dunes = folder.study("pilot"), folder.study("dunes")
     assert (pilot.is_open, dunes.is_open) == (True, False)
-    for study, path in ((dunes, studies / "studies-play.db"), (pilot, earlier.FIXTURES / "databases" / "schema-4.db")):
+    for study, path in (
+        (dunes, studies / "studies-play.db"),
+        (pilot, earlier.FIXTURES / "databases" / "schema-4.db"),
+    ):
         sql = "SELECT DISTINCT x.terrain, e.seed FROM study_episodes x JOIN episodes e ON e.id = x.episode_id WHERE phase = ?"
         for phase, label in (("ranked", "ranked"), ("warm_up", "warm-up")):
             played = ask(path, sql, phase)
@@ -46,7 +49,11 @@ def test_an_earlier_studys_participants_and_episodes_are_read_as_they_were(studi
     with closing(Reader.open(path)) as reader:
         for trial, record in trial_records(reader, data.trials):
             episode = replay(record)
-            assert (episode.outcome, episode.steps, episode.score) == (trial.outcome, trial.steps, trial.score)
+            assert (episode.outcome, episode.steps, episode.score) == (
+                trial.outcome,
+                trial.steps,
+                trial.score,
+            )
 
 
 @pytest.mark.parametrize("schema", [3, 4, 5])
@@ -61,7 +68,11 @@ def test_a_participant_of_an_earlier_database_plays_on_to_the_end(studies, tmp_p
     cookies = {"mars_player": Signer(secret, salt="mars-player").sign(player).decode()}
     person = Person(server, "pilot", client=server.client(cookies=cookies), joins=False)
     where = person.me()
-    assert (where["stage"], person.frame["episode"], person.frame["step"]) == ("ranked", episode, steps)
+    assert (where["stage"], person.frame["episode"], person.frame["step"]) == (
+        "ranked",
+        episode,
+        steps,
+    )
     assert (where["ranked"], person.frame["score"]) == ({"done": 2, "of": 3}, None)
     person.play()
     assert person.me()["stage"] == "debrief"
@@ -70,5 +81,7 @@ def test_a_participant_of_an_earlier_database_plays_on_to_the_end(studies, tmp_p
     assert person.where["stage"] == "complete"
     newcomer = Person(server, "pilot", outside_ids={"PROLIFIC_PID": "somebody-new"})
     assert newcomer.where["stage"] == "consent"
-    refused = Person(server, "pilot", joins=False).refused("join", {"outside_ids": {"PROLIFIC_PID": "outside-0"}})
+    refused = Person(server, "pilot", joins=False).refused(
+        "join", {"outside_ids": {"PROLIFIC_PID": "outside-0"}}
+    )
     assert refused.startswith("someone has joined with this PROLIFIC_PID")

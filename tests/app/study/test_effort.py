@@ -73,7 +73,9 @@ def test_the_rates_of_the_documents():
     config = EnvConfig()
     stated = {"random": 0.992, "skilled": 0.0, "mixed": 0.002, "clumsy": 0.021}  # docs/report.md
     for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
-        assert effort_rate(config, population, 2000, seed=0) == pytest.approx(stated[population.name], abs=0.001)
+        assert effort_rate(config, population, 2000, seed=0) == pytest.approx(
+            stated[population.name], abs=0.001
+        )
 
 
 def test_what_can_be_discovered_is_all_of_a_building():

@@ -25,7 +25,9 @@ def test_everybody_is_counted_where_they_left_and_the_erased_stay_counted(tmp_pa
     for number, stage in enumerate(stages):
         person = recorder.join(number, stage=stage, consent=number < 5)
         people.append(person)
-        recorder.conn.execute("UPDATE participants SET invitation = ? WHERE id = ?", (issued[number], person))
+        recorder.conn.execute(
+            "UPDATE participants SET invitation = ? WHERE id = ?", (issued[number], person)
+        )
         if stage == "complete":
             for trial in range(study.protocol.ranked):
                 recorder.play(person, "ranked", trial)
@@ -42,8 +44,18 @@ def test_everybody_is_counted_where_they_left_and_the_erased_stay_counted(tmp_pa
     arrivals = flow.arrivals
     assert (arrivals.issued, arrivals.revoked, arrivals.unopened) == (9, 1, 1)
     assert (arrivals.declined, arrivals.undecided, arrivals.erased) == (1, 1, 1)
-    assert (flow.joined, flow.agreed, flow.withdrew_early, flow.stayed_early) == (7, 4, 1, {"questions": 1})
+    assert (flow.joined, flow.agreed, flow.withdrew_early, flow.stayed_early) == (
+        7,
+        4,
+        1,
+        {"questions": 1},
+    )
     assert (flow.ranked, flow.withdrew, flow.unfinished, flow.completed) == (2, 0, 1, 1)
     page = render(report)
-    for label in ("Invitations issued: 9", "Opened the study: 7", "erased at their request: 1", "Ended all ranked episodes: 1"):
+    for label in (
+        "Invitations issued: 9",
+        "Opened the study: 7",
+        "erased at their request: 1",
+        "Ended all ranked episodes: 1",
+    ):
         assert label in page

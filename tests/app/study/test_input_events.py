@@ -10,8 +10,19 @@ from app.study.folder import Folder, StudyError
 from app.study.verification import verify_database
 from tests.support.study import Person, freeze
 
-PRESS = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 12.3, "step": 0}
-BATCH = [PRESS, {"kind": "blur", "client_ms": 13}, {"kind": "keyup", "code": "ArrowUp", "client_ms": 14.5, "round_trip_ms": 3}]
+PRESS = {
+    "kind": "keydown",
+    "code": "ArrowUp",
+    "repeat": False,
+    "trusted": True,
+    "client_ms": 12.3,
+    "step": 0,
+}
+BATCH = [
+    PRESS,
+    {"kind": "blur", "client_ms": 13},
+    {"kind": "keyup", "code": "ArrowUp", "client_ms": 14.5, "round_trip_ms": 3},
+]
 NEXT = [{**PRESS, "client_ms": 20.1}]
 
 
@@ -61,7 +72,11 @@ def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
         sql = "SELECT code, repeat, trusted, step, round_trip_ms FROM input_events ORDER BY number"
-        assert db.execute(sql).fetchall()[:3] == [("ArrowUp", 0, 1, 0, None), (None,) * 5, ("ArrowUp", None, None, None, 3.0)]
+        assert db.execute(sql).fetchall()[:3] == [
+            ("ArrowUp", 0, 1, 0, None),
+            (None,) * 5,
+            ("ArrowUp", None, None, None, 3.0),
+        ]
         assert all(at > 0 for (at,) in db.execute("SELECT server_ms FROM input_events"))
 
 
@@ -180,14 +195,18 @@ def test_what_is_not_kept_is_answered_with_the_reason(server, person, tmp_path, 
         count, reason = send_events(socket, person.frame["episode"], [*NEXT, *NEXT])
         assert (count, "more input events than are kept" in reason) == (0, True)
         assert send_events(socket, person.frame["episode"], NEXT) == (1, None)
-        assert send_events(socket, person.frame["episode"], BATCH) == (3, None), "there is always room for what is kept already"
+        assert send_events(socket, person.frame["episode"], BATCH) == (3, None), (
+            "there is always room for what is kept already"
+        )
         Folder(tmp_path / "studies").close("small")
         count, reason = send_events(socket, person.frame["episode"], BATCH)
         assert (count, "is closed" in reason) == (0, True)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
 
 
-def test_what_cannot_be_kept_now_is_answered_without_a_reason(server, person, tmp_path, monkeypatch):
+def test_what_cannot_be_kept_now_is_answered_without_a_reason(
+    server, person, tmp_path, monkeypatch
+):
     episode = person.frame["episode"]
 
     def fail(*_):
@@ -197,7 +216,10 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(server, person, tm
         raise StudyError("protocol.json was changed after the study was frozen")
 
     with person.socket() as socket:
-        for where, what in (("app.storage.chain.append_late_events", fail), ("app.study.folder.Folder.study", thaw)):
+        for where, what in (
+            ("app.storage.chain.append_late_events", fail),
+            ("app.study.folder.Folder.study", thaw),
+        ):
             with monkeypatch.context() as patch:
                 patch.setattr(where, what)
                 assert send_events(socket, episode, BATCH) == (0, None)

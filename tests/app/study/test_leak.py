@@ -40,7 +40,11 @@ def secrets_of(study):
     maps = [generate(study.protocol.env_config, seed) for seed in seeds]
     from numpy import packbits
 
-    return [study.secret.hex(), *map(str, seeds), *(packbits(each).tobytes().hex() for each in maps)]
+    return [
+        study.secret.hex(),
+        *map(str, seeds),
+        *(packbits(each).tobytes().hex() for each in maps),
+    ]
 
 
 def public_urls(server, episodes):
@@ -50,7 +54,13 @@ def public_urls(server, episodes):
             continue
         for fmt in ("csv", "jsonl"):
             for episode in episodes if "episode_id" in path else [""]:
-                filled = {"{episode_id}": episode, "{table}": "episodes", "{fmt}": fmt, "{name}": "small", "{index}": "0"}
+                filled = {
+                    "{episode_id}": episode,
+                    "{table}": "episodes",
+                    "{fmt}": fmt,
+                    "{name}": "small",
+                    "{index}": "0",
+                }
                 url = path
                 for hole, value in filled.items():
                     url = url.replace(hole, value)
@@ -60,9 +70,18 @@ def public_urls(server, episodes):
 
 def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, study, played):
     done, person = played
-    episodes = [row[0] for row in server.services.store.connection.execute("SELECT id FROM episodes").fetchall()]
+    episodes = [
+        row[0]
+        for row in server.services.store.connection.execute("SELECT id FROM episodes").fetchall()
+    ]
     assert len(episodes) == 6 + 4
-    hidden = [*secrets_of(study), *episodes, done.where["session"], person.where["session"], "secret-pid-1"]
+    hidden = [
+        *secrets_of(study),
+        *episodes,
+        done.where["session"],
+        person.where["session"],
+        "secret-pid-1",
+    ]
     stranger = server.client()
     asked = set()
     for url in public_urls(server, episodes):
@@ -78,10 +97,17 @@ def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, st
             if url == "/api/me/session":
                 assert answer.text == "null"  # a stranger has no board of the page
             elif url.startswith("/api/me/"):
-                assert answer.status_code in (200, 404), url  # of a stranger's own, which is nothing: see `found`
+                assert answer.status_code in (200, 404), (
+                    url
+                )  # of a stranger's own, which is nothing: see `found`
             elif "/sessions/" in url or "/me" in url or "/debrief" in url or "/episodes/" in url:
                 assert answer.status_code == 404, url
-    assert {"/api/episodes", "/api/export/steps.csv", "/api/human-level", "/api/studies/small/me"} <= asked
+    assert {
+        "/api/episodes",
+        "/api/export/steps.csv",
+        "/api/human-level",
+        "/api/studies/small/me",
+    } <= asked
     assert stranger.get("/api/episodes").json() == []
     assert stranger.get("/api/export/episodes.csv").text.count("\n") == 1
     assert stranger.get("/api/export/steps.jsonl").text == ""
@@ -95,7 +121,9 @@ def test_once_the_study_is_closed_its_episodes_are_public(server, study, played,
     assert str(study.seeds()[0]) in stranger.get("/api/export/episodes.csv").text
 
 
-def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_one(server, study, played):
+def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_one(
+    server, study, played
+):
     done, person = played
     texts = [done.client.get(f"{done.url}/debrief/{index}").text for index in range(2)]
     texts += [json.dumps(done.me()), json.dumps(person.me()), done.client.get("/api/episodes").text]
@@ -104,9 +132,15 @@ def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_on
     assert person.client.get(f"/api/sessions/{done.where['session']}").status_code == 404
 
 
-def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(server, study, played, tmp_path):
+def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(
+    server, study, played, tmp_path
+):
     done, person = played
-    ranked = [f"{done.url}/debrief/{index}{end}?phase=ranked" for index in range(3) for end in ("", "/regret")]
+    ranked = [
+        f"{done.url}/debrief/{index}{end}?phase=ranked"
+        for index in range(3)
+        for end in ("", "/regret")
+    ]
     assert {done.client.get(url).status_code for url in ranked} == {409}
     assert done.me()["debrief"]["ranked_terrains"] == 0
     Folder(tmp_path / "studies").close("small")
@@ -117,16 +151,25 @@ def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(serve
         own, its = found["own"], found["policy"]["frames"]
         trial = done.me()["debrief"]["episodes"][index]
         assert (own[-1]["step"], own[-1]["outcome"]) == (trial["steps"], trial["outcome"])
-        assert (own[0]["grid"], its[0]["step"]) == (its[0]["grid"], 0), "the policy drives on the same terrain"
-        assert done.client.get(f"{done.url}/debrief/{index}/regret?phase=ranked").json()["policy"] == "ppo"
+        assert (own[0]["grid"], its[0]["step"]) == (its[0]["grid"], 0), (
+            "the policy drives on the same terrain"
+        )
+        assert (
+            done.client.get(f"{done.url}/debrief/{index}/regret?phase=ranked").json()["policy"]
+            == "ppo"
+        )
     assert done.client.get(f"{done.url}/debrief/{count}?phase=ranked").status_code == 404
-    assert person.client.get(f"{person.url}/debrief/0?phase=ranked").status_code == 409, "they have not come so far"
+    assert person.client.get(f"{person.url}/debrief/0?phase=ranked").status_code == 409, (
+        "they have not come so far"
+    )
 
 
 @pytest.mark.parametrize("cookie", ["none", "stranger", "another participant", "forged"])
 def test_a_board_is_its_participants_alone(server, study, played, cookie):
     done, person = played
-    client = {"none": server.client(), "another participant": done.client}.get(cookie) or server.client()
+    client = {"none": server.client(), "another participant": done.client}.get(
+        cookie
+    ) or server.client()
     if cookie == "stranger":
         client.post("/api/sessions")
     if cookie == "forged":
@@ -140,7 +183,10 @@ def test_a_board_is_its_participants_alone(server, study, played, cookie):
         ("POST", "/act", act), ("POST", "/episodes", {}), ("POST", "/pace", {"pause": True}),
     ):  # fmt: skip
         answer = client.request(method, f"/api/sessions/{session}{path}", json=body)
-        assert (answer.status_code, answer.json()["detail"]) == (404, unknown.replace("nobody", session))
+        assert (answer.status_code, answer.json()["detail"]) == (
+            404,
+            unknown.replace("nobody", session),
+        )
     assert client.get(f"/viewer/{session}/").status_code == 404
     with server.socket(session, client) as socket:
         assert socket.receive()["detail"] == unknown.replace("nobody", session)
@@ -149,7 +195,13 @@ def test_a_board_is_its_participants_alone(server, study, played, cookie):
         assert closed.value.rcvd.code == 4404
     cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-    with connect(url, subprotocols=[PROTOCOL], origin=server.url, proxy=None, additional_headers={"Cookie": cookies}) as view:
+    with connect(
+        url,
+        subprotocols=[PROTOCOL],
+        origin=server.url,
+        proxy=None,
+        additional_headers={"Cookie": cookies},
+    ) as view:
         with pytest.raises(ConnectionClosed) as closed:
             view.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd.code == 4404
@@ -161,7 +213,10 @@ def test_its_participant_gets_frames_history_and_the_3d_view(server, study, play
 
     _, person = played
     session = person.where["session"]
-    assert person.client.get(f"/api/sessions/{session}/history").json()["episode"] == person.frame["episode"]
+    assert (
+        person.client.get(f"/api/sessions/{session}/history").json()["episode"]
+        == person.frame["episode"]
+    )
     assert person.client.get(f"/viewer/{session}/").status_code == 200
     with ExitStack() as stack:
         assert View(server, session, stack, person.client).read("/border")
@@ -181,7 +236,13 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, mon
         assert socket.receive("frame") == frame
         socket.act(frame, "south", input="key")
         assert "nobody else can move its rover" in socket.receive("refused")["reason"]
-        socket.send({"kind": "events", "episode": frame["episode"], "events": [{"kind": "blur", "client_ms": 1}]})
+        socket.send(
+            {
+                "kind": "events",
+                "episode": frame["episode"],
+                "events": [{"kind": "blur", "client_ms": 1}],
+            }
+        )
         assert "nobody else" in socket.receive("kept")["reason"]
     assert person.me()["about"]["frame"] == frame
 

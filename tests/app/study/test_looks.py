@@ -18,7 +18,14 @@ from app.study.protocol import StudyError
 from tests.support.made_studies import CONFIG, played, run, study
 from tests.support.stored_studies import freeze
 
-SCORES = np.array([[0.9, 0.8, 0.7, 0.9, 0.8, 0.95], [0.7, 0.6, 0.8, 0.9, 0.5, 0.9], [0.8, 0.85, 0.9, 0.7, 0.9, 0.88]] * 3)
+SCORES = np.array(
+    [
+        [0.9, 0.8, 0.7, 0.9, 0.8, 0.95],
+        [0.7, 0.6, 0.8, 0.9, 0.5, 0.9],
+        [0.8, 0.85, 0.9, 0.7, 0.9, 0.88],
+    ]
+    * 3
+)
 PLAN = {"players": 8, "looks": [4, 8], "spending": "obrien-fleming"}
 
 
@@ -36,15 +43,31 @@ def figure_of(data):
 def test_an_open_study_shows_no_figure_anywhere_in_its_report(finished):
     data = at(finished, players=8)
     report = build(data, [run("ppo", [0.9] * 6)])
-    assert report.sentence == f"No figure is shown until the study is closed: {finished} of 8 have finished."
+    assert (
+        report.sentence
+        == f"No figure is shown until the study is closed: {finished} of 8 have finished."
+    )
     (group,) = report.groups
     assert {figure.players for figure in group.figures} == {0}
-    assert (group.metrics, group.players, group.comparisons, group.outcomes, group.labels) == ((), (), (), {}, {})
+    assert (group.metrics, group.players, group.comparisons, group.outcomes, group.labels) == (
+        (),
+        (),
+        (),
+        {},
+        {},
+    )
     assert (group.joined, group.started, group.finished) == (finished + 1, finished + 1, finished)
     for text in (report.to_json(), render(report)):
-        assert not [score for score in np.unique(SCORES[:finished].mean(1)) if f"{score:.3f}" in text]
+        assert not [
+            score for score in np.unique(SCORES[:finished].mean(1)) if f"{score:.3f}" in text
+        ]
     live = live_figure(data)
-    assert (live["players"], live["score"], live["steps"], live["view"]) == (0, None, None, "hidden")
+    assert (live["players"], live["score"], live["steps"], live["view"]) == (
+        0,
+        None,
+        None,
+        "hidden",
+    )
     assert live["sentence"] == report.sentence
 
 
@@ -67,7 +90,9 @@ def test_a_look_shows_exactly_the_first_who_finished_until_the_next_look():
     level = boundaries("obrien-fleming", [0.5])[0].confidence
     wanted = estimate(means, metric_bounds(CONFIG, "score"), level)
     assert frozen[0].score.interval == pytest.approx(wanted.interval)
-    assert frozen[0].score.interval[1] - frozen[0].score.interval[0] > 2 * (frozen[0].score.t[1] - frozen[0].score.t[0])
+    assert frozen[0].score.interval[1] - frozen[0].score.interval[0] > 2 * (
+        frozen[0].score.t[1] - frozen[0].score.t[0]
+    )
     assert figure_of(at(8, **PLAN)).players == figure_of(at(9, **PLAN)).players == 8
 
 
@@ -79,16 +104,21 @@ def test_the_first_are_those_who_finished_first_not_those_who_joined_first():
 
 
 def test_a_report_of_a_look_names_the_look_its_boundary_and_whether_it_was_crossed(tmp_path):
-    report = build(at(5, **PLAN), [run("ppo", [0.99] * 6, [1] * 6), run("near", [0.8] * 6, [24] * 6)])
+    report = build(
+        at(5, **PLAN), [run("ppo", [0.99] * 6, [1] * 6), run("near", [0.8] * 6, [24] * 6)]
+    )
     look = report.look
     assert (look.number, look.of, look.players, look.planned, look.is_final) == (1, 2, 4, 8, False)
-    assert (look.z, look.spent) == (pytest.approx(2.9626, abs=2e-4), pytest.approx(0.00305, abs=1e-5))
+    assert (look.z, look.spent) == (
+        pytest.approx(2.9626, abs=2e-4),
+        pytest.approx(0.00305, abs=1e-5),
+    )
     crossed = {(each.policy, each.metric): each.crossed for each in look.crossings}
     assert (crossed["ppo", "steps"], crossed["near", "steps"]) == (True, False)
-    words = (
-        "Planned look 1 of 2, at the first 4 of 8 players who finished; it does not change until 8 have finished. 4 players,"
+    words = "Planned look 1 of 2, at the first 4 of 8 players who finished; it does not change until 8 have finished. 4 players,"
+    assert report.sentence.startswith(
+        f"{words} 24 ranked episodes: mean score 0.814 (99.69 % interval "
     )
-    assert report.sentence.startswith(f"{words} 24 ranked episodes: mean score 0.814 (99.69 % interval ")
     page = render(report)
     assert "the boundary is crossed" in page
     assert "Look 1 of 2, at 4 of 8 players" in page
@@ -102,7 +132,10 @@ def test_the_end_of_a_study_with_looks_is_its_last_look(finished, players, fract
     data = at(finished, closed=True, **PLAN)
     report = build(data)
     assert (report.groups[0].figure.players, report.look.is_final) == (players, True)
-    assert report.groups[0].figure.score.confidence == boundaries("obrien-fleming", fractions)[-1].confidence
+    assert (
+        report.groups[0].figure.score.confidence
+        == boundaries("obrien-fleming", fractions)[-1].confidence
+    )
     assert live_figure(data)["sentence"] == report.sentence
     assert report.groups[0].figures[0].players == players + 1
 
@@ -122,11 +155,18 @@ def test_looks_are_logged_and_an_emergency_look_says_so_for_ever(tmp_path):
     shown = take_look(folder, at(3, **PLAN), "the page froze for two people")
     assert figure_of(shown).players == 3
     report = build(shown)
-    assert report.sentence.startswith("EMERGENCY LOOK, outside the plan, when 3 of 8 players had finished. 3 players,")
+    assert report.sentence.startswith(
+        "EMERGENCY LOOK, outside the plan, when 3 of 8 players had finished. 3 players,"
+    )
     kept = read_looks(tmp_path / "made" / LOOKS_FILE)
-    assert [(each.kind, each.reason) for each in kept][1:] == [("emergency", "the page froze for two people")]
+    assert [(each.kind, each.reason) for each in kept][1:] == [
+        ("emergency", "the page froze for two people")
+    ]
     later = build(replace(at(8, closed=True, **PLAN), looks=kept))
-    assert any("outside the plan was taken at 20" in line and "the page froze" in line for line in later.deviations)
+    assert any(
+        "outside the plan was taken at 20" in line and "the page froze" in line
+        for line in later.deviations
+    )
     assert "the page froze for two people" in render(later)
 
 
@@ -155,7 +195,10 @@ def _look(root):
 
 def test_looks_of_several_processes_are_all_kept(tmp_path):
     freeze(tmp_path, "made", close=False, **PLAN)
-    processes = [multiprocessing.get_context("fork").Process(target=_look, args=(tmp_path,)) for _ in range(6)]
+    processes = [
+        multiprocessing.get_context("fork").Process(target=_look, args=(tmp_path,))
+        for _ in range(6)
+    ]
     for process in processes:
         process.start()
     for process in processes:

@@ -37,7 +37,12 @@ def test_people_and_scripts_take_rows_in_turn_also_after_a_restart(serve, tmp_pa
         people[-1].call("next")
         people[-1].call("next")  # an episode runs: nothing changes, the row neither
     orders = ask(server.services.store.path, ORDERS)
-    assert [(kind, number) for kind, number, _ in orders] == [("human", 0), ("script", 0), ("human", 1), ("human", 2)]
+    assert [(kind, number) for kind, number, _ in orders] == [
+        ("human", 0),
+        ("script", 0),
+        ("human", 1),
+        ("human", 2),
+    ]
     for kind, number, terrains in orders:
         assert json.loads(terrains) == study.balanced_order(kind, number)[:1]
     firsts = sorted(terrains for kind, _, terrains in orders if kind == "human")
@@ -59,13 +64,19 @@ def test_a_forgotten_participants_last_row_is_given_again_and_no_other(tmp_path)
         recorder.play(participant, "ranked", 0)
     recorder.conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [first])
     recorder.play(third, "ranked", 0)
-    numbers = recorder.conn.execute("SELECT json_extract(detail, '$.number') FROM stage_events WHERE kind = 'order'").fetchall()
+    numbers = recorder.conn.execute(
+        "SELECT json_extract(detail, '$.number') FROM stage_events WHERE kind = 'order'"
+    ).fetchall()
     recorder.store.close()
     assert sorted(number for (number,) in numbers) == [1, 2]
 
 
-@pytest.mark.parametrize("detail", ['{"number": 1}', '{"number": -1}', '{"number": "0"}', "[]", "not json"])
-def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made_anew(tmp_path, detail):
+@pytest.mark.parametrize(
+    "detail", ['{"number": 1}', '{"number": -1}', '{"number": "0"}', "[]", "not json"]
+)
+def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made_anew(
+    tmp_path, detail
+):
     study = freeze(tmp_path / "studies")
     recorder = StudyRecorder(tmp_path / "play.db", study)
     participant = recorder.join(0)
@@ -75,4 +86,6 @@ def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made
     chain.append(recorder.conn, "participant", participant)
     recorder.store.close()
     found = [str(finding) for finding in verify_database(tmp_path / "play.db").findings]
-    assert any("order of ranked terrains" in each or "number in the Latin square" in each for each in found), found
+    assert any(
+        "order of ranked terrains" in each or "number in the Latin square" in each for each in found
+    ), found

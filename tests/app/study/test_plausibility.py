@@ -6,8 +6,19 @@ from app.study.plausibility import LABELS, pause_share, plausibility_labels
 
 
 def press(at, up=True, kind="keydown", **rest):
-    down = {"kind": kind, "code": "ArrowUp", "repeat": 0, "trusted": 1, "client_ms": float(at), **rest}
-    return [down, {**down, "kind": kind.replace("down", "up"), "client_ms": at + 60.0}] if up else [down]
+    down = {
+        "kind": kind,
+        "code": "ArrowUp",
+        "repeat": 0,
+        "trusted": 1,
+        "client_ms": float(at),
+        **rest,
+    }
+    return (
+        [down, {**down, "kind": kind.replace("down", "up"), "client_ms": at + 60.0}]
+        if up
+        else [down]
+    )
 
 
 def presses(times, **rest):
@@ -53,7 +64,9 @@ def test_plain_play_has_no_label():
 def test_a_machines_beat_is_robotic_even_with_a_rest_in_it():
     times = [250 * k + (7 if k % 2 else 0) for k in range(24)]
     assert plausibility_labels([], presses(times)) == ("robotic timing",)
-    assert plausibility_labels([], presses(times[:12] + [at + 90_000 for at in times[12:]])) == ("robotic timing",)
+    assert plausibility_labels([], presses(times[:12] + [at + 90_000 for at in times[12:]])) == (
+        "robotic timing",
+    )
     assert plausibility_labels([], presses(times[:20])) == ()  # 19 intervals are too few to tell
 
 
@@ -72,7 +85,9 @@ def test_presses_closer_than_a_person_can_react():
 
 
 def test_auto_repeat_is_no_press():
-    held = presses(HUMAN) + [row for at in range(9000, 9900, 33) for row in press(at, up=False, repeat=1)]
+    held = presses(HUMAN) + [
+        row for at in range(9000, 9900, 33) for row in press(at, up=False, repeat=1)
+    ]
     assert plausibility_labels([], held) == ()
 
 
@@ -84,7 +99,12 @@ def test_a_press_that_the_browser_does_not_vouch_for():
 def test_a_press_while_the_page_was_hidden():
     rows = [*presses(HUMAN), event("hidden", 9100), *press(9500), event("visible", 9900)]
     assert plausibility_labels([], rows) == ("unfocused",)
-    assert plausibility_labels([], [*presses(HUMAN), event("hidden", 9100), event("visible", 9300), *press(9500)]) == ()
+    assert (
+        plausibility_labels(
+            [], [*presses(HUMAN), event("hidden", 9100), event("visible", 9300), *press(9500)]
+        )
+        == ()
+    )
 
 
 def test_moves_by_key_without_any_input_event():
@@ -106,7 +126,14 @@ def test_several_labels_stand_in_the_order_of_the_list():
 
 
 def test_the_share_of_time_paused_or_hidden():
-    rows = [*press(0), event("pause", 1000), event("hidden", 2000), event("resume", 3000), event("visible", 4000), *press(5940)]
+    rows = [
+        *press(0),
+        event("pause", 1000),
+        event("hidden", 2000),
+        event("resume", 3000),
+        event("visible", 4000),
+        *press(5940),
+    ]
     assert pause_share([], rows) == pytest.approx(3000 / 6000)
     assert pause_share([], presses(HUMAN)) == 0
     assert pause_share([], press(5, up=False)) == 0

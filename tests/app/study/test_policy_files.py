@@ -37,13 +37,22 @@ def mine(tmp_path):
 def study(tmp_path, mine):
     """An open study that compares with that file."""
     folder = Folder(tmp_path / "studies")
-    known = {"warm_up": 1, "ranked": 2, "players": 2, "policies": (str(mine), "frontier-cost"), "debrief_policy": str(mine)}
+    known = {
+        "warm_up": 1,
+        "ranked": 2,
+        "players": 2,
+        "policies": (str(mine), "frontier-cost"),
+        "debrief_policy": str(mine),
+    }
     folder.create(default_protocol("dunes", CONFIG, **known))
     return folder.freeze("dunes")
 
 
 def moves(study, mine, files=None):
-    return [(each.policy_hash, each.actions) for each in play_policies([str(mine)], CONFIG, SEEDS, files=files)]
+    return [
+        (each.policy_hash, each.actions)
+        for each in play_policies([str(mine)], CONFIG, SEEDS, files=files)
+    ]
 
 
 def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
@@ -64,7 +73,9 @@ def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_no
     mine.unlink()
     assert moves(study, mine, study.policy_files) == before
     assert [len(run.record.actions) for run in _play(study, "warm_up")], "the debrief goes on, too"
-    job = LeaderboardEntry("d", "d", CONFIG, None, (4, 5), "dunes", (str(mine),), study.policy_files).jobs({})[str(mine)]
+    job = LeaderboardEntry(
+        "d", "d", CONFIG, None, (4, 5), "dunes", (str(mine),), study.policy_files
+    ).jobs({})[str(mine)]
     assert job.policy == str(study.policy_files.place(str(mine)))
 
 
@@ -86,7 +97,10 @@ def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path)
     kept = study.policy_files.place(str(mine))
     kept.write_bytes(b"another one")
     (finding,) = check_policy_files(folder, ["dunes"])
-    assert (finding.where, finding.found) == (f"file {kept}", hashlib.sha256(b"another one").hexdigest())
+    assert (finding.where, finding.found) == (
+        f"file {kept}",
+        hashlib.sha256(b"another one").hexdigest(),
+    )
     kept.unlink()
     (finding,) = check_policy_files(folder, ["dunes"])
     assert finding.found == "no such file"
@@ -95,7 +109,9 @@ def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path)
 def test_a_hash_in_the_draft_must_be_that_of_the_file(tmp_path, mine):
     folder = Folder(tmp_path / "studies")
     known = {"policies": (str(mine),), "debrief_policy": "random"}
-    path = folder.create(default_protocol("right", CONFIG, policy_hashes={str(mine): sha256(mine)}, **known))
+    path = folder.create(
+        default_protocol("right", CONFIG, policy_hashes={str(mine): sha256(mine)}, **known)
+    )
     assert folder.freeze("right").protocol.policy_hashes[str(mine)] == sha256(mine)
     folder.create(default_protocol("wrong", CONFIG, policy_hashes={str(mine): "0" * 64}, **known))
     with pytest.raises(StudyError, match=f"the SHA-256 {'0' * 64}, its file has {sha256(mine)}"):
@@ -114,7 +130,9 @@ def later_version(tmp_path, monkeypatch):
     return shipped
 
 
-def test_a_study_that_recorded_no_hash_means_the_files_of_its_time_by_whatever_name(study, later_version, tmp_path):
+def test_a_study_that_recorded_no_hash_means_the_files_of_its_time_by_whatever_name(
+    study, later_version, tmp_path
+):
     earlier = parse_protocol({**study.protocol.model_dump(mode="json"), "policy_hashes": {}})
     files = PolicyFiles.of(earlier, tmp_path / "studies" / "none" / "policies")
     assert files.source("ppo") == str(later_version / "ppo-first.safetensors")
@@ -124,7 +142,9 @@ def test_a_study_that_recorded_no_hash_means_the_files_of_its_time_by_whatever_n
         files.source("ppo")
     with pytest.raises(PolicyNotFoundError, match="is not here"):
         replace(files, hashes=study.protocol.policy_hashes).source("ppo")
-    assert study.policy_files.source("ppo") == str(study.policy_files.place("ppo")), "it keeps its own"
+    assert study.policy_files.source("ppo") == str(study.policy_files.place("ppo")), (
+        "it keeps its own"
+    )
 
 
 def test_the_files_that_earlier_studies_mean_are_still_shipped():

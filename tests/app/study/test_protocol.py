@@ -39,8 +39,16 @@ def frozen(folder):
 
 def test_the_defaults_are_the_papers_protocol():
     protocol = default_protocol("paper", EnvConfig.of("random", 21))
-    assert (protocol.warm_up, protocol.ranked, protocol.players, protocol.break_every) == (15, 30, 10, 10)
-    assert (protocol.env_config, protocol.core_version) == (EnvConfig.of("random", 21), CORE_VERSION)
+    assert (protocol.warm_up, protocol.ranked, protocol.players, protocol.break_every) == (
+        15,
+        30,
+        10,
+        10,
+    )
+    assert (protocol.env_config, protocol.core_version) == (
+        EnvConfig.of("random", 21),
+        CORE_VERSION,
+    )
     assert len(protocol.questions) == 3
     assert "15 practice rounds and 30 rounds" in fill(protocol).consent.text
     assert protocol.consent.text.count("\n\n") == 4
@@ -53,8 +61,15 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
     assert canonical(protocol) == text
     assert protocol_hash(protocol) == hashlib.sha256(text).hexdigest()
     assert parse_protocol(raw) == protocol
-    changed = {"ranked": 4, "consent": {"version": "2", "text": "yes"}, "equivalence_margin": 5.5, "return_url": "https://a.b"}
-    hashes = {protocol_hash(parse_protocol({**raw, name: value})) for name, value in changed.items()}
+    changed = {
+        "ranked": 4,
+        "consent": {"version": "2", "text": "yes"},
+        "equivalence_margin": 5.5,
+        "return_url": "https://a.b",
+    }
+    hashes = {
+        protocol_hash(parse_protocol({**raw, name: value})) for name, value in changed.items()
+    }
     assert len(hashes | {protocol_hash(protocol)}) == 5
 
 
@@ -68,7 +83,10 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         ({"config": {"level": "map"}}, "of which all cells count; got 'map'"),
         ({"config": {"level": "cave"}}, "of which all cells count; got 'cave'"),
         ({"config": {"rows": 200}}, "at most 128 cells a side, got 200x21"),
-        ({"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]}, "index of a choice, 0 to 1, got 2"),
+        (
+            {"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]},
+            "index of a choice, 0 to 1, got 2",
+        ),
         ({"return_url": "javascript:alert(1)"}, "return_url"),
         ({"outside_ids": ["A", "A"]}, "must differ"),
         ({"rankde": 3}, "rankde"),
@@ -102,20 +120,38 @@ def test_every_participant_has_an_order_of_their_own():
 def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     path = folder.create(small())
     assert (folder.status("small"), folder.names()) == ("draft", ["small"])
-    with pytest.raises(StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"):
+    with pytest.raises(
+        StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"
+    ):
         folder.study("small")
     study = folder.freeze("small")
-    hashes = {"ppo": hashlib.sha256(find_file("ppo").read_bytes()).hexdigest()}  # the other policies are rules
-    assert (folder.status("small"), study.is_open, study.protocol) == ("open", True, fill(small(policy_hashes=hashes)))
+    hashes = {
+        "ppo": hashlib.sha256(find_file("ppo").read_bytes()).hexdigest()
+    }  # the other policies are rules
+    assert (folder.status("small"), study.is_open, study.protocol) == (
+        "open",
+        True,
+        fill(small(policy_hashes=hashes)),
+    )
     frozen_json = json.loads((path.parent / "frozen.json").read_text())
-    assert set(frozen_json) == {"protocol_hash", "commitment", "frozen_at", "core_version", "software_version"}
+    assert set(frozen_json) == {
+        "protocol_hash",
+        "commitment",
+        "frozen_at",
+        "core_version",
+        "software_version",
+    }
     assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
     secret = path.parent / "secret"
     assert (len(secret.read_text().strip()), stat.S_IMODE(secret.stat().st_mode)) == (64, 0o600)
     assert study.secret.hex() not in path.read_text() + json.dumps(frozen_json) + repr(study)
     assert len({*study.seeds()}) == 5
     closed = folder.close("small")
-    assert (folder.status("small"), closed.is_open, closed.secret) == ("closed", False, study.secret)
+    assert (folder.status("small"), closed.is_open, closed.secret) == (
+        "closed",
+        False,
+        study.secret,
+    )
     assert json.loads((path.parent / "closed.json").read_text())["secret"] == study.secret.hex()
 
 
@@ -128,7 +164,9 @@ def test_a_server_that_holds_the_folder_sees_a_freeze_and_a_close_at_once(frozen
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # six lines close no files
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(tmp_path, monkeypatch, capsys):
+def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(
+    tmp_path, monkeypatch, capsys
+):
     text = (Path(__file__).parents[3] / "docs" / "study.md").read_text(encoding="utf-8")
     lines = text.split("```python\n")[1].split("```")[0]
     folder = Folder(tmp_path / "data" / "studies")
@@ -203,7 +241,9 @@ def test_mistakes_are_said_in_one_sentence(frozen):
         frozen.freeze("odd")
     assert frozen.status("odd") == "draft"
     (frozen.root / "other").mkdir()
-    (frozen.root / "other" / "protocol.json").write_text((frozen.path("small") / "protocol.json").read_text())
+    (frozen.root / "other" / "protocol.json").write_text(
+        (frozen.path("small") / "protocol.json").read_text()
+    )
     with pytest.raises(StudyError, match="names the study 'small'"):
         frozen.draft("other")
 
@@ -231,7 +271,18 @@ def run(capsys, *args):
 
 def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
     at = ["--studies", str(tmp_path / "studies")]
-    short = ["--size", "7x9", "--warm-up", "2", "--ranked", "3", "--players", "2", "--outside-id", "PID"]
+    short = [
+        "--size",
+        "7x9",
+        "--warm-up",
+        "2",
+        "--ranked",
+        "3",
+        "--players",
+        "2",
+        "--outside-id",
+        "PID",
+    ]
     code, out, err = run(capsys, "new", "mine", *short, *at)
     assert (code, err) == (0, "")
     assert "study freeze mine" in out
@@ -245,7 +296,9 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
     assert study.commitment in out
     assert study.secret.hex() not in out
     assert study.secret.hex() not in run(capsys, "show", "mine", *at)[1]
-    code, out, _ = run(capsys, "close", "mine", "--yes", "--database", str(tmp_path / "none.db"), *at)
+    code, out, _ = run(
+        capsys, "close", "mine", "--yes", "--database", str(tmp_path / "none.db"), *at
+    )
     assert code == 0
     assert study.secret.hex() in out
     assert not (tmp_path / "none.db").exists()
@@ -282,7 +335,16 @@ def test_power_says_how_many_players_a_width_takes(tmp_path, capsys):
     ):
         code, _, err = run(capsys, "power", *args)
         assert (code, said in err, err.count("\n")) == (2, True, 1)
-    code, _, err = run(capsys, "power", "--half-width", "1", "--study", "x", "--database", str(tmp_path / "none.db"))
+    code, _, err = run(
+        capsys,
+        "power",
+        "--half-width",
+        "1",
+        "--study",
+        "x",
+        "--database",
+        str(tmp_path / "none.db"),
+    )
     assert (code, "no database at" in err) == (1, True)
 
 
@@ -303,7 +365,9 @@ def test_a_file_in_the_folders_place_is_named(tmp_path, capsys):
 @pytest.mark.parametrize("ranked", [1, 2, 5, 8])
 def test_each_terrain_comes_equally_often_at_each_position_of_a_whole_square(ranked):
     square = [balanced_order(b"s" * 32, "h", "human", number, ranked) for number in range(ranked)]
-    assert all(sorted(line) == list(range(ranked)) for line in [*square, *zip(*square, strict=True)])
+    assert all(
+        sorted(line) == list(range(ranked)) for line in [*square, *zip(*square, strict=True)]
+    )
     if ranked % 2 == 0:
         pairs = [pair for line in square for pair in itertools.pairwise(line)]
         assert len(set(pairs)) == len(pairs) == ranked * (ranked - 1)
@@ -311,10 +375,18 @@ def test_each_terrain_comes_equally_often_at_each_position_of_a_whole_square(ran
 
 def test_the_square_follows_from_the_secret_and_is_another_for_scripts_and_for_the_next_participants():
     def square(secret=b"s" * 32, digest="h", group="human", first=0):
-        return tuple(tuple(balanced_order(secret, digest, group, first + number, 6)) for number in range(6))
+        return tuple(
+            tuple(balanced_order(secret, digest, group, first + number, 6)) for number in range(6)
+        )
 
     assert square() == square()
-    others = (square(), square(b"t" * 32), square(digest="i"), square(group="script"), square(first=6))
+    others = (
+        square(),
+        square(b"t" * 32),
+        square(digest="i"),
+        square(group="script"),
+        square(first=6),
+    )
     assert len(set(others)) == len(others)
     assert balanced_order(bytes(range(32)), "ab" * 32, "human", 7, 6) == [4, 0, 2, 5, 1, 3]
 
@@ -324,7 +396,10 @@ def test_the_square_follows_from_the_secret_and_is_another_for_scripts_and_for_t
     [
         ({"looks": [2]}, "looks and spending go together"),
         ({"spending": "pocock"}, "looks and spending go together"),
-        ({"looks": [1, 2], "spending": "pocock"}, "must rise from at least 2 to the number of players, 2: got [1, 2]"),
+        (
+            {"looks": [1, 2], "spending": "pocock"},
+            "must rise from at least 2 to the number of players, 2: got [1, 2]",
+        ),
         ({"looks": [2, 3], "spending": "pocock"}, "to the number of players, 2"),
         ({"looks": [2], "spending": "pocock", "hides_interim": False}, "set hides_interim to true"),
     ],

@@ -51,7 +51,10 @@ def rows(server, sql, *values):
 
 def noted(server):
     """The reasons of the further joins on record, oldest first."""
-    found = rows(server, "SELECT detail FROM stage_events WHERE kind = 'repeated_join' ORDER BY at_ms, number")
+    found = rows(
+        server,
+        "SELECT detail FROM stage_events WHERE kind = 'repeated_join' ORDER BY at_ms, number",
+    )
     return [json.loads(detail)["reason"] for (detail,) in found]
 
 
@@ -71,7 +74,9 @@ def test_an_invitation_lets_one_person_in_and_opening_its_link_uses_nothing_up(i
     _, status, said = comes(server, invitation=token)
     assert (status, said) == (409, USED)
     assert noted(server) == ["invitation", "invitation"]
-    assert second.call("join", None, (200,))["stage"] == "instructions", "the same cookie goes on without the token"
+    assert second.call("join", None, (200,))["stage"] == "instructions", (
+        "the same cookie goes on without the token"
+    )
     assert second.call("join", {"invitation": token}, (200,))["stage"] == "instructions"
     (kept,) = rows(server, "SELECT invitation FROM participants WHERE consent_ms IS NOT NULL")
     assert token.startswith(kept[0])
@@ -100,7 +105,10 @@ def test_no_token_a_forged_one_and_one_of_another_study_let_nobody_in(invited, t
     ]  # fmt: skip
     for forged in forgeries:
         assert comes(server, invitation=forged)[1:] == (409, WRONG_INVITATION), forged
-    assert server.client().post("/api/studies/small/join", json={"invitation": "x" * 101}).status_code == 422
+    assert (
+        server.client().post("/api/studies/small/join", json={"invitation": "x" * 101}).status_code
+        == 422
+    )
     assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
     person, status, _ = comes(server, outside_ids={"invitation": token})
     assert (status, person.where["detail"]) == (409, NO_INVITATION)
@@ -147,7 +155,9 @@ def test_of_many_who_agree_with_one_invitation_at_once_one_takes_part(invited):
 def test_a_browser_that_takes_part_is_not_used_for_another_invitation(invited):
     server, _, (token, other, _) = invited()
     person, _, _ = comes(server, invitation=token)
-    assert person.call("join", {"invitation": other}, (200,))["stage"] == "consent", "before the consent any link will do"
+    assert person.call("join", {"invitation": other}, (200,))["stage"] == "consent", (
+        "before the consent any link will do"
+    )
     person.call("consent", YES)
     assert "takes part with another invitation" in person.refused("join", {"invitation": token})
     assert comes(server, invitation=other)[1:] == (409, USED)
@@ -155,7 +165,9 @@ def test_a_browser_that_takes_part_is_not_used_for_another_invitation(invited):
     assert noted(server) == ["another invitation", "invitation"]
 
 
-def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_does_not(invited, serve, tmp_path):
+def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_does_not(
+    invited, serve, tmp_path
+):
     server, _, (token, unused, _) = invited()
     person, _, _ = comes(server, invitation=token)
     person.call("consent", YES)
@@ -169,7 +181,9 @@ def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_d
     assert comes(again, invitation=unused)[1] == 201
 
 
-def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merged(invited, serve, tmp_path):
+def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merged(
+    invited, serve, tmp_path
+):
     server, study, (token, *_) = invited()
     people = [server, serve(database=tmp_path / "second.db")]
     for each in people:
@@ -188,7 +202,10 @@ def test_a_script_joins_without_an_invitation_and_stays_a_script(serve, tmp_path
     server = serve()
     script = Person(server, script="noisy-frontier")
     script.call("consent", YES)
-    assert script.refused("supervise", {"code": "7K3M-XWT5"}) == "only a person's session can be supervised"
+    assert (
+        script.refused("supervise", {"code": "7K3M-XWT5"})
+        == "only a person's session can be supervised"
+    )
     assert rows(server, "SELECT kind, invitation FROM participants") == [("script", None)]
 
 
@@ -203,7 +220,9 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
     assert first.refused("consent", YES) == taken
     for value in ("abc5f1", " ABC 5F1 "):
         assert comes(server, outside_ids={PID: value})[1:] == (409, taken)
-    assert noted(server) == ["outside id"] * 4, "one of them at the join: the same id had come before the consent"
+    assert noted(server) == ["outside id"] * 4, (
+        "one of them at the join: the same id had come before the consent"
+    )
     assert second.call("join", None, (200,))["stage"] == "instructions"
     assert second.call("join", {"outside_ids": {PID: "abc5f1"}}, (200,))["stage"] == "instructions"
     assert "takes part for another" in second.refused("join", {"outside_ids": {PID: "abd"}})
@@ -217,7 +236,10 @@ def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
 def test_an_open_study_lets_everybody_in_and_flags_who_may_be_there_twice(serve, tmp_path):
     study = freeze(tmp_path / "studies", recruitment="open")
     server = serve()
-    people = [comes(server, outside_ids=ids)[0] for ids in ({}, {PID: "ada-1"}, {PID: " ADA-1"}, {PID: "bob-2"})]
+    people = [
+        comes(server, outside_ids=ids)[0]
+        for ids in ({}, {PID: "ada-1"}, {PID: " ADA-1"}, {PID: "bob-2"})
+    ]
     assert comes(server, outside_ids={PID: "bob-2"})[1] == 409
     people[0].call("consent", {**YES, "agree": False})
     Person(server, client=people[0].client)
@@ -245,18 +267,34 @@ def test_the_operators_code_supervises_a_session_for_two_days_of_utc(invited, mo
     person.call("consent", YES)
     now = server.services.lobby.sources.clock_ms()
     other = freeze(Folder(server.services.progress.folder.root).root, "other")
-    wrong = [code_of(study, now - 2 * DAY_MS), code_of(study, now + DAY_MS), code_of(other, now), "", "é" * 9, "x" * 100]
+    wrong = [
+        code_of(study, now - 2 * DAY_MS),
+        code_of(study, now + DAY_MS),
+        code_of(other, now),
+        "",
+        "é" * 9,
+        "x" * 100,
+    ]
     for code in wrong:
-        assert person.refused("supervise", {"code": code}).startswith("this is not the operator's code of today")
+        assert person.refused("supervise", {"code": code}).startswith(
+            "this is not the operator's code of today"
+        )
     assert person.me()["supervised_until_ms"] is None
     code = code_of(study, now - DAY_MS)
-    until = person.call("supervise", {"code": code.lower().replace("-", " ")})["supervised_until_ms"]
+    until = person.call("supervise", {"code": code.lower().replace("-", " ")})[
+        "supervised_until_ms"
+    ]
     assert 0 <= until - now - SUPERVISED_FOR_MS < 60_000
-    kinds = rows(server, "SELECT kind, count(*) FROM stage_events WHERE kind IN ('wrong_code', 'supervised') GROUP BY kind")
+    kinds = rows(
+        server,
+        "SELECT kind, count(*) FROM stage_events WHERE kind IN ('wrong_code', 'supervised') GROUP BY kind",
+    )
     assert kinds == [("supervised", 1), ("wrong_code", len(wrong))]
     for _ in range(MAX_WRONG_CODES - len(wrong)):
         person.refused("supervise", {"code": "no"})
-    assert "no code is looked at any more" in person.refused("supervise", {"code": code_of(study, now)})
+    assert "no code is looked at any more" in person.refused(
+        "supervise", {"code": code_of(study, now)}
+    )
     other_person, _, _ = comes(server, invitation=token)
     assert other_person.where["detail"] == USED
 
@@ -269,7 +307,10 @@ def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_pa
     for each in issued:
         assert each.id in text
         assert token_of(study, each.id)[5:] not in text
-        assert link_of(study, each.id, "http://h/p/") == f"http://h/p/study/small?invitation={token_of(study, each.id)}"
+        assert (
+            link_of(study, each.id, "http://h/p/")
+            == f"http://h/p/study/small?invitation={token_of(study, each.id)}"
+        )
     for count in (0, -1, MAX_INVITATIONS):
         with pytest.raises(StudyError, match="expected 1 to"):
             invitations.issue("small", count)
@@ -287,7 +328,10 @@ def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_pa
 def test_two_who_issue_at_once_lose_nothing(tmp_path):
     freeze(tmp_path / "studies", recruitment="invitation")
     with ThreadPoolExecutor(4) as pool:
-        done = [pool.submit(lambda: Invitations(Folder(tmp_path / "studies")).issue("small", 5)) for _ in range(8)]
+        done = [
+            pool.submit(lambda: Invitations(Folder(tmp_path / "studies")).issue("small", 5))
+            for _ in range(8)
+        ]
         issued = {each.id for work in done for each in work.result()}
     assert set(Invitations(Folder(tmp_path / "studies")).of("small")) == issued
     assert len(issued) == 40
@@ -314,7 +358,22 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     assert run(["study", "revoke", "small", ident, *folder]) == 0
     table, base = tmp_path / "links.csv", ["--database", str(tmp_path / "none.db"), *folder]
     capsys.readouterr()
-    assert run(["study", "invite", "small", "--list", "--url", "https://lab.example", "--csv", str(table), *base]) == 0
+    assert (
+        run(
+            [
+                "study",
+                "invite",
+                "small",
+                "--list",
+                "--url",
+                "https://lab.example",
+                "--csv",
+                str(table),
+                *base,
+            ]
+        )
+        == 0
+    )
     assert {"issued", "revoked"} <= set(capsys.readouterr().out.split())
     lines = table.read_text().splitlines()
     assert (lines[0], lines[1]) == ("id,state,participant,link", f"{ident},revoked,,{links[0]}")
@@ -322,6 +381,9 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     assert run(["study", "supervise", "small", *folder]) == 0
     code, until = capsys.readouterr().out.splitlines()
     assert (len(code), until[:11], until[-4:]) == (9, "valid until", " UTC")
-    for args, said in ((["invite", "small"], "number of links"), (["revoke", "small", "nope"], "no invitation")):
+    for args, said in (
+        (["invite", "small"], "number of links"),
+        (["revoke", "small", "nope"], "no invitation"),
+    ):
         assert run(["study", *args, *folder]) == 2
         assert said in capsys.readouterr().err

@@ -49,10 +49,14 @@ def test_a_lost_connection_goes_on_with_the_newest_frame_and_a_doubled_act_chang
     person = in_ranked(server)
     with person.socket() as socket:
         before = socket.receive("frame")
-        socket.act(before, "south", input="key")  # and the connection is gone before the answer is read
+        socket.act(
+            before, "south", input="key"
+        )  # and the connection is gone before the answer is read
     with person.socket() as socket:
         frame = eventually(lambda: (now := person.me()["about"]["frame"])["step"] == 3 and now)
-        assert socket.frame_after(2) == frame  # the one before comes first, where the move was still being recorded
+        assert (
+            socket.frame_after(2) == frame
+        )  # the one before comes first, where the move was still being recorded
         socket.act(before, "south", input="key")
         refused = socket.receive("refused")
         assert refused["frame"] == frame
@@ -76,14 +80,19 @@ def test_two_tabs_that_ask_for_the_next_episode_at_once_get_the_same_one(server)
     person.to_warm_up()
     answers = []
     tabs = [server.client(cookies=dict(person.client.cookies)) for _ in range(6)]
-    threads = [threading.Thread(target=lambda tab=tab: answers.append(tab.post(f"{person.url}/next"))) for tab in tabs]
+    threads = [
+        threading.Thread(target=lambda tab=tab: answers.append(tab.post(f"{person.url}/next")))
+        for tab in tabs
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.json()["about"]["frame"]["episode"] for answer in answers}) == 1
-    assert rows(server.services.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'") == [(1,)]
+    assert rows(
+        server.services.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'"
+    ) == [(1,)]
 
 
 def test_a_board_that_was_unloaded_comes_back_with_scores_hidden_and_closed_to_others(serve):
@@ -93,7 +102,12 @@ def test_a_board_that_was_unloaded_comes_back_with_scores_hidden_and_closed_to_o
     eventually(lambda: len(lobby) == 0)
     assert server.client().get(f"/api/sessions/{session}").status_code == 404
     frame = person.client.get(f"/api/sessions/{session}").json()
-    assert (frame["step"], frame["reward"], frame["return"], frame["score"]) == (2, None, None, None)
+    assert (frame["step"], frame["reward"], frame["return"], frame["score"]) == (
+        2,
+        None,
+        None,
+        None,
+    )
     assert person.client.get(f"/api/sessions/{session}/about").json()["frame"] == frame
 
 
@@ -127,8 +141,12 @@ def go_on(person, acts, dice):
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("batch", [0, *(pytest.param(number, marks=pytest.mark.long) for number in range(1, 9))])
-def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_step(spawn, tmp_path, batch):
+@pytest.mark.parametrize(
+    "batch", [0, *(pytest.param(number, marks=pytest.mark.long) for number in range(1, 9))]
+)
+def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_step(
+    spawn, tmp_path, batch
+):
     dice = random.Random(batch)
     server, kills = spawn(), 0
     person = Person(server)
@@ -140,16 +158,25 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
         server.kill()
         kills += 1
         server = spawn()
-        person = Person(server, client=server.client(cookies=dict(person.client.cookies)), joins=False)
+        person = Person(
+            server, client=server.client(cookies=dict(person.client.cookies)), joins=False
+        )
         assert person.me() == where
         assert seen is None or person.frame["episode"] == seen["episode"]
         counts = rows(path, "SELECT count(*), max(step) + 1 FROM steps GROUP BY episode_id")
         assert all(count == highest for count, highest in counts)
-    assert kills >= 2  # the last of them after the last move: the debrief was reached in its transaction
+    assert (
+        kills >= 2
+    )  # the last of them after the last move: the debrief was reached in its transaction
     assert person.where["stage"] == "debrief"
-    trials = rows(path, "SELECT phase, trial FROM study_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial")
+    trials = rows(
+        path,
+        "SELECT phase, trial FROM study_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial",
+    )
     assert trials == [("ranked", 0), ("ranked", 1), ("ranked", 2), ("warm_up", 0), ("warm_up", 1)]
-    assert rows(path, "SELECT count(DISTINCT terrain) FROM study_episodes WHERE phase = 'ranked'") == [(3,)]
+    assert rows(
+        path, "SELECT count(DISTINCT terrain) FROM study_episodes WHERE phase = 'ranked'"
+    ) == [(3,)]
     assert rows(path, "SELECT count(*) FROM episodes") == [(6,)]
     assert len(person.where["debrief"]["completion_code"]) == 8
     server.close()

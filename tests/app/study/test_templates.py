@@ -13,7 +13,9 @@ CONFIG = EnvConfig.of("random", (7, 9), beta=0.965, sensor_radius=4)
 
 
 def draft(consent="We ask you to play.", **rest):
-    return default_protocol("small", CONFIG, **{"warm_up": 2, "ranked": 3, "consent": {"text": consent}, **rest})
+    return default_protocol(
+        "small", CONFIG, **{"warm_up": 2, "ranked": 3, "consent": {"text": consent}, **rest}
+    )
 
 
 def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
@@ -29,10 +31,26 @@ def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
 
 
 def test_texts_of_every_kind_are_filled_and_braces_can_be_written():
-    question = {"question": "{ranked}?", "choices": ["{rows}", "{{x}}"], "answer": 0, "why": "{cols}"}
-    filled = fill(draft("{warm_up} practice rounds, {{not this}}", title="{name} of {episodes}", questions=[question]))
+    question = {
+        "question": "{ranked}?",
+        "choices": ["{rows}", "{{x}}"],
+        "answer": 0,
+        "why": "{cols}",
+    }
+    filled = fill(
+        draft(
+            "{warm_up} practice rounds, {{not this}}",
+            title="{name} of {episodes}",
+            questions=[question],
+        )
+    )
     assert (filled.title, filled.consent.text) == ("small of 5", "2 practice rounds, {not this}")
-    assert filled.questions[0].model_dump(mode="json") == {"question": "3?", "choices": ["7", "{x}"], "answer": 0, "why": "9"}
+    assert filled.questions[0].model_dump(mode="json") == {
+        "question": "3?",
+        "choices": ["7", "{x}"],
+        "answer": 0,
+        "why": "9",
+    }
 
 
 def test_the_default_questions_name_the_coverage_that_the_config_asks_for():
@@ -41,12 +59,23 @@ def test_the_default_questions_name_the_coverage_that_the_config_asks_for():
 
 def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path):
     folder = Folder(tmp_path)
-    path = folder.create(default_protocol("small", CONFIG, warm_up=2, ranked=30, data_licence="CC0-1.0"))
-    edited = {**json.loads(path.read_text()), "ranked": 4, "warm_up": 1, "data_licence": "CC-BY-4.0"}
+    path = folder.create(
+        default_protocol("small", CONFIG, warm_up=2, ranked=30, data_licence="CC0-1.0")
+    )
+    edited = {
+        **json.loads(path.read_text()),
+        "ranked": 4,
+        "warm_up": 1,
+        "data_licence": "CC-BY-4.0",
+    }
     path.write_text(json.dumps(edited))
     study = folder.freeze("small")
     text = study.protocol.consent.text
-    assert ("1 practice rounds and 4 rounds that count" in text, "30" in text, "(licence CC-BY-4.0)" in text) == (
+    assert (
+        "1 practice rounds and 4 rounds that count" in text,
+        "30" in text,
+        "(licence CC-BY-4.0)" in text,
+    ) == (
         True,
         False,
         True,
@@ -109,9 +138,22 @@ def test_other_numbers_are_left_alone(text):
 def test_the_title_and_the_questions_are_held_to_the_same():
     for rest, where in (
         ({"title": "30 rounds on Mars"}, "title"),
-        ({"questions": [{"question": "Why 30 rounds?", "choices": ["a", "b"], "answer": 0}]}, r"questions\[0\].question"),
-        ({"questions": [{"question": "?", "choices": ["30 rounds", "b"], "answer": 0}]}, r"questions\[0\].choices"),
-        ({"questions": [{"question": "?", "choices": ["a", "b"], "answer": 0, "why": "30 rounds"}]}, r"questions\[0\].why"),
+        (
+            {"questions": [{"question": "Why 30 rounds?", "choices": ["a", "b"], "answer": 0}]},
+            r"questions\[0\].question",
+        ),
+        (
+            {"questions": [{"question": "?", "choices": ["30 rounds", "b"], "answer": 0}]},
+            r"questions\[0\].choices",
+        ),
+        (
+            {
+                "questions": [
+                    {"question": "?", "choices": ["a", "b"], "answer": 0, "why": "30 rounds"}
+                ]
+            },
+            r"questions\[0\].why",
+        ),
     ):
         with pytest.raises(StudyError, match=f"{where} counts by hand"):
             fill(draft(**rest))
@@ -119,4 +161,12 @@ def test_the_title_and_the_questions_are_held_to_the_same():
 
 def test_a_filled_text_that_is_too_long_is_no_protocol():
     with pytest.raises(StudyError, match="title"):
-        fill(parse_protocol({**draft().model_dump(mode="json"), "title": "{licence}" * 30, "data_licence": "x" * 300}))
+        fill(
+            parse_protocol(
+                {
+                    **draft().model_dump(mode="json"),
+                    "title": "{licence}" * 30,
+                    "data_licence": "x" * 300,
+                }
+            )
+        )

@@ -57,8 +57,14 @@ def changed(value):
 OF_TRIAL = "SELECT t.* FROM {} t JOIN study_episodes x ON t.{} = x.episode_id WHERE x.phase = 'ranked' AND x.trial = 1 LIMIT 1"
 ONE_ROW = {
     "episodes": OF_TRIAL.format("episodes", "id"),
-    **{table: OF_TRIAL.format(table, "episode_id") for table in ("steps", "study_episodes", "input_events")},
-    **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("participants", "stage_events", "identities", "studies")},
+    **{
+        table: OF_TRIAL.format(table, "episode_id")
+        for table in ("steps", "study_episodes", "input_events")
+    },
+    **{
+        table: f"SELECT * FROM {table} LIMIT 1"
+        for table in ("participants", "stage_events", "identities", "studies")
+    },
     **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("players", "sessions")},
     **{table: f"SELECT * FROM {table} WHERE number = 7" for table in ("chain", "chain_salts")},
 }
@@ -74,7 +80,11 @@ def columns():
 
     for migration in MIGRATIONS:
         migration(conn)
-    found = [(table, row[1], row[2]) for table in ONE_ROW for row in conn.execute(f"PRAGMA table_info({table})")]
+    found = [
+        (table, row[1], row[2])
+        for table in ONE_ROW
+        for row in conn.execute(f"PRAGMA table_info({table})")
+    ]
     conn.close()
     return [each for each in found if each[:2] not in FREE]
 
@@ -127,12 +137,17 @@ def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_w
     (ident,) = conn.execute("SELECT min(id) FROM participants").fetchone()
     conn.execute("UPDATE identities SET value = 'other' WHERE participant_id = ?", [ident])
     ((salt, stored),) = conn.execute(
-        "SELECT s.salt, c.hash FROM chain_salts s JOIN chain c USING (number) WHERE s.id = ?", [ident]
+        "SELECT s.salt, c.hash FROM chain_salts s JOIN chain c USING (number) WHERE s.id = ?",
+        [ident],
     ).fetchall()
     parts = chain.compute(conn, chain.Thing("participant", ident), salt)
     conn.execute("UPDATE chain_salts SET parts = ? WHERE id = ?", (json.dumps(parts), ident))
     (found,) = verify_database(path).findings
-    assert (found.where, found.what, found.stored) == (f"participant {ident}", "digest of its stored fields", stored)
+    assert (found.where, found.what, found.stored) == (
+        f"participant {ident}",
+        "digest of its stored fields",
+        stored,
+    )
     conn.execute("UPDATE chain SET hash = ? WHERE hash = ?", (chain.combine(parts), stored))
     assert [finding.what for finding in verify_database(path).findings] == ["its head"]
 
@@ -140,11 +155,21 @@ def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_w
 def remove_participant(conn, person):
     """Delete a participant with all of their rows, and the salts of their entries, as `forget` does without its own entry."""
     conn.execute("PRAGMA foreign_keys = OFF")
-    session, player = conn.execute("SELECT session_id, player_id FROM participants WHERE id = ?", [person]).fetchone()
+    session, player = conn.execute(
+        "SELECT session_id, player_id FROM participants WHERE id = ?", [person]
+    ).fetchone()
     for table in ("steps", "input_events", "study_episodes"):
-        conn.execute(f"DELETE FROM {table} WHERE episode_id IN (SELECT id FROM episodes WHERE session_id = ?)", [session])
+        conn.execute(
+            f"DELETE FROM {table} WHERE episode_id IN (SELECT id FROM episodes WHERE session_id = ?)",
+            [session],
+        )
     gone = "id IN (SELECT id FROM episodes WHERE session_id = ?) OR id IN (?, ?)"
-    numbers = [row[0] for row in conn.execute(f"SELECT number FROM chain_salts WHERE {gone}", (session, session, person))]
+    numbers = [
+        row[0]
+        for row in conn.execute(
+            f"SELECT number FROM chain_salts WHERE {gone}", (session, session, person)
+        )
+    ]
     conn.execute(f"DELETE FROM chain_salts WHERE {gone}", (session, session, person))
     conn.execute("DELETE FROM episodes WHERE session_id = ?", [session])
     conn.execute("DELETE FROM sessions WHERE id = ?", [session])
@@ -159,7 +184,9 @@ def test_a_participant_removed_with_everything_but_the_chain_is_found(copy, play
     conn, path = copy
     numbers = remove_participant(conn, played[2][1])
     assert len(numbers) > 7
-    assert {finding.where for finding in verify_database(path).findings} == {f"chain entry {each}" for each in numbers}
+    assert {finding.where for finding in verify_database(path).findings} == {
+        f"chain entry {each}" for each in numbers
+    }
 
 
 def test_a_participant_removed_with_their_entries_leaves_a_gap(copy, played):
@@ -170,8 +197,12 @@ def test_a_participant_removed_with_their_entries_leaves_a_gap(copy, played):
     assert {"the entry before it", "its head"} <= {finding.what for finding in found}
 
 
-@pytest.mark.parametrize("makes_anew", [False, True], ids=["the end is cut off", "the whole is made anew"])
-def test_a_chain_without_its_end_or_made_anew_is_found_by_an_earlier_head_alone(copy, played, makes_anew):
+@pytest.mark.parametrize(
+    "makes_anew", [False, True], ids=["the end is cut off", "the whole is made anew"]
+)
+def test_a_chain_without_its_end_or_made_anew_is_found_by_an_earlier_head_alone(
+    copy, played, makes_anew
+):
     conn, path = copy
     before = verify_database(path).chain
     numbers = remove_participant(conn, played[2][2])
@@ -179,8 +210,12 @@ def test_a_chain_without_its_end_or_made_anew_is_found_by_an_earlier_head_alone(
         write_chain_anew(conn)
     else:
         marks = ",".join(map(str, numbers))
-        (replaced,) = conn.execute(f"SELECT min(replaces) FROM chain WHERE number IN ({marks})").fetchone()
-        conn.execute("DELETE FROM chain WHERE number >= ?", [min([*numbers, replaced or before.entries])])
+        (replaced,) = conn.execute(
+            f"SELECT min(replaces) FROM chain WHERE number IN ({marks})"
+        ).fetchone()
+        conn.execute(
+            "DELETE FROM chain WHERE number >= ?", [min([*numbers, replaced or before.entries])]
+        )
     assert verify_database(path).findings == ()
     (found,) = verify_database(path, head=before.head).findings
     assert (found.where, found.what, found.stored) == ("chain", "the head given", before.head)
@@ -195,7 +230,11 @@ def test_an_earlier_head_says_what_was_changed_since(copy, played):
     result = verify_database(path, head=before.head)
     assert result.findings == ()
     assert (result.chain.entries, result.since.entry) == (before.entries + 1, before.entries)
-    assert (result.since.added, result.since.replaced, result.since.forgotten) == ({"participant": 1}, {"participant": 1}, {})
+    assert (result.since.added, result.since.replaced, result.since.forgotten) == (
+        {"participant": 1},
+        {"participant": 1},
+        {},
+    )
 
 
 @pytest.mark.parametrize(
@@ -224,8 +263,12 @@ def test_what_was_taken_away_or_added_is_found(copy, harm):
 
 def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
     conn, path = copy
-    (ident,) = conn.execute("SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 2 LIMIT 1").fetchone()
-    (right,) = conn.execute("SELECT reward FROM steps WHERE episode_id = ? AND step = 3", [ident]).fetchone()
+    (ident,) = conn.execute(
+        "SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 2 LIMIT 1"
+    ).fetchone()
+    (right,) = conn.execute(
+        "SELECT reward FROM steps WHERE episode_id = ? AND step = 3", [ident]
+    ).fetchone()
     conn.execute("UPDATE steps SET reward = 99.5 WHERE episode_id = ? AND step = 3", [ident])
     said = [str(finding) for finding in verify_database(path).findings]
     assert f"episode {ident}: reward of step 3 is 99.5, found {right!r}" in said
@@ -240,21 +283,45 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
         ("UPDATE steps SET reward = reward + 0.5 WHERE step = 2", "reward of step 2"),
         ("UPDATE steps SET discovered = discovered + 1 WHERE step = 2", "discovered of step 2"),
         ("UPDATE steps SET driver = 'script' WHERE step = 1", "driver"),
-        (f"UPDATE episodes SET total = total + 1, score = score + 1 WHERE id IN {RANKED.format(1)}", "score"),
-        (f"UPDATE episodes SET trajectory_hash = 'x' WHERE id IN {RANKED.format(1)}", "trajectory_hash"),
+        (
+            f"UPDATE episodes SET total = total + 1, score = score + 1 WHERE id IN {RANKED.format(1)}",
+            "score",
+        ),
+        (
+            f"UPDATE episodes SET trajectory_hash = 'x' WHERE id IN {RANKED.format(1)}",
+            "trajectory_hash",
+        ),
         (f"UPDATE episodes SET seed = 77 WHERE id IN {RANKED.format(1)}", "terrain"),
-        (f"UPDATE episodes SET seed = NULL WHERE id IN {RANKED.format(1)}", "seed of ranked terrain"),
-        (f"UPDATE episodes SET terrain = zeroblob(8) WHERE id IN {RANKED.format(1)}", "terrain_hash"),
+        (
+            f"UPDATE episodes SET seed = NULL WHERE id IN {RANKED.format(1)}",
+            "seed of ranked terrain",
+        ),
+        (
+            f"UPDATE episodes SET terrain = zeroblob(8) WHERE id IN {RANKED.format(1)}",
+            "terrain_hash",
+        ),
         (f"UPDATE episodes SET outcome = 'timed_out' WHERE id IN {RANKED.format(1)}", "outcome"),
-        (f"UPDATE episodes SET seed_chosen = 1 WHERE id IN {RANKED.format(1)}", "seed_chosen, assisted"),
-        ("UPDATE study_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'", "order of ranked terrains"),
+        (
+            f"UPDATE episodes SET seed_chosen = 1 WHERE id IN {RANKED.format(1)}",
+            "seed_chosen, assisted",
+        ),
+        (
+            "UPDATE study_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
+            "order of ranked terrains",
+        ),
         ("UPDATE study_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
         ("UPDATE study_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
         ("DELETE FROM study_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
-        (f"UPDATE episodes SET attestation = 'supervised' WHERE id IN {RANKED.format(1)}", "attestation"),
+        (
+            f"UPDATE episodes SET attestation = 'supervised' WHERE id IN {RANKED.format(1)}",
+            "attestation",
+        ),
         (f"UPDATE episodes SET attestation = NULL WHERE id IN {RANKED.format(1)}", "attestation"),
         ("UPDATE episodes SET attestation = 'attested' WHERE driver = 'script'", "attestation"),
-        ("UPDATE episodes SET attestation = 'unattested', attestation_reason = 'slow'", "attestation"),
+        (
+            "UPDATE episodes SET attestation = 'unattested', attestation_reason = 'slow'",
+            "attestation",
+        ),
         ("UPDATE input_events SET trusted = 0", "attestation"),
         ("UPDATE steps SET key_down_ms = key_down_ms + 3.5", "attestation"),
         ("DELETE FROM input_events WHERE number = 4", "attestation"),
@@ -262,7 +329,9 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
         ("UPDATE stage_events SET kind = 'settings', detail = 'x' WHERE number = 2", "attestation"),
     ],
 )
-def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_causes(copy, harm, found):
+def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_causes(
+    copy, harm, found
+):
     conn, path = copy
     assert conn.execute(harm).rowcount > 0
     write_chain_anew(conn)
@@ -271,7 +340,9 @@ def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_cau
     assert any(what.startswith(found) for what in said), said
 
 
-def test_what_comes_after_the_end_changes_no_level_and_an_earlier_versions_level_is_of_no_board_with_a_cookie(copy):
+def test_what_comes_after_the_end_changes_no_level_and_an_earlier_versions_level_is_of_no_board_with_a_cookie(
+    copy,
+):
     conn, path = copy
     conn.execute("DELETE FROM input_events WHERE number >= 1000")
     conn.execute("UPDATE episodes SET attestation = 'declared' WHERE driver = 'human'")
@@ -285,7 +356,9 @@ def test_what_comes_after_the_end_changes_no_level_and_an_earlier_versions_level
 
 def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
     conn, path = copy
-    conn.execute(f"UPDATE episodes SET attestation = 'unattested', attestation_reason = '{COPIED}' WHERE driver = 'human'")
+    conn.execute(
+        f"UPDATE episodes SET attestation = 'unattested', attestation_reason = '{COPIED}' WHERE driver = 'human'"
+    )
     write_chain_anew(conn)
     assert verify_database(path).findings == ()
     conn.execute("UPDATE input_events SET trusted = 0")
@@ -293,13 +366,21 @@ def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
     assert {finding.what for finding in verify_database(path).findings} == {"attestation"}
 
 
-def test_a_burst_is_attested_on_the_playground_alone_and_what_earlier_versions_stored_of_one_stands(copy):
+def test_a_burst_is_attested_on_the_playground_alone_and_what_earlier_versions_stored_of_one_stands(
+    copy,
+):
     conn, _ = copy
-    typed, fields = burst(40), ["kind", "code", "repeat", "trusted", "client_ms", "step", "round_trip_ms", "server_ms"]
+    typed, fields = (
+        burst(40),
+        ["kind", "code", "repeat", "trusted", "client_ms", "step", "round_trip_ms", "server_ms"],
+    )
     (ident,) = conn.execute("SELECT episode_id FROM study_episodes").fetchone()
     conn.execute("DELETE FROM input_events WHERE episode_id = ?", [ident])
     conn.execute("UPDATE episodes SET ended_ms = ? WHERE id = ?", [STARTED + 3_600_000, ident])
-    rows = [(ident, number, *(event[name] for name in fields)) for number, event in enumerate(typed.events)]
+    rows = [
+        (ident, number, *(event[name] for name in fields))
+        for number, event in enumerate(typed.events)
+    ]
     conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
     conn.row_factory = sqlite3.Row
 
@@ -309,9 +390,17 @@ def test_a_burst_is_attested_on_the_playground_alone_and_what_earlier_versions_s
         return not list(check_attestation(conn, PlayedEpisode(row, typed.moves)))
 
     earlier = ("unattested", "step 15: the press answers the frame of step 6")
-    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (False, True, False)
+    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (
+        False,
+        True,
+        False,
+    )
     conn.execute("DELETE FROM study_episodes WHERE episode_id = ?", [ident])
-    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (True, True, False)
+    assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (
+        True,
+        True,
+        False,
+    )
 
 
 def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):

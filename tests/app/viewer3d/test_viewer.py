@@ -30,14 +30,22 @@ from tests.support.viewer3d import CAMERA
 def open_view(server, session, subprotocol=PROTOCOL):
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
     return connect(
-        url, subprotocols=[subprotocol], origin=server.url, proxy=None, compression=None, max_size=None, open_timeout=PATIENCE_S
+        url,
+        subprotocols=[subprotocol],
+        origin=server.url,
+        proxy=None,
+        compression=None,
+        max_size=None,
+        open_timeout=PATIENCE_S,
     )
 
 
 def messages(data):
     """The messages of one batch in viser's wire format."""
     length = int.from_bytes(data[8:16], "little")
-    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))["messages"]
+    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))[
+        "messages"
+    ]
 
 
 def drain(view):
@@ -79,7 +87,9 @@ def test_a_move_reaches_the_view_and_costs_little(server, board):
             act = {"episode": frame["episode"], "step": frame["step"], "action": action}
             frame = client.post(f"/api/sessions/{about['session']}/act", json=act).json()
             data = b""
-            while not any(message.get("name") == "/rover" for message in (messages(data) if data else [])):
+            while not any(
+                message.get("name") == "/rover" for message in (messages(data) if data else [])
+            ):
                 data = view.recv(timeout=PATIENCE_S)
                 sent += len(data)
         assert sent < 3 * 4000
@@ -90,7 +100,12 @@ def test_the_page_is_viser_s_client_of_the_same_version(server, board):
     page = client.get(f"/viewer/{about['session']}/")
     assert page.status_code == 200
     assert "hasFocus" in page.text
-    assert client.get(f"/viewer/{about['session']}/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
+    assert (
+        client.get(
+            f"/viewer/{about['session']}/", headers={"If-None-Match": page.headers["etag"]}
+        ).status_code
+        == 304
+    )
     assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
     assert client.get("/viewer/none/").status_code == 404
 
@@ -104,12 +119,18 @@ def test_one_page_serves_all_boards_and_is_kept_by_the_browser(server):
     assert page.status_code == 200
     assert "immutable" in page.headers["cache-control"]
     assert "showBoard" in page.text
-    assert client.get("/viewer/client/viser-v0.0.0-00000000/", follow_redirects=False).status_code == 307
+    assert (
+        client.get("/viewer/client/viser-v0.0.0-00000000/", follow_redirects=False).status_code
+        == 307
+    )
 
 
 def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
     client, about = board
-    with open_view(server, about["session"], "viser-v0.0.0") as view, pytest.raises(ConnectionClosed) as closed:
+    with (
+        open_view(server, about["session"], "viser-v0.0.0") as view,
+        pytest.raises(ConnectionClosed) as closed,
+    ):
         view.recv(timeout=PATIENCE_S)
     assert PROTOCOL in closed.value.rcvd.reason
     camera = msgspec.msgpack.decode(CAMERA)
@@ -136,7 +157,9 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
 
 def test_a_viewer_cannot_ask_for_a_public_tunnel(server, board, monkeypatch):
     asked = []
-    monkeypatch.setattr("viser._viser.ViserServer.request_share_url", lambda *_, **__: asked.append(1))
+    monkeypatch.setattr(
+        "viser._viser.ViserServer.request_share_url", lambda *_, **__: asked.append(1)
+    )
     _, about = board
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
@@ -163,7 +186,9 @@ def test_the_fog_depends_on_what_is_known_alone():
     one = np.zeros((9, 12), bool)
     other = one.copy()
     other[8, 11] = True
-    episodes = [Episode.begin(EnvConfig(rows=9, cols=12), terrain=terrain) for terrain in (one, other)]
+    episodes = [
+        Episode.begin(EnvConfig(rows=9, cols=12), terrain=terrain) for terrain in (one, other)
+    ]
     assert fog(episodes[0].codes) == fog(episodes[1].codes)
     assert (episodes[0].codes == episodes[1].codes).all()
     assert soil(9, 12) == soil(9, 12)
@@ -226,17 +251,22 @@ def test_the_lidar_sweeps_in_each_move_where_effects_are_wished_for():
 
     assert about_sweep(ViewOptions()) == []
     said = about_sweep(ViewOptions(has_effects=True))
-    visible = [b"visible\xc3" in message for message in said if b"SetSceneNodeVisibility" in message]
-    assert [shown for shown, before in zip(visible[1:], visible, strict=False) if shown != before] == [True, False] * 2, (
-        "once a move"
-    )
+    visible = [
+        b"visible\xc3" in message for message in said if b"SetSceneNodeVisibility" in message
+    ]
+    assert [
+        shown for shown, before in zip(visible[1:], visible, strict=False) if shown != before
+    ] == [True, False] * 2, "once a move"
     assert len({message for message in said if b"wxyz" in message}) > 2, "it turns"
 
 
 def test_the_scene_never_asks_for_the_terrain():
     episode, _ = twins()
     blind = SimpleNamespace(
-        **{name: getattr(episode, name) for name in ("config", "codes", "position", "heading", "path", "steps", "outcome")}
+        **{
+            name: getattr(episode, name)
+            for name in ("config", "codes", "position", "heading", "path", "steps", "outcome")
+        }
     )
     assert record(blind) == record(twins()[0])
 
@@ -247,10 +277,18 @@ def test_a_new_episode_puts_the_rover_back_and_takes_old_rocks_and_trail_away(se
         view.send(CAMERA)
         read_until(view, is_named("/border"))
         act = {"episode": about["frame"]["episode"], "step": 0, "action": "east"}
-        assert client.post(f"/api/sessions/{about['session']}/act", json=act).json()["position"] == [0, 1]
-        read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [1.0, 0.0, 0.0])
+        assert client.post(f"/api/sessions/{about['session']}/act", json=act).json()[
+            "position"
+        ] == [0, 1]
+        read_until(
+            view,
+            lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [1.0, 0.0, 0.0],
+        )
         client.post(f"/api/sessions/{about['session']}/episodes", json={"size": [9, 12], "seed": 4})
-        seen = read_until(view, lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [0.0, 0.0, 0.0])
+        seen = read_until(
+            view,
+            lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [0.0, 0.0, 0.0],
+        )
     assert any(m["type"].startswith("Remove") and m["name"].startswith("/trail/") for m in seen)
 
 
@@ -268,12 +306,16 @@ def read_all(view, name):
     seen = []
     with suppress(TimeoutError):
         while True:
-            seen += messages(view.recv(timeout=0.5 if any(map(is_named(name), seen)) else PATIENCE_S))
+            seen += messages(
+                view.recv(timeout=0.5 if any(map(is_named(name), seen)) else PATIENCE_S)
+            )
     return seen
 
 
 def is_paired_path(message):
-    return str(message.get("name")).startswith("/paired_path/") and not message["type"].startswith("Remove")
+    return str(message.get("name")).startswith("/paired_path/") and not message["type"].startswith(
+        "Remove"
+    )
 
 
 def colour_of(message):
@@ -282,7 +324,9 @@ def colour_of(message):
 
 def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before(server):
     client = server.client()
-    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    about = client.post(
+        "/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}
+    ).json()
     mine, other = about["session"], about["rival"]["session"]
     with open_view(server, mine) as view, open_view(server, other) as other_view:
         for each in (view, other_view):
@@ -295,21 +339,29 @@ def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before
         for each, colour in ((view, TEAL), (other_view, AMBER)):
             seen = read_until(each, is_paired_path)
             assert colour_of(seen[-1]) == colour
-            ended = next(n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0)
+            ended = next(
+                n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0
+            )
             assert not any(is_paired_path(message) for message in seen[:ended])
         # the rival goes on alone, and its path with it
         steps = client.get(f"/api/sessions/{other}").json()["step"]
         read_until(view, is_paired_path)
         assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
         client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
-        gone = read_until(view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/paired_path/"))
-        drawn = [message for message in gone if is_paired_path(message) and "props" in message]  # others move or show a node
+        gone = read_until(
+            view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/paired_path/")
+        )
+        drawn = [
+            message for message in gone if is_paired_path(message) and "props" in message
+        ]  # others move or show a node
         assert all(colour_of(message) == TEAL for message in drawn)
 
 
 def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_still_moving(server):
     client = server.client()
-    about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
+    about = client.post(
+        "/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}
+    ).json()
     mine, other = about["session"], about["rival"]["session"]
     with open_view(server, mine) as view:
         view.send(CAMERA)
@@ -320,7 +372,9 @@ def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_still_moving(se
     assert not any(is_paired_path(message) for message in seen)
 
 
-def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leaves_its_path_there(server):
+def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leaves_its_path_there(
+    server,
+):
     client = server.client()
     about = client.post("/api/sessions", json={"size": [9, 12], "seed": 3}).json()
     body = {"size": [9, 12], "seed": 3, "player": "frontier-cost", "replays": about["session"]}
@@ -335,11 +389,17 @@ def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leave
         replay = client.post("/api/sessions", json=body).json()
         seen += read_until(view, is_paired_path)
         assert colour_of(seen[-1]) == TEAL
-    for session, colour, paired in ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER)):
+    for session, colour, paired in (
+        (about["session"], AMBER, TEAL),
+        (replay["session"], TEAL, AMBER),
+    ):
         with open_view(server, session) as view:
             view.send(CAMERA)
             seen = read_until(view, is_paired_path)
-            assert colour_of(next(message for message in seen if message.get("name") == "/rover/deck")) == colour
+            assert (
+                colour_of(next(message for message in seen if message.get("name") == "/rover/deck"))
+                == colour
+            )
             assert colour_of(seen[-1]) == paired
 
 
@@ -361,21 +421,34 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
     assert not any(is_thought(message) or message.get("name") == "/shade" for message in plain)
     assert any(is_thought(message) for message in full)
     assert any(message.get("name") == "/shade" for message in full)
-    assert [[m["type"] for m in seen].count("FogMessage") for seen in (plain, full)] == [0, 1], "haze is an effect"
-    looks = [[m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1] for seen in (plain, full)]
+    assert [[m["type"] for m in seen].count("FogMessage") for seen in (plain, full)] == [0, 1], (
+        "haze is an effect"
+    )
+    looks = [
+        [m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1]
+        for seen in (plain, full)
+    ]
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
 
 
 def test_the_cell_that_a_rule_heads_for_is_marked_where_thoughts_are_wished_for(server):
-    about = server.client().post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}).json()
-    session = next(each for each in server.services.lobby.sessions() if each.id == about["rival"]["session"])
+    about = (
+        server.client()
+        .post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"})
+        .json()
+    )
+    session = next(
+        each for each in server.services.lobby.sessions() if each.id == about["rival"]["session"]
+    )
     eventually(lambda: session.thought)
     row, col = json.loads(session.thought)["goal"]
     for query, places in (("", []), ("?thoughts=on", [[float(col), -float(row), 0.13]])):
         with open_view(server, f"{session.id}{query}") as view:
             view.send(CAMERA)
-            seen = [message for message in read_all(view, "/border") if message.get("name") == "/goal"]
+            seen = [
+                message for message in read_all(view, "/border") if message.get("name") == "/goal"
+            ]
         assert [list(message["position"]) for message in seen if "position" in message] == places
         assert any(message.get("visible") is True for message in seen) is bool(places)
 
@@ -384,7 +457,9 @@ def test_large_boards_are_followed_unless_the_map_is_wished_for():
     assert not ViewOptions().follows(21, 30)
     assert ViewOptions().follows(12, 31)
     assert not ViewOptions.from_query({"camera": "map"}).follows(84, 84)
-    assert ViewOptions.from_query({"camera": "follow", "effects": "on"}) == ViewOptions("follow", True, False)
+    assert ViewOptions.from_query({"camera": "follow", "effects": "on"}) == ViewOptions(
+        "follow", True, False
+    )
     assert ViewOptions.from_query({"camera": "no such", "effects": "1"}) == ViewOptions()
 
 
@@ -406,9 +481,13 @@ def test_a_dash_lies_over_the_middle_of_each_step_once():
     corners, faces = dashes([(0, 0), (0, 1), (0, 0), (0, 0)])
     assert corners.shape == (4, 3)
     assert faces.tolist() == [[0, 1, 2], [0, 2, 3]]
-    assert np.allclose(sorted(map(tuple, corners[:, :2])), [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)])
+    assert np.allclose(
+        sorted(map(tuple, corners[:, :2])), [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)]
+    )
     corners, _ = dashes([(3, 2), (4, 2)])
-    assert np.allclose(corners[:, :2].mean(axis=0), (2, -3.5)), "x is the column, y the row southward"
+    assert np.allclose(corners[:, :2].mean(axis=0), (2, -3.5)), (
+        "x is the column, y the row southward"
+    )
     assert np.ptp(corners[:, 1]) > np.ptp(corners[:, 0])
 
 
@@ -421,7 +500,12 @@ def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
     ahead = np.array([0, np.cos(TILT), -np.sin(TILT)])
     up = np.array([0, np.sin(TILT), np.cos(TILT)])
     places = []
-    for corner in ((-0.5, 0.5, 0), (cols - 0.5, 0.5, 0), (-0.5, 0.5 - rows, 0), (cols - 0.5, 0.5 - rows, 0)):
+    for corner in (
+        (-0.5, 0.5, 0),
+        (cols - 0.5, 0.5, 0),
+        (-0.5, 0.5 - rows, 0),
+        (cols - 0.5, 0.5 - rows, 0),
+    ):
         ray = np.array(corner) - eye
         depth = ray @ ahead * np.tan(FOV / 2)
         places.append((ray[0] / depth / aspect, ray @ up / depth))
@@ -450,7 +534,9 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        session = SimpleNamespace(id="s", channel=channel, episode=episode, paired_with=None, is_second=False, thought="")
+        session = SimpleNamespace(
+            id="s", channel=channel, episode=episode, paired_with=None, is_second=False, thought=""
+        )
         channel.publish("frame")
         client = SimpleNamespace(
             scene=viewer._server.scene,

@@ -77,10 +77,24 @@ def hidden_from(client, about, terrain):
     ]  # fmt: skip
     found = []
     for route in routes:
-        text = client.get(route).text.replace(route, "").replace(episode + "' ", "").replace(f"{about['session']!r}", "")
-        secrets = {"seed": str(seed), "key": terrain.key.hex(), "terrain": about["terrain"], "day": f'"daily":"{terrain.day}"'}
+        text = (
+            client.get(route)
+            .text.replace(route, "")
+            .replace(episode + "' ", "")
+            .replace(f"{about['session']!r}", "")
+        )
+        secrets = {
+            "seed": str(seed),
+            "key": terrain.key.hex(),
+            "terrain": about["terrain"],
+            "day": f'"daily":"{terrain.day}"',
+        }
         found += [(route, name) for name, secret in secrets.items() if secret in text]
-        found += [(route, "episode")] if re.search(rf'"(episode|session)": ?"({episode}|{about["session"]})', text) else []
+        found += (
+            [(route, "episode")]
+            if re.search(rf'"(episode|session)": ?"({episode}|{about["session"]})', text)
+            else []
+        )
     return found
 
 
@@ -120,11 +134,23 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
         "rank": 1,
     }
     assert (shown["people"]["moves"], shown["people"]["unfinished"]) == ([[moves, 1]], 0)
-    results = eventually(lambda: [each for each in page.get(f"/api/daily/{day}/results").json()["policies"] if each["moves"]])
+    results = eventually(
+        lambda: [
+            each
+            for each in page.get(f"/api/daily/{day}/results").json()["policies"]
+            if each["moves"]
+        ]
+    )
     assert results[0]["coverage"] > 0.98
     history = page.get("/api/me/history").json()
-    assert [(each["kind"], each["day"], each["moves"]) for each in history["episodes"]] == [("daily", day, moves)]
-    assert server.client().get("/api/me/history").json() == {"total": 0, "episodes": [], "bests": []}
+    assert [(each["kind"], each["day"], each["moves"]) for each in history["episodes"]] == [
+        ("daily", day, moves)
+    ]
+    assert server.client().get("/api/me/history").json() == {
+        "total": 0,
+        "episodes": [],
+        "bests": [],
+    }
     assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 1
     assert server.client().get("/api/me/export/episodes.csv").status_code == 404
 
@@ -135,9 +161,16 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     assert frame["episode"] not in stranger.get("/api/export/episodes.csv?who=human").text
     assert stranger.get("/api/human-level").json()["figures"] == []
     revealed = stranger.get(f"/api/daily/{day}").json()
-    assert (revealed["key"], revealed["seed"], revealed["commitment"]) == (terrain.key.hex(), own["seed"], terrain.commitment)
+    assert (revealed["key"], revealed["seed"], revealed["commitment"]) == (
+        terrain.key.hex(),
+        own["seed"],
+        terrain.commitment,
+    )
     assert stranger.get("/api/daily").json()["yesterday"] == revealed
-    assert stranger.get(f"/api/daily/{day}/results").json()["people"]["table"][0]["episode"] == frame["episode"]
+    assert (
+        stranger.get(f"/api/daily/{day}/results").json()["people"]["table"][0]["episode"]
+        == frame["episode"]
+    )
     assert begin(page)["daily"] == tomorrow
     assert page.get("/api/daily").json()["streak"] == 1
     assert stranger.get("/api/daily/2020-01-01").status_code == 404
@@ -149,11 +182,17 @@ def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):
     seed = seed_of(server.on_loop(server.services.daily_boards.today()).key)
     about = begin(page)
     for client in (page, script, server.page()):
-        for body in ({"seed": seed}, {"seed": seed, "player": "frontier-cost"}, {"seed": seed, "rival": "frontier-cost"}):
+        for body in (
+            {"seed": seed},
+            {"seed": seed, "player": "frontier-cost"},
+            {"seed": seed, "rival": "frontier-cost"},
+        ):
             refused = client.post("/api/sessions", json=body | {"size": [7, 9]})
             assert (refused.status_code, "today's daily terrain" in refused.text) == (422, True)
         board = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
-        assert client.post(f"/api/sessions/{board}/episodes", json={"seed": seed}).status_code == 422
+        assert (
+            client.post(f"/api/sessions/{board}/episodes", json={"seed": seed}).status_code == 422
+        )
         assert client.post("/api/sessions", json={"seed": seed, "size": [9, 7]}).status_code == 201
     assert page.post(f"/api/sessions/{about['session']}/episodes", json={}).status_code == 409
     assert script.post("/api/daily").status_code == 403
@@ -175,7 +214,9 @@ def test_a_reload_a_second_tab_and_a_restart_go_on_with_the_attempt(serve, small
     assert (again["frame"]["episode"], again["frame"]["step"]) == (about["frame"]["episode"], step)
 
 
-def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_abandons_it(tmp_path, small):
+def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_abandons_it(
+    tmp_path, small
+):
     now = [day_start_ms("2026-11-22") + DAY_MS // 2]
 
     async def scenario(store):
@@ -204,7 +245,10 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
 
 def _stays(episode, action):
     """Whether a move leads neither off the grid nor into a rock."""
-    row, col = (episode.start[0] + (action == 2) - (action == 0), episode.start[1] + (action == 1) - (action == 3))
+    row, col = (
+        episode.start[0] + (action == 2) - (action == 0),
+        episode.start[1] + (action == 1) - (action == 3),
+    )
     return 0 <= row < 7 and 0 <= col < 9 and not episode.terrain[row, col]
 
 
@@ -216,7 +260,9 @@ def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
     exec(recipe, names)
     played = server.services.store.find_episode(about["frame"]["episode"]).episode
     assert (names["seed"], played.config) == (played.seed, EnvConfig.of("random", 21))
-    assert (names["terrain"] == server.services.lobby.in_memory(about["session"]).episode.terrain).all()
+    assert (
+        names["terrain"] == server.services.lobby.in_memory(about["session"]).episode.terrain
+    ).all()
 
 
 def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, monkeypatch):

@@ -27,17 +27,40 @@ CASES, MESSAGES, ON_ONE_SOCKET = 40, 1500, 50
 MEANT = (503,)
 """Server statuses that are answers: too many ask at once."""
 
-WORDS = [None, True, -1, 0, 2**63, 1e308, -0.0, "", "\x00", "\ud800", "e" * 5000, [], {}, [[]], {"kind": "act"}, "NaN"]
+WORDS = [
+    None,
+    True,
+    -1,
+    0,
+    2**63,
+    1e308,
+    -0.0,
+    "",
+    "\x00",
+    "\ud800",
+    "e" * 5000,
+    [],
+    {},
+    [[]],
+    {"kind": "act"},
+    "NaN",
+]
 
 
 @pytest.fixture
 def faults(caplog):
     """Return what the server has logged as an error of its own."""
     caplog.set_level(logging.ERROR)
-    return lambda: [record.getMessage() + str(record.exc_info) for record in caplog.records if record.levelno >= logging.ERROR]
+    return lambda: [
+        record.getMessage() + str(record.exc_info)
+        for record in caplog.records
+        if record.levelno >= logging.ERROR
+    ]
 
 
-NO_LIMIT = dict.fromkeys(("bad_messages", "refused_acts", "events", "histories", "expectations"), "1000000+1000000/s")
+NO_LIMIT = dict.fromkeys(
+    ("bad_messages", "refused_acts", "events", "histories", "expectations"), "1000000+1000000/s"
+)
 """Or the first bad messages would close each socket before the others on it are read."""
 
 
@@ -52,7 +75,12 @@ def real_ids(server):
     me = Person(server, client=server.page())
     begun = me.client.post("/api/sessions", json={"size": 5, "seed": 3, "player": "random"}).json()
     me.client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 8})
-    ids = {"session_id": begun["session"], "watch_id": begun["watch"], "episode_id": begun["frame"]["episode"], "name": "small"}
+    ids = {
+        "session_id": begun["session"],
+        "watch_id": begun["watch"],
+        "episode_id": begun["frame"]["episode"],
+        "name": "small",
+    }
     return me.client, {**ids, "day": me.client.get("/api/daily").json()["day"]}
 
 
@@ -82,7 +110,9 @@ def test_no_call_of_the_api_makes_a_server_error(site, faults):
                     case.path_parameters[name] = ids[name]
             given = case.as_transport_kwargs(base_url=site.url)
             given.pop("cookies", None)
-            with suppress(UnicodeError, ValueError):  # what no client can write into a header or an address
+            with suppress(
+                UnicodeError, ValueError
+            ):  # what no client can write into a header or an address
                 request = client.build_request(
                     given["method"], given["url"], params=given.get("params"), headers=dict(given.get("headers") or {}),
                     json=given.get("json"), content=given.get("data"),
@@ -90,7 +120,14 @@ def test_no_call_of_the_api_makes_a_server_error(site, faults):
                 answer = client.send(request)
                 asked.append(answer.status_code)
                 if answer.status_code >= 500 and answer.status_code not in MEANT:
-                    errors.append((answer.status_code, request.method, str(request.url)[:200], request.content[:200]))
+                    errors.append(
+                        (
+                            answer.status_code,
+                            request.method,
+                            str(request.url)[:200],
+                            request.content[:200],
+                        )
+                    )
 
         call()
     print(len(operations), "calls", sorted(Counter(asked).items()))
@@ -143,10 +180,28 @@ def sockets(server):
     page.post("/api/admin/login", json={"password": "correct-horse"})
     cookie = {"Cookie": "; ".join(f"{each.name}={each.value}" for each in page.cookies.jar)}
     frame = begun["frame"]
-    event = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "client_ms": 5.0, "step": 0}
+    event = {
+        "kind": "keydown",
+        "code": "ArrowUp",
+        "repeat": False,
+        "trusted": True,
+        "client_ms": 5.0,
+        "step": 0,
+    }
     good = [
-        {"kind": "act", "episode": frame["episode"], "step": 0, "action": "east", "input": "key", "key_down_ms": 4.0},
-        {"kind": "events", "episode": frame["episode"], "events": [event, {**event, "kind": "keyup"}]},
+        {
+            "kind": "act",
+            "episode": frame["episode"],
+            "step": 0,
+            "action": "east",
+            "input": "key",
+            "key_down_ms": 4.0,
+        },
+        {
+            "kind": "events",
+            "episode": frame["episode"],
+            "events": [event, {**event, "kind": "keyup"}],
+        },
         {"kind": "history"},
         {"kind": "expected"},
     ]
@@ -154,17 +209,32 @@ def sockets(server):
         yield f"/ws/sessions/{session}", {}, cookie, good
     yield f"/ws/watch/{begun['watch']}", {}, cookie, good
     yield f"/ws/admin/sessions/{begun['session']}", {}, cookie, good
-    yield f"/viewer/{begun['session']}", {"subprotocols": [PROTOCOL]}, cookie, [msgspec.msgpack.decode(CAMERA), *good]
+    yield (
+        f"/viewer/{begun['session']}",
+        {"subprotocols": [PROTOCOL]},
+        cookie,
+        [msgspec.msgpack.decode(CAMERA), *good],
+    )
 
 
 def talk(url, options, messages):
     """Send messages over one connection for as long as it is open; return how many went, and the code it closed with."""
-    plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": None, "open_timeout": PATIENCE_S}
+    plain = {
+        "proxy": None,
+        "compression": None,
+        "max_size": None,
+        "max_queue": None,
+        "open_timeout": PATIENCE_S,
+    }
     sent = 0
     with connect(url, **plain, **options) as connection:
         try:
             for message in messages:
-                connection.send(message if isinstance(message, bytes) else message.encode("utf-8", "replace").decode())
+                connection.send(
+                    message
+                    if isinstance(message, bytes)
+                    else message.encode("utf-8", "replace").decode()
+                )
                 sent += 1
                 with suppress(TimeoutError):
                     while True:
@@ -179,7 +249,10 @@ def talk(url, options, messages):
 def test_no_message_to_any_socket_makes_a_server_error(site, faults):
     draw = random.Random(15)
     for path, rest, headers, good in sockets(site):
-        url, options = f"ws://127.0.0.1:{site.port}{path}", {"origin": site.url, "additional_headers": headers, **rest}
+        url, options = (
+            f"ws://127.0.0.1:{site.port}{path}",
+            {"origin": site.url, "additional_headers": headers, **rest},
+        )
         said = [
             talk(url, options, [mutated(draw.choice(good), draw) for _ in range(ON_ONE_SOCKET)])
             for _ in range(MESSAGES // ON_ONE_SOCKET)

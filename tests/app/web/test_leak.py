@@ -49,7 +49,10 @@ def sights(config, seed):
 
 def agreement(one, other):
     """For how many entries two lists agree from their beginnings."""
-    return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    return next(
+        (n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
+        min(len(one), len(other)),
+    )
 
 
 @functools.cache
@@ -98,7 +101,9 @@ class Recorder:
         begun = self.begin(body)
         self.ids = [begun["session"], *([begun["rival"]["session"]] if begun["rival"] else [])]
         self.frame, self.watch = begun["frame"], begun["watch"]
-        self.sockets = [stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids]
+        self.sockets = [
+            stack.enter_context(server.socket(id_, self.client)).connection for id_ in self.ids
+        ]
         self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
             count = 3 if number else 2  # frame, history, a rival's pace
@@ -115,11 +120,19 @@ class Recorder:
         return self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=self.act(action)).json()
 
     def act(self, action):
-        return {"episode": self.frame["episode"], "step": self.frame["step"], "action": ACTIONS[action]}
+        return {
+            "episode": self.frame["episode"],
+            "step": self.frame["step"],
+            "action": ACTIONS[action],
+        }
 
     def answer(self, method, url, **rest):
         response = self.client.request(method, url, **rest)
-        headers = sorted((name, value) for name, value in response.headers.items() if name not in ("date", "x-request-id"))
+        headers = sorted(
+            (name, value)
+            for name, value in response.headers.items()
+            if name not in ("date", "x-request-id")
+        )
         self.tape.add(f"{response.status_code} {headers}".encode(), response.content)
         return response
 
@@ -128,7 +141,12 @@ class Recorder:
         for id_ in self.ids:
             for more in ("", "/about", "/history"):
                 self.answer("GET", f"/api/sessions/{id_}{more}")
-        lists = ("episodes?limit=9", "human-level", "health", *(f"export/{table}.jsonl" for table in ("episodes", "steps")))
+        lists = (
+            "episodes?limit=9",
+            "human-level",
+            "health",
+            *(f"export/{table}.jsonl" for table in ("episodes", "steps")),
+        )
         for url in (
             *lists,
             f"episodes/{self.frame['episode']}",
@@ -163,7 +181,9 @@ class ParticipantRecorder(Recorder):
         person.to_warm_up()
         while (where := person.me())["stage"] != phase:
             person.call("next")
-            person.call("give-up", {"episode": person.frame["episode"], "step": person.frame["step"]})
+            person.call(
+                "give-up", {"episode": person.frame["episode"], "step": person.frame["step"]}
+            )
         self.tape.add(str(where).encode(), str(person.call("next")).encode())
         return person.where["about"]
 
@@ -202,7 +222,9 @@ def recorded(serve, tmp_path, monkeypatch):
 
     def run(seed, body, moves, recorder=Recorder):
         numbers = itertools.count(1)  # viser's names for its panels
-        monkeypatch.setattr("viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96)))
+        monkeypatch.setattr(
+            "viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96))
+        )
         folder = tmp_path / str(seed)
         folder.mkdir(exist_ok=True)
         server = serve(sources(seed), database=folder / "playground.db", studies=folder / "studies")
@@ -226,13 +248,17 @@ def writings(seed):
 def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, rival):
     config = EnvConfig.of("random", size)
     one, other, moves = twins(config, rival is not None)
-    assert (Episode.begin(config, seed=one).terrain != Episode.begin(config, seed=other).terrain).any()
+    assert (
+        Episode.begin(config, seed=one).terrain != Episode.begin(config, seed=other).terrain
+    ).any()
     body = {"size": list(size), "rival": rival}
     first, second = (recorded(seed, body, moves) for seed in (one, other))
     for number in range(moves):
         assert len(first.tape.moments[number]) > 20
         assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so tapes show differences"
+    assert first.tape.moments[moves] != second.tape.moments[moves], (
+        "the first difference is seen, so tapes show differences"
+    )
     for recorder, seed in ((first, one), (second, other)):
         assert not [text for text in writings(seed) if text in recorder.tape.bytes]
 
@@ -249,7 +275,9 @@ def studied(recorded, tmp_path, monkeypatch):
         studies = tmp_path / str(seed) / "studies"  # the same files: protocol, hash, commitment
         shutil.copytree(frozen[0], studies)
         label = {"warm_up": "warm-up", "ranked": "ranked"}[phase]
-        monkeypatch.setattr(Study, "seed", lambda self, asked, i: seed if asked == label else FIRST_SEED - 1)
+        monkeypatch.setattr(
+            Study, "seed", lambda self, asked, i: seed if asked == label else FIRST_SEED - 1
+        )
         return recorded(seed, phase, moves, ParticipantRecorder)
 
     return run
@@ -263,7 +291,9 @@ def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(stu
     for number in range(moves):
         assert len(first.tape.moments[number]) > 20
         assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], "the first difference is seen, so tapes show differences"
+    assert first.tape.moments[moves] != second.tape.moments[moves], (
+        "the first difference is seen, so tapes show differences"
+    )
     for recorder, seed in ((first, one), (second, other)):
         assert not [text for text in writings(seed) if text in recorder.tape.bytes]
 
@@ -273,4 +303,7 @@ def test_the_seed_is_published_once_the_episode_is_over_and_not_before(recorded)
     recorder = recorded(FIRST_SEED, {"size": [9, 14]}, 2)
     assert str(FIRST_SEED).encode() not in recorder.tape.bytes
     recorder.client.post(f"/api/sessions/{recorder.ids[0]}/episodes")
-    assert recorder.client.get(f"/api/episodes/{recorder.frame['episode']}").json()["seed"] == FIRST_SEED
+    assert (
+        recorder.client.get(f"/api/episodes/{recorder.frame['episode']}").json()["seed"]
+        == FIRST_SEED
+    )

@@ -44,7 +44,12 @@ def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(s
     (offered,) = client.get("/api/maps").json()
     assert (offered["name"], offered["size"]) == ("warehouse", [9, 14])
     begun = client.post("/api/sessions", json={"map": "warehouse"}).json()
-    assert (begun["level"], begun["map"], begun["size"], begun["counts"]) == (MAP, "warehouse", [9, 14], False)
+    assert (begun["level"], begun["map"], begun["size"], begun["counts"]) == (
+        MAP,
+        "warehouse",
+        [9, 14],
+        False,
+    )
     assert begun["frame"]["cells"] == CELLS < WAREHOUSE.size
     frame = explore(client, begun)
     assert frame["outcome"] == "explored"
@@ -57,7 +62,10 @@ def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(s
         True,
     )
     replayed = client.get(f"/api/episodes/{frame['episode']}/replay").json()
-    assert (replayed["run"]["cells"], replayed["run"]["discovered"][-1]) == (CELLS, frame["discovered"])
+    assert (replayed["run"]["cells"], replayed["run"]["discovered"][-1]) == (
+        CELLS,
+        frame["discovered"],
+    )
     ghost = client.get(f"/api/episodes/{frame['episode']}/ghost?policy=frontier-utility").json()
     assert (ghost["outcome"], ghost["cells"]) == ("explored", CELLS)
     (own,) = client.get("/api/me/history").json()["episodes"]
@@ -78,26 +86,43 @@ def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(s
     assert explore(client, again)["discovered"] == frame["discovered"]
     other = client.post(f"{url}/episodes", json={"size": 8}).json()
     assert (other["level"], other["size"], other["frame"]["cells"]) == ("random", 8, 64)
-    refused = client.post("/api/sessions", json={"player": "frontier-cost", "replays": begun["session"]})
+    refused = client.post(
+        "/api/sessions", json={"player": "frontier-cost", "replays": begun["session"]}
+    )
     assert refused.status_code == 422, "the replayed session has a running episode now"
 
 
 def test_a_policy_replays_the_map_of_its_player_where_no_terrain_is_named(serve, warehouse):
     client = serve(maps=(warehouse,), cell_m=1.0).client()
     begun = client.post("/api/sessions", json={"map": "warehouse", "rival": "frontier-cost"}).json()
-    assert begun["rival"]["frame"] == {**begun["frame"], "episode": begun["rival"]["frame"]["episode"]}
+    assert begun["rival"]["frame"] == {
+        **begun["frame"],
+        "episode": begun["rival"]["frame"]["episode"],
+    }
     explore(client, begun)
-    replay = client.post("/api/sessions", json={"player": "frontier-utility", "replays": begun["session"]}).json()
-    assert (replay["map"], replay["size"], replay["frame"]["cells"]) == ("warehouse", [9, 14], CELLS)
+    replay = client.post(
+        "/api/sessions", json={"player": "frontier-utility", "replays": begun["session"]}
+    ).json()
+    assert (replay["map"], replay["size"], replay["frame"]["cells"]) == (
+        "warehouse",
+        [9, 14],
+        CELLS,
+    )
 
 
 def test_a_map_has_a_terrain_of_its_own_and_must_be_on_offer(serve, warehouse):
     client = serve(maps=(warehouse,), cell_m=1.0).client()
     for wanted in ({"level": "random"}, {"size": 9}, {"seed": 3}):
         answer = client.post("/api/sessions", json={"map": "warehouse", **wanted})
-        assert (answer.status_code, "leave out level, size and seed" in answer.json()["detail"]) == (422, True)
+        assert (
+            answer.status_code,
+            "leave out level, size and seed" in answer.json()["detail"],
+        ) == (422, True)
     answer = client.post("/api/sessions", json={"map": "garage"})
-    assert (answer.status_code, answer.json()["detail"]) == (422, "no map 'garage'; choose one of: warehouse")
+    assert (answer.status_code, answer.json()["detail"]) == (
+        422,
+        "no map 'garage'; choose one of: warehouse",
+    )
     assert "choose one of" in client.post("/api/sessions", json={"level": MAP}).json()["detail"]
 
 
@@ -109,14 +134,27 @@ def test_a_map_has_a_terrain_of_its_own_and_must_be_on_offer(serve, warehouse):
         (["wide.yaml"], "129"),
     ],
 )
-def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(tmp_path, capsys, files, said):
+def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
+    tmp_path, capsys, files, said
+):
     for folder in (tmp_path / "a", tmp_path / "b"):
         folder.mkdir()
         write_map(folder, "hall")
     write_map(tmp_path, "wide", np.zeros((9, 129), bool))
     arguments = [f"--map={tmp_path / name}" for name in files]
     with pytest.raises(SystemExit) as ended:
-        main(["serve", "--port", "0", "--cell", "1", "--database", str(tmp_path / "x.db"), *arguments])
+        main(
+            [
+                "serve",
+                "--port",
+                "0",
+                "--cell",
+                "1",
+                "--database",
+                str(tmp_path / "x.db"),
+                *arguments,
+            ]
+        )
     assert ended.value.code == 1
     assert said in capsys.readouterr().err
     assert not (tmp_path / "x.db").exists()

@@ -27,7 +27,9 @@ def answers(client, episode, paths):
     for path in paths:
         answer = client.get(path.format(episode))
         headers = {
-            name: value for name, value in answer.headers.items() if name not in ("date", "content-length", "x-request-id")
+            name: value
+            for name, value in answer.headers.items()
+            if name not in ("date", "content-length", "x-request-id")
         }
         found[path] = (answer.status_code, headers, answer.content.replace(episode.encode(), b"ID"))
     return found
@@ -40,7 +42,18 @@ def command(capsys, tmp_path):
     def call(database, episode):
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
-            main(["replay", episode, "--out", str(tmp_path / "leak.png"), "--ghost", "none", "--database", str(database)])
+            main(
+                [
+                    "replay",
+                    episode,
+                    "--out",
+                    str(tmp_path / "leak.png"),
+                    "--ghost",
+                    "none",
+                    "--database",
+                    str(database),
+                ]
+            )
         return left.value.code, capsys.readouterr().err.replace(episode, "ID")
 
     return call
@@ -71,7 +84,9 @@ def secret(tmp_path):
     add_steps(store, row, episode, tour(episode), "policy:frontier-cost")
     ids["rival"] = row.id
     ids["daily"] = play_daily(store, "ada", utc_day(now_ms()), explore=True).id
-    ids["ended"] = play(store, 8, "zoe", config=CONFIG).id  # left after two moves: for everybody to see
+    ids["ended"] = play(
+        store, 8, "zoe", config=CONFIG
+    ).id  # left after two moves: for everybody to see
     store.close()
     return ids
 
@@ -85,7 +100,9 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
     assert no_file[0] == 2
     for name in ("warm-up", "ranked in a study", "left in a study", "daily"):
         assert answers(client, secret[name], (*REPLAYS, *WATCHING)) == nothing, name
-        board = server.services.lobby.watch_ids.of(server.services.store.find_episode(secret[name]).session.id)
+        board = server.services.lobby.watch_ids.of(
+            server.services.store.find_episode(secret[name]).session.id
+        )
         assert answers(client, board, WATCHING) == {path: nothing[path] for path in WATCHING}, name
     for name in ("ranked", "practice", "rival"):
         files = {path: nothing[path] for path in REPLAYS[1:]}
@@ -97,9 +114,15 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
     assert answers(client, secret["rival"], REPLAYS[:1])[REPLAYS[0]] == nothing[REPLAYS[0]]
     for name in ("ranked", "practice"):
         page = client.get(f"/replay/{secret[name]}")
-        assert (page.status_code, page.headers["location"], page.content) == (303, f"../watch/{secret[name]}", b"")
+        assert (page.status_code, page.headers["location"], page.content) == (
+            303,
+            f"../watch/{secret[name]}",
+            b"",
+        )
         live = client.get(f"/watch/{secret[name]}")
-        assert live.content == client.get(f"/watch/{secret['practice']}").content, "the same page for every episode"
+        assert live.content == client.get(f"/watch/{secret['practice']}").content, (
+            "the same page for every episode"
+        )
         watched = client.get(f"/api/watch/{secret[name]}").json()
         stored = server.services.store.find_episode(secret[name]).episode
         assert watched["frames"] is None
@@ -107,18 +130,27 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
         assert known == watched["frame"]["discovered"] < CONFIG.n
         assert stored.terrain.hex() not in str(watched)
         assert "seed" not in str(watched)
-        board = server.services.lobby.watch_ids.of(server.services.store.find_episode(secret[name]).session.id)
+        board = server.services.lobby.watch_ids.of(
+            server.services.store.find_episode(secret[name]).session.id
+        )
         assert client.get(f"/watch/{board}").content == live.content
-        assert client.get(f"/api/watch/{board}").json() == watched, "the link of the board tells what the episode's tells"
+        assert client.get(f"/api/watch/{board}").json() == watched, (
+            "the link of the board tells what the episode's tells"
+        )
         assert answers(client, board, REPLAYS[1:]) == files, name
 
 
-def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_player(serve, tmp_path, secret, command):
+def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_player(
+    serve, tmp_path, secret, command
+):
     server = serve()
     client = server.client()
     found = answers(client, secret["ended"], REPLAYS)
     assert {path: status for path, (status, *_) in found.items()} == dict.fromkeys(REPLAYS, 200)
-    assert client.get(f"/watch/{secret['ended']}").headers["location"] == f"../replay/{secret['ended']}"
+    assert (
+        client.get(f"/watch/{secret['ended']}").headers["location"]
+        == f"../replay/{secret['ended']}"
+    )
     assert command(tmp_path / "playground.db", secret["ended"])[0] == 0
     row = server.services.store.find_episode(secret["ended"]).episode
     for path, (_, headers, content) in found.items():
@@ -127,4 +159,6 @@ def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_
         assert "player" not in str(headers), path
     token = server.services.player_tokens.sign("ada")
     own = server.client(cookies={PLAYER_COOKIE: token})
-    assert {path: own.get(path.format(secret["daily"])).status_code for path in REPLAYS} == dict.fromkeys(REPLAYS, 200)
+    assert {
+        path: own.get(path.format(secret["daily"])).status_code for path in REPLAYS
+    } == dict.fromkeys(REPLAYS, 200)

@@ -19,13 +19,17 @@ from tests.support.servers import PATIENCE_S
 def test_a_port_in_use_is_reported_before_anything_starts(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(ServerError, match=f"cannot listen on 127.0.0.1 port {port}: address already in use"):
+        with pytest.raises(
+            ServerError, match=f"cannot listen on 127.0.0.1 port {port}: address already in use"
+        ):
             run(Settings(port=port, database=tmp_path / "new.db"))
     assert not (tmp_path / "new.db").exists()
 
 
 def test_an_address_of_another_machine_is_reported():
-    with pytest.raises(ServerError, match=r"cannot listen on 203\.0\.113\.1 .*choose another with --host"):
+    with pytest.raises(
+        ServerError, match=r"cannot listen on 203\.0\.113\.1 .*choose another with --host"
+    ):
         listen("203.0.113.1", 0)
     with pytest.raises(ServerError, match="cannot listen on no such host"):
         listen("no such host", 0)
@@ -74,7 +78,9 @@ def test_settings_come_from_the_environment(monkeypatch, tmp_path):
 
 def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
     code = "import app.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
     slow_to_import = {"torch", "scipy.stats", "pandas", "matplotlib"}
     assert slow_to_import.isdisjoint(done.stdout.split())
 

@@ -42,7 +42,10 @@ def test_an_episode_over_the_socket_is_the_cores_frame_by_frame(server, board):
     episode = Episode.begin(EnvConfig("random", 9, 13), seed=5)
     policy = load("frontier-utility")
     policy.reset(0)
-    with server.socket(begun["session"], client) as socket, server.socket(begun["session"]) as watcher:
+    with (
+        server.socket(begun["session"], client) as socket,
+        server.socket(begun["session"]) as watcher,
+    ):
         frame = socket.receive("frame")
         while frame["outcome"] is None:
             action = policy.act(episode.codes.copy())
@@ -54,7 +57,9 @@ def test_an_episode_over_the_socket_is_the_cores_frame_by_frame(server, board):
             pass
         assert seen == frame
         socket.send({"kind": "history"})
-        assert [tuple(at) for at in socket.receive("history")["positions"][-1:]] == episode.path[-1:]
+        assert [tuple(at) for at in socket.receive("history")["positions"][-1:]] == episode.path[
+            -1:
+        ]
         client.post(f"/api/sessions/{begun['session']}/episodes")
         assert watcher.receive()["step"] == 0
         assert watcher.receive()["kind"] == "history"
@@ -85,7 +90,10 @@ def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
             (b"\x00\x01\x02", "JSON in a text frame, got 3 binary bytes"),
             (json.dumps({"kind": "act"}).encode(), "binary"),
             ({"kind": "fly"}, "kind must be"),
-            ({"kind": "act", "episode": frame["episode"], "step": 0, "action": 1}, "action must be"),
+            (
+                {"kind": "act", "episode": frame["episode"], "step": 0, "action": 1},
+                "action must be",
+            ),
             ("x" * 65_537, "at most 65536 bytes, got 65537"),
         ):
             socket.send(message)
@@ -98,7 +106,10 @@ def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
 
 def test_a_message_that_is_far_too_long_closes_that_socket_alone(server, board):
     client, begun = board
-    with server.socket(begun["session"], client) as socket, server.socket(begun["session"], client) as other:
+    with (
+        server.socket(begun["session"], client) as socket,
+        server.socket(begun["session"], client) as other,
+    ):
         socket.send("x" * 2**24)  # more than the buffers of both sides hold
         assert rest_until_closed(socket)[1] == 1009
         assert other.receive("frame") == begun["frame"]
@@ -154,7 +165,10 @@ def test_a_server_that_stops_closes_its_sockets_with_a_code_that_says_it(server,
 def test_a_subscriber_that_does_not_read_skips_to_the_newest_frame(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"size": 128, "seed": 5}).json()
-    with server.socket(begun["session"], max_queue=16) as slow, server.socket(begun["session"], client) as socket:
+    with (
+        server.socket(begun["session"], max_queue=16) as slow,
+        server.socket(begun["session"], client) as socket,
+    ):
         frame = socket.receive("frame")
         for number in range(600):
             socket.act(frame, ("south", "north")[number % 2])

@@ -57,5 +57,9 @@ def test_versions_parts_and_heads_are_answered_from_memory_as_from_the_disk(clie
 def test_a_file_has_one_name_however_one_goes_out_of_the_folder_and_in_again(client, tmp_path):
     """Else each name would keep the file in memory once more, and say how the folders above are called."""
     assert client.get("/static/folder/%2e%2e/board.js").text == "draw(1)"
-    for up in (f"%2e%2e/{tmp_path.name}", f"{'%2e%2e/' * 40}{str(tmp_path)[1:]}", f"x/%2e%2e/%2e%2e/{tmp_path.name}"):
+    for up in (
+        f"%2e%2e/{tmp_path.name}",
+        f"{'%2e%2e/' * 40}{str(tmp_path)[1:]}",
+        f"x/%2e%2e/%2e%2e/{tmp_path.name}",
+    ):
         assert client.get(f"/static/{up}/board.js").status_code == 404

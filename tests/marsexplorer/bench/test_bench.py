@@ -37,7 +37,9 @@ def test_blind_moves_do_collide():
 
 
 def test_a_stack_is_faster_than_one_world():
-    assert core.steps_per_cpu_second(SMALL, 256, 50_000, repeats=1) > 2 * core.steps_per_cpu_second(SMALL, 1, 3000, repeats=1)
+    assert core.steps_per_cpu_second(SMALL, 256, 50_000, repeats=1) > 2 * core.steps_per_cpu_second(
+        SMALL, 1, 3000, repeats=1
+    )
 
 
 def test_the_replay_through_gymnasium_meets_no_wall():
@@ -89,13 +91,17 @@ def test_frozen_lake_is_always_there():
 def first_step(**env):
     """Return what a process writes to stderr from its first import to its first step."""
     command = [sys.executable, "-c", start.FIRST_STEP]
-    return subprocess.run(command, env=os.environ | env, capture_output=True, text=True, check=True).stderr
+    return subprocess.run(
+        command, env=os.environ | env, capture_output=True, text=True, check=True
+    ).stderr
 
 
 @pytest.mark.timeout(120)
 def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    with subprocess.Popen([sys.executable, "-c", start.FIRST_STEP], env=env, stderr=subprocess.PIPE, text=True) as cold:
+    with subprocess.Popen(
+        [sys.executable, "-c", start.FIRST_STEP], env=env, stderr=subprocess.PIPE, text=True
+    ) as cold:
         assert "compiling the rules" in cold.stderr.readline()
         cold.kill()
     first_step()  # in the cache of this checkout there is everything from now on
@@ -125,11 +131,16 @@ def test_compiling_for_long_is_said_once(capsys, monkeypatch):
 def test_a_move_of_a_network_takes_less_in_a_stack_than_alone_and_a_rule_has_no_stack():
     alone, together = decisions.decide("ppo-priced", 12)
     assert 0 < together.value < alone.value
-    assert [figure.name for figure in decisions.decide("frontier-priced", 12)] == ["frontier-priced, a move alone, 12x12"]
+    assert [figure.name for figure in decisions.decide("frontier-priced", 12)] == [
+        "frontier-priced, a move alone, 12x12"
+    ]
 
 
 def test_json_carries_every_figure():
-    some = [figures.Figure("core", "a", 2.0, "s", target=1.0), figures.Figure("peers", "b", None, "s", note="why")]
+    some = [
+        figures.Figure("core", "a", 2.0, "s", target=1.0),
+        figures.Figure("peers", "b", None, "s", note="why"),
+    ]
     document = json.loads(figures.to_json(some))
     assert [one["name"] for one in document["figures"]] == ["a", "b"]
     assert document["figures"][0]["verdict"] == "reached"

@@ -6,7 +6,12 @@ import pytest
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import convergence
 from marsexplorer.evaluation.annealing import replace_legs, walk_changed_legs
-from marsexplorer.evaluation.informed import AnnealingConfig, KnownTerrain, informed_actions, informed_paths
+from marsexplorer.evaluation.informed import (
+    AnnealingConfig,
+    KnownTerrain,
+    informed_actions,
+    informed_paths,
+)
 from marsexplorer.evaluation.tours import change_tour, copy_tour, walk_tour
 from marsexplorer.terrain import generate
 
@@ -19,7 +24,10 @@ def test_a_changed_tour_is_as_long_and_shows_as_much_as_when_it_is_walked_whole(
     start, capacity, words = 0, 40, known.words
     points, tie_breaks = np.zeros((2, capacity), np.int32), np.zeros((2, capacity), np.int8)
     moves, last = np.zeros((2, 2, capacity), np.int64)
-    shown, around = np.zeros((2, capacity, words), np.uint64), np.zeros((2, capacity + 1, words), np.uint64)
+    shown, around = (
+        np.zeros((2, capacity, words), np.uint64),
+        np.zeros((2, capacity + 1, words), np.uint64),
+    )
     legs, proposed = (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
     covered, whole = np.zeros((2, words), np.uint64), np.zeros(words, np.uint64)
     path, state = np.zeros(8 * CONFIG.n, np.int32), np.array([seed], np.uint64)
@@ -27,33 +35,71 @@ def test_a_changed_tour_is_as_long_and_shows_as_much_as_when_it_is_walked_whole(
     rng, count, length, accepted = np.random.default_rng(seed), 0, 0, 0
     for _ in range(600):
         copy_tour(points, tie_breaks, 0, 1, count)
-        args = (points[1], tie_breaks[1], count, covered[0], known.arrays, known.free, CONFIG.n, state)
+        args = (
+            points[1],
+            tie_breaks[1],
+            count,
+            covered[0],
+            known.arrays,
+            known.free,
+            CONFIG.n,
+            state,
+        )
         new_count = change_tour(start, *args)
         if new_count < 0:
             continue
         counts = (count, new_count)
-        first, end, longer = walk_changed_legs(start, points, tie_breaks, counts, known.arrays, legs, proposed, covered[1])
-        assert length + longer == walk_tour(start, points[1], tie_breaks[1], new_count, known.arrays, whole, path)
+        first, end, longer = walk_changed_legs(
+            start, points, tie_breaks, counts, known.arrays, legs, proposed, covered[1]
+        )
+        assert length + longer == walk_tour(
+            start, points[1], tie_breaks[1], new_count, known.arrays, whole, path
+        )
         assert (covered[1] == whole).all()
         if rng.random() < (0.9 if new_count > count else 0.4):
             replace_legs(counts, first, end, legs, proposed)
             copy_tour(points, tie_breaks, 1, 0, new_count)
-            covered[0], count, length, accepted = covered[1], new_count, length + longer, accepted + 1
+            covered[0], count, length, accepted = (
+                covered[1],
+                new_count,
+                length + longer,
+                accepted + 1,
+            )
     assert accepted > 100
     assert count > 5
 
 
 def test_a_terrain_has_the_walk_that_the_published_figures_were_made_with():
     config = EnvConfig()
-    assert [len(informed_actions(config, generate(config, seed), seed, AnnealingConfig(60_000, 1))) for seed in (5, 6)] == [
+    assert [
+        len(informed_actions(config, generate(config, seed), seed, AnnealingConfig(60_000, 1)))
+        for seed in (5, 6)
+    ] == [
         57,
         53,
     ]
 
 
 def test_the_table_of_convergence_has_a_line_for_each_budget(capsys):
-    convergence.main(["--size", "9", "--episodes", "2", "--seed", "7", "--searches", "2", "--changes", "400", "3000"])
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in capsys.readouterr().out.splitlines()[2:]]
+    convergence.main(
+        [
+            "--size",
+            "9",
+            "--episodes",
+            "2",
+            "--seed",
+            "7",
+            "--searches",
+            "2",
+            "--changes",
+            "400",
+            "3000",
+        ]
+    )
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in capsys.readouterr().out.splitlines()[2:]
+    ]
     assert [row[0] for row in rows] == ["400", "3,000"]
     config = EnvConfig.of("random", 9)
     for row in rows:
@@ -61,7 +107,9 @@ def test_the_table_of_convergence_has_a_line_for_each_budget(capsys):
         found = [informed_paths(config, generate(config, seed), seed, searched) for seed in (7, 8)]
         means = np.mean([[len(path) - 1 for path in paths] for paths in found], axis=0)
         assert row[1] == ", ".join(f"{mean:.1f}" for mean in means)
-        assert row[2].startswith(f"{np.mean([min(len(path) - 1 for path in paths) for paths in found]):.1f} ± ")
+        assert row[2].startswith(
+            f"{np.mean([min(len(path) - 1 for path in paths) for paths in found]):.1f} ± "
+        )
     assert rows[0][3] == ""
     with pytest.raises(SystemExit):
         convergence.main(["--size", "200"])

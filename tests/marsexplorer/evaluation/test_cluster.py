@@ -20,7 +20,8 @@ pytestmark = [
     pytest.mark.long,
     pytest.mark.filterwarnings("ignore::DeprecationWarning:ray"),
     pytest.mark.skipif(
-        importlib.util.find_spec("ray") is None, reason="RAY IS ABSENT: pip install 'marsexplorer-playground[ray]'"
+        importlib.util.find_spec("ray") is None,
+        reason="RAY IS ABSENT: pip install 'marsexplorer-playground[ray]'",
     ),
 ]
 
@@ -51,7 +52,9 @@ def test_the_table_is_the_one_made_without_ray_and_policy_files_travel(cluster, 
     save_network(Net(), tmp_path / "mine.safetensors", {"summary": "Untrained."})
     names = ["frontier-cost", "random", INFORMED, str(tmp_path / "mine.safetensors")]
     configs, calls = [CONFIG, replace(CONFIG, level="1-1-1")], []
-    there = evaluate(names, configs, 12, 5, lambda *done: calls.append(done), traces=True, ray=LOCAL)
+    there = evaluate(
+        names, configs, 12, 5, lambda *done: calls.append(done), traces=True, ray=LOCAL
+    )
     assert there == evaluate(names, configs, 12, 5, workers=1, traces=True)
     assert calls[-1] == (96, 96)
     assert cluster.is_initialized()
@@ -62,7 +65,11 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(clust
         return SweepRun(name, "best", config, 16384, seed, 4, {"summary": "Little."})
 
     broken = {**CONFIG.to_dict(), "rows": 3}
-    runs = [sweep_run("one", CONFIG.to_dict(), 3), sweep_run("broken", broken, 0), sweep_run("two", CONFIG.to_dict(), 4)]
+    runs = [
+        sweep_run("one", CONFIG.to_dict(), 3),
+        sweep_run("broken", broken, 0),
+        sweep_run("two", CONFIG.to_dict(), 4),
+    ]
     calls = []
     one, failed, two = sweep(runs, tmp_path, LOCAL, lambda *done: calls.append(done))
     assert calls[-1] == (3, 3)
@@ -72,12 +79,20 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(clust
     net = train(run, lambda metrics: None)
     weights = load_file(one.policy)
     assert all(torch.equal(weights[name], tensor) for name, tensor in net.state_dict().items())
-    assert any(not torch.equal(tensor, load_file(two.policy)[name]) for name, tensor in weights.items())
-    again = evaluate([str(one.policy), "frontier-cost", "frontier-utility"], CONFIG, 4, 10**9, workers=1)
+    assert any(
+        not torch.equal(tensor, load_file(two.policy)[name]) for name, tensor in weights.items()
+    )
+    again = evaluate(
+        [str(one.policy), "frontier-cost", "frontier-utility"], CONFIG, 4, 10**9, workers=1
+    )
     assert (one.steps, one.completion, one.score) == (
         again.rows[0].steps_mean,
         again.rows[0].completion,
         again.rows[0].score_mean,
     )
     assert one.rule_ratio == again.compared(again.rows[0], "rule").ratio_mean
-    assert {path.name for path in (tmp_path / "one").iterdir()} > {"one.safetensors", "log.jsonl", "curve.png"}
+    assert {path.name for path in (tmp_path / "one").iterdir()} > {
+        "one.safetensors",
+        "log.jsonl",
+        "curve.png",
+    }

@@ -24,7 +24,10 @@ def steps_of(config, terrain, actions):
 def fewest_moves(config, terrain):
     """The length of the shortest walk, by breadth-first search over (cell, cells discovered) with literal sight."""
     views = {
-        (row, col): sum(1 << int(cell) for cell in np.flatnonzero(visible(terrain, row, col, config.sensor_radius)))
+        (row, col): sum(
+            1 << int(cell)
+            for cell in np.flatnonzero(visible(terrain, row, col, config.sensor_radius))
+        )
         for row, col in np.argwhere(~terrain).tolist()
     }
     layer, length = {((0, 0), views[0, 0])}, 0
@@ -47,14 +50,21 @@ def test_the_rules_say_that_the_walk_explores_the_terrain(level, size):
     config = EnvConfig.of(level, size)
     for seed in range(3):
         terrain = generate(config, seed)
-        assert steps_of(config, terrain, informed_actions(config, terrain, seed, AnnealingConfig(20_000, 1))) < config.n / 2
+        assert (
+            steps_of(
+                config, terrain, informed_actions(config, terrain, seed, AnnealingConfig(20_000, 1))
+            )
+            < config.n / 2
+        )
 
 
 def test_on_small_terrains_no_walk_is_shorter():
     config = EnvConfig("random", 5, 7, sensor_radius=2)
     for seed in range(6):
         terrain = generate(config, seed)
-        assert steps_of(config, terrain, informed_actions(config, terrain, 0)) == fewest_moves(config, terrain), seed
+        assert steps_of(config, terrain, informed_actions(config, terrain, 0)) == fewest_moves(
+            config, terrain
+        ), seed
 
 
 def test_a_terrain_has_one_answer_and_a_mirrored_one_a_walk_as_long():

@@ -5,7 +5,13 @@ import pytest
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
-from marsexplorer.evaluation.plots import coverage_curves, coverage_figure, heat_figure, heat_maps, save_plots
+from marsexplorer.evaluation.plots import (
+    coverage_curves,
+    coverage_figure,
+    heat_figure,
+    heat_maps,
+    save_plots,
+)
 from marsexplorer.terrain import generate
 
 CONFIGS = (EnvConfig("random", 7, 11, sensor_radius=3), EnvConfig("1-1-1", 7, 11, sensor_radius=3))
@@ -39,7 +45,10 @@ def test_heat_maps_count_moves_and_obstacles_found(table):
 
 def test_a_coverage_plot_ends_with_the_explored_and_names_every_policy(table):
     axes = coverage_figure(table, CONFIGS[0]).axes[0]
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["frontier-cost", "random"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        "frontier-cost",
+        "random",
+    ]
     longest = max(result.steps for result in table.results[:6] if result.outcome == "explored")
     assert axes.get_xlim() == (0, longest)
     assert len(heat_figure(table, "random").axes) == 2

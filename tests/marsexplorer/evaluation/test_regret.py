@@ -38,7 +38,10 @@ def drive(seed, moves, rng):
 
 def literal_length(net, record, step, action):
     """The moves of the whole episode, played board by board as the policy is served, its guard beginning at the branch."""
-    episode, policy = Episode.begin(record.config, terrain=record.terrain_map()), NetworkPolicy("p", net, CONFIG.sensor_radius)
+    episode, policy = (
+        Episode.begin(record.config, terrain=record.terrain_map()),
+        NetworkPolicy("p", net, CONFIG.sensor_radius),
+    )
     policy.reset(0)
     for made in record.actions[:step]:
         policy.extract_features(episode.codes)
@@ -58,7 +61,10 @@ def test_lengths_are_those_of_literal_episodes(net):
     terrain = record.terrain_map()
     for step in rng.choice(len(record.actions), 8, replace=False):
         for action in range(4):
-            assert lengths[step, action] == literal_length(net, record, step, action), (step, action)
+            assert lengths[step, action] == literal_length(net, record, step, action), (
+                step,
+                action,
+            )
     assert not terrain[0, 0]
 
 
@@ -69,11 +75,16 @@ def test_a_regret_is_never_negative_and_the_best_action_has_none(estimator):
     assert found.regret.max() > 0
     assert (found.lengths[steps, found.best_actions] == found.lengths.min(1)).all()
     assert (found.best_actions[found.regret == 0] == found.actions[found.regret == 0]).all()
-    assert all((kind is None) == (regret == 0) for kind, regret in zip(found.kinds, found.regret, strict=True))
+    assert all(
+        (kind is None) == (regret == 0)
+        for kind, regret in zip(found.kinds, found.regret, strict=True)
+    )
     assert sum(found.by_kind().values()) == found.total == found.by_tenth().sum()
     biggest = found.biggest(3)
     assert biggest[0].regret == found.regret.max()
-    assert [each.regret for each in biggest] == sorted((each.regret for each in biggest), reverse=True)
+    assert [each.regret for each in biggest] == sorted(
+        (each.regret for each in biggest), reverse=True
+    )
 
 
 def test_a_collision_costs_what_is_left_of_the_limit(estimator):
@@ -105,16 +116,27 @@ def test_an_episode_without_a_move_has_no_regret(estimator):
 def test_a_loss_of_the_last_cells_is_one_after_95_percent(estimator, net):
     rng, kinds = np.random.default_rng(5), []
     for seed in range(SEED, SEED + 3):
-        episode, policy = Episode.begin(CONFIG, seed=seed), NetworkPolicy("p", net, CONFIG.sensor_radius)
+        episode, policy = (
+            Episode.begin(CONFIG, seed=seed),
+            NetworkPolicy("p", net, CONFIG.sensor_radius),
+        )
         policy.reset(0)
         while not episode.ended and episode.steps < 120:
             action = policy.act(episode.codes)
             slips = episode.coverage > 0.8 and rng.random() < 0.6
-            episode.step(int(rng.choice(valid_actions(episode.codes, *episode.position))) if slips else action)
+            episode.step(
+                int(rng.choice(valid_actions(episode.codes, *episode.position)))
+                if slips
+                else action
+            )
         found = estimator.regret(episode.record())
         kinds += zip(found.kinds, found.coverage, strict=True)
     assert {coverage >= 0.95 for kind, coverage in kinds if kind is LossKind.LAST_CELLS} == {True}
-    assert {coverage < 0.95 for kind, coverage in kinds if kind in (LossKind.HIDDEN_POCKET, LossKind.EARLY_DETOUR)} == {True}
+    assert {
+        coverage < 0.95
+        for kind, coverage in kinds
+        if kind in (LossKind.HIDDEN_POCKET, LossKind.EARLY_DETOUR)
+    } == {True}
 
 
 def test_a_pocket_is_left_by_the_move_away_from_it_alone():
@@ -136,7 +158,10 @@ def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(tmp_pat
     kept = RegretEstimator(cache=tmp_path / "regret")
     first = kept.regret(record).lengths
     (path,) = (tmp_path / "regret").iterdir()
-    monkeypatch.setattr("marsexplorer.evaluation.regret.branch_lengths", lambda *given: pytest.fail("worked out again"))
+    monkeypatch.setattr(
+        "marsexplorer.evaluation.regret.branch_lengths",
+        lambda *given: pytest.fail("worked out again"),
+    )
     assert (kept.regret(record).lengths == first).all()
     monkeypatch.undo()
     path.write_bytes(b"\x93NUMPY broken")
@@ -170,7 +195,10 @@ def test_what_was_missed_is_what_the_policy_sees_soon_after_the_better_move(net,
         known.append(own.codes != UNKNOWN)
         before, soon = known[loss.step], known[min(loss.step + SOON, len(record.actions))]
         # 2. The policy's way after the better action.
-        other, policy = Episode.begin(CONFIG, terrain=terrain), NetworkPolicy("p", net, CONFIG.sensor_radius)
+        other, policy = (
+            Episode.begin(CONFIG, terrain=terrain),
+            NetworkPolicy("p", net, CONFIG.sensor_radius),
+        )
         policy.reset(0)
         for action in record.actions[: loss.step]:
             policy.extract_features(other.codes)
@@ -185,5 +213,8 @@ def test_what_was_missed_is_what_the_policy_sees_soon_after_the_better_move(net,
                 other.step(policy.act(other.codes))
         cells = np.argwhere((other.codes != UNKNOWN) & ~before & ~soon)
         assert found.cells.tolist() == cells.tolist()
-        seen = [next((step for step, each in enumerate(known) if each[tuple(cell)]), None) for cell in cells]
+        seen = [
+            next((step for step, each in enumerate(known) if each[tuple(cell)]), None)
+            for cell in cells
+        ]
         assert found.seen_at == (None if not seen or None in seen else max(seen))

@@ -22,7 +22,10 @@ def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
 
 
 def test_a_small_figure_4_takes_half_an_hour_of_two_cores_and_a_full_one_some_hours():
-    minutes = {budget: sum(job.forecast for job in plan(Request(("4",), budget), NOWHERE)) / 60 for budget in BUDGETS}
+    minutes = {
+        budget: sum(job.forecast for job in plan(Request(("4",), budget), NOWHERE)) / 60
+        for budget in BUDGETS
+    }
     assert 40 < minutes["small"] < 60
     assert 3 * 60 < minutes["full"] < 6 * 60
 
@@ -41,7 +44,12 @@ def test_figure_5_is_ppo_on_the_12_levels():
 
 
 def test_options_stand_in_place_of_the_budgets():
-    (job,) = plan(Request(("4",), algorithms=("sac",), variants=("works-no-mask",), seeds=1, moves=7, terrains=5), NOWHERE)
+    (job,) = plan(
+        Request(
+            ("4",), algorithms=("sac",), variants=("works-no-mask",), seeds=1, moves=7, terrains=5
+        ),
+        NOWHERE,
+    )
     assert (job.algorithm, job.variant, job.moves, job.terrains) == ("sac", "works-no-mask", 7, 5)
     with pytest.raises(ValueError, match="no algorithm 'dqn'; choose of: a2c, ppo, rainbow, sac"):
         plan(Request(("4",), algorithms=("dqn",)), NOWHERE)

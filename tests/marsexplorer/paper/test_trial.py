@@ -21,7 +21,12 @@ from marsexplorer.training.config import RECIPES
 SMALL = {"num_envs": 4, "num_steps": 8, "minibatch_size": 16, "update_epochs": 2}
 TRIAL = Trial("ppo", "paper", "random", 9, 3, 3 * 32, terrains=2)
 TRAINED = 1 - 2 * trial_module.CPU_S_PER_TERRAIN / TRIAL.forecast
-SHARES = [TRAINED / 3, 2 * TRAINED / 3, TRAINED, *(TRAINED + (1 - TRAINED) * played / 6 for played in (2, 4, 6))]
+SHARES = [
+    TRAINED / 3,
+    2 * TRAINED / 3,
+    TRAINED,
+    *(TRAINED + (1 - TRAINED) * played / 6 for played in (2, 4, 6)),
+]
 """What is done after each of three updates, and after the two episodes of the policy and of each rule."""
 CHILD = f"""
 import os, signal, sys
@@ -66,14 +71,18 @@ def outcome(folder):
     assert TRIAL.is_done(folder)
     assert sorted(path.name for path in own.iterdir()) == ["log.jsonl", f"{TRIAL.name}.safetensors"]
     lines = read_log(own / "log.jsonl")
-    return [{name: value for name, value in line.items() if name != "cpu_s"} for line in lines], policy_bytes(own)
+    return [
+        {name: value for name, value in line.items() if name != "cpu_s"} for line in lines
+    ], policy_bytes(own)
 
 
 def policy_bytes(own):
     return (own / f"{TRIAL.name}.safetensors").read_bytes()
 
 
-def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy_with_a_card(tmp_path):
+def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy_with_a_card(
+    tmp_path,
+):
     shares = []
     TRIAL.run(tmp_path, shares.append)
     head, *curve, result = read_log(tmp_path / TRIAL.name / "log.jsonl")
@@ -92,17 +101,24 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     assert result["completion"] == result["explored"]
     policy = tmp_path / TRIAL.name / f"{TRIAL.name}.safetensors"
     assert load(policy).name == TRIAL.name
-    assert json.loads(json.dumps(head["settings"])).items() <= card_of(policy)["training"]["settings"].items()
+    assert (
+        json.loads(json.dumps(head["settings"])).items()
+        <= card_of(policy)["training"]["settings"].items()
+    )
     assert card_of(policy)["results"]["random 9x9"]["score"] == result["score"]
 
 
 def card_of(policy):
     header = policy.read_bytes()
-    return json.loads(json.loads(header[8 : 8 + int.from_bytes(header[:8], "little")])["__metadata__"]["card"])
+    return json.loads(
+        json.loads(header[8 : 8 + int.from_bytes(header[:8], "little")])["__metadata__"]["card"]
+    )
 
 
 @pytest.mark.parametrize("rounds", [1, 3, 4])
-def test_a_trial_that_was_stopped_goes_on_to_the_same_curve_policy_and_result(tmp_path, whole, rounds):
+def test_a_trial_that_was_stopped_goes_on_to_the_same_curve_policy_and_result(
+    tmp_path, whole, rounds
+):
     shares = []
 
     def stop(share):
@@ -118,7 +134,9 @@ def test_a_trial_that_was_stopped_goes_on_to_the_same_curve_policy_and_result(tm
     assert outcome(tmp_path) == whole
 
 
-def test_a_trial_that_is_killed_after_any_of_its_writes_goes_on_to_the_same(tmp_path, whole, monkeypatch):
+def test_a_trial_that_is_killed_after_any_of_its_writes_goes_on_to_the_same(
+    tmp_path, whole, monkeypatch
+):
     rename, written = Path.replace, []
 
     def die(path, target):
@@ -142,7 +160,9 @@ def test_a_trial_that_is_killed_after_any_of_its_writes_goes_on_to_the_same(tmp_
 
 
 @pytest.mark.long
-def test_a_trial_whose_process_is_killed_while_it_writes_a_checkpoint_goes_on_to_the_same(tmp_path, whole):
+def test_a_trial_whose_process_is_killed_while_it_writes_a_checkpoint_goes_on_to_the_same(
+    tmp_path, whole
+):
     process = subprocess.run([sys.executable, "-c", CHILD, str(tmp_path)], check=False, timeout=120)
     assert process.returncode == -signal.SIGKILL
     own = tmp_path / TRIAL.name
@@ -154,7 +174,9 @@ def test_a_trial_whose_process_is_killed_while_it_writes_a_checkpoint_goes_on_to
     assert outcome(tmp_path) == whole
 
 
-def test_a_ctrl_c_in_the_middle_of_a_round_waits_for_its_end_and_a_second_one_breaks_it_off(tmp_path, whole):
+def test_a_ctrl_c_in_the_middle_of_a_round_waits_for_its_end_and_a_second_one_breaks_it_off(
+    tmp_path, whole
+):
     steps = presses = 0
 
     def press(optimizer, args, kwargs):

@@ -51,7 +51,9 @@ def test_the_moves_are_those_of_single_decisions(name, file):
     boards = [(CONFIGS[seed % 3], 10**9 + seed) for seed in range(24)]
     moves = together([name, "frontier-utility"], boards, 150)
     for at, (config, seed) in enumerate(boards):
-        assert moves[at] == alone(policies.load([name, "frontier-utility"][at % 2]), config, seed, 150)
+        assert moves[at] == alone(
+            policies.load([name, "frontier-utility"][at % 2]), config, seed, 150
+        )
 
 
 def test_boards_of_one_file_share_a_network_until_the_file_changes(file):
@@ -73,7 +75,9 @@ class Counting:
 
     def infer(self, planes, moves):
         self.calls.append(len(planes))
-        return np.array([self.scores[len(self.calls) - 1]] * len(planes), np.float32), np.zeros(len(planes), np.float32)
+        return np.array([self.scores[len(self.calls) - 1]] * len(planes), np.float32), np.zeros(
+            len(planes), np.float32
+        )
 
 
 def test_a_close_call_is_made_alone():
@@ -92,7 +96,9 @@ def test_a_close_call_is_made_alone():
 def test_one_board_that_fails_leaves_the_others_their_moves(file):
     good, bad = policies.load(file), policies.load(file)
     codes = Episode.begin(EnvConfig(), seed=1).codes
-    answer, error, rule = act_many([good, bad, policies.load("frontier-cost")], [codes, np.zeros((5, 5), np.uint8), codes])
+    answer, error, rule = act_many(
+        [good, bad, policies.load("frontier-cost")], [codes, np.zeros((5, 5), np.uint8), codes]
+    )
     assert answer == policies.load(file).act(codes)
     assert isinstance(error, ValueError)
     assert rule in range(4)

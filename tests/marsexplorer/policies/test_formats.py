@@ -41,7 +41,9 @@ def older_names(value):
     for key, part in value.items():
         older = {new: old for old, new in formats.NEWER_KEYS.get(key, {}).items()}
         inside = older_names(part)
-        card[key] = {older.get(name, name): each for name, each in inside.items()} if older else inside
+        card[key] = (
+            {older.get(name, name): each for name, each in inside.items()} if older else inside
+        )
     return card
 
 
@@ -72,7 +74,9 @@ def recorded(name):
         cells, steps = head["rows"] * head["cols"], head["moves"]
         length = -(-cells // 4)
         packed = arrays["codes"][byte : byte + steps * length].reshape(steps, length)
-        codes = np.stack([packed >> shift & 3 for shift in (0, 2, 4, 6)], axis=2).reshape(steps, -1)[:, :cells]
+        codes = np.stack([packed >> shift & 3 for shift in (0, 2, 4, 6)], axis=2).reshape(
+            steps, -1
+        )[:, :cells]
         observations = codes.reshape(steps, head["rows"], head["cols"]).astype(np.uint8)
         episodes.append((head, observations, step, step + steps))
         byte, step = byte + steps * length, step + steps
@@ -83,7 +87,11 @@ def recorded(name):
 def files(request, tmp_path_factory):
     """(name, the shipped file, the same file in its older format)."""
     name = request.param
-    return name, shipped()[name], rebuilt(shipped()[name], tmp_path_factory.mktemp("older") / f"{name}.safetensors")
+    return (
+        name,
+        shipped()[name],
+        rebuilt(shipped()[name], tmp_path_factory.mktemp("older") / f"{name}.safetensors"),
+    )
 
 
 def test_the_rebuilt_file_is_the_older_one_byte_for_byte(files):
@@ -106,15 +114,21 @@ def test_both_formats_give_the_same_card_and_the_same_weights(files):
     load = load_paper_net if name == "ppo-paper" else load_net
     both = load(older).state_dict(), load(current).state_dict()
     assert list(both[0]) == list(both[1])
-    assert all(torch.equal(*tensors) for tensors in zip(both[0].values(), both[1].values(), strict=True))
+    assert all(
+        torch.equal(*tensors) for tensors in zip(both[0].values(), both[1].values(), strict=True)
+    )
 
 
 def test_cards_name_what_training_was_given_as_its_configurations_do(files):
     training = read_card(files[1])["training"]
     if "plan" in training:
-        assert set(training["plan"]) == {field.name for field in fields(RefineConfig)} - ADDED_TO_PLANS
+        assert (
+            set(training["plan"]) == {field.name for field in fields(RefineConfig)} - ADDED_TO_PLANS
+        )
         training = training["began_with"]["training"]
-    assert set(training["recipe"]) == {field.name for field in fields(TrainConfig)} - ADDED_TO_RECIPES
+    assert (
+        set(training["recipe"]) == {field.name for field in fields(TrainConfig)} - ADDED_TO_RECIPES
+    )
 
 
 def test_every_recorded_decision_is_made_again_from_both_formats(files):
@@ -159,7 +173,9 @@ def test_every_recorded_logit_is_computed_again(files):
     logits = logits_of(name, current, episodes)
     assert np.array_equal(logits, logits_of(name, older, episodes))
     assert np.allclose(logits, arrays["logits"], atol=1e-4)
-    print(f"\n{name}: logits equal to the recorded ones bit for bit: {np.array_equal(logits, arrays['logits'])}")
+    print(
+        f"\n{name}: logits equal to the recorded ones bit for bit: {np.array_equal(logits, arrays['logits'])}"
+    )
 
 
 def test_a_file_with_tensors_of_both_names_is_refused(files, tmp_path):
@@ -167,6 +183,12 @@ def test_a_file_with_tensors_of_both_names_is_refused(files, tmp_path):
     tensors = load_file(older)
     name, tensor = next(iter(tensors.items()))
     tensors[formats.NEWER_TENSORS.get(name.split(".")[0], "more") + ".0.bias"] = tensor.clone()
-    save_file(tensors, tmp_path / "both.safetensors", metadata={"card": json.dumps(read_stored_card(older))})
-    with pytest.raises(policies.PolicyFileError, match=r"expected the \d+ tensors of the network, got \d+ others"):
+    save_file(
+        tensors,
+        tmp_path / "both.safetensors",
+        metadata={"card": json.dumps(read_stored_card(older))},
+    )
+    with pytest.raises(
+        policies.PolicyFileError, match=r"expected the \d+ tensors of the network, got \d+ others"
+    ):
         policies.load(tmp_path / "both.safetensors")

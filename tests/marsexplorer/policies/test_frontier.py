@@ -32,10 +32,18 @@ def steps_through(terrain, radius, name, limit=400):
 
 
 @settings(max_examples=60, deadline=None)
-@given(strategies.terrains(max_side=9, max_density=0.4), st.integers(1, 5), st.sampled_from(["cost", "utility"]))
+@given(
+    strategies.terrains(max_side=9, max_density=0.4),
+    st.integers(1, 5),
+    st.sampled_from(["cost", "utility"]),
+)
 def test_the_compiled_rules_are_the_literal_ones(terrain, radius, rule):
-    for codes, visited, position, heading, action in steps_through(terrain, radius, f"frontier-{rule}"):
-        expected = reference_frontier.decide(codes.tolist(), visited, position, heading, radius, rule)
+    for codes, visited, position, heading, action in steps_through(
+        terrain, radius, f"frontier-{rule}"
+    ):
+        expected = reference_frontier.decide(
+            codes.tolist(), visited, position, heading, radius, rule
+        )
         if expected is None:
             return
         assert action == expected, codes
@@ -59,13 +67,22 @@ def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
 
 
 @settings(max_examples=40, deadline=None)
-@given(strategies.terrains(max_side=16, max_density=0.5), st.integers(1, 8), st.sampled_from(["cost", "utility"]))
+@given(
+    strategies.terrains(max_side=16, max_density=0.5),
+    st.integers(1, 8),
+    st.sampled_from(["cost", "utility"]),
+)
 def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terrain, radius, rule):
     """Unsolvable terrains included: what some reachable free cell sees is seen before the rule runs out of candidates."""
     n = terrain.size
     seen = None
-    for codes, visited, position, heading, _action in steps_through(terrain, radius, f"frontier-{rule}", limit=n * n):
-        if reference_frontier.decide(codes.tolist(), visited, position, heading, radius, rule) is None:
+    for codes, visited, position, heading, _action in steps_through(
+        terrain, radius, f"frontier-{rule}", limit=n * n
+    ):
+        if (
+            reference_frontier.decide(codes.tolist(), visited, position, heading, radius, rule)
+            is None
+        ):
             seen = codes
             break
     if seen is None or radius == 1:
@@ -80,7 +97,10 @@ def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terra
 
 def test_straight_on_wins_a_tie():
     """Frontier cells two moves east and two moves south: east at first, south once the rover came from the north."""
-    before, codes = board("....?.. .@..?.. ....?.. ....?.. ????..."), board("....?.. .@..?.. ....?.. ....?.. ????...")
+    before, codes = (
+        board("....?.. .@..?.. ....?.. ....?.. ????..."),
+        board("....?.. .@..?.. ....?.. ....?.. ????..."),
+    )
     before[1, 1], before[0, 1] = 1, 2
     policy = policies.load("frontier-cost")
     policy.reset(0)
@@ -124,7 +144,10 @@ def test_every_terrain_is_explored(name, level):
 
 @pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "frontier-priced"])
 def test_a_rule_says_which_cell_it_goes_to(name):
-    policy, episode = policies.load(name, 3), Episode.begin(EnvConfig("random", 9, 13, sensor_radius=3), seed=5)
+    policy, episode = (
+        policies.load(name, 3),
+        Episode.begin(EnvConfig("random", 9, 13, sensor_radius=3), seed=5),
+    )
     assert policies.goal_of(policy) is None
     policy.reset(0)
     while not episode.ended:
@@ -133,10 +156,16 @@ def test_a_rule_says_which_cell_it_goes_to(name):
         episode.step(policy.act(episode.codes))
         goal = policies.goal_of(policy)
         assert reference_frontier.distances(grid, goal)[episode.position] == reach[goal] - 1
-        shows = [cell for cell in reach if cell not in visited and reference_frontier.expected_discoveries(grid, *cell, 3)]
+        shows = [
+            cell
+            for cell in reach
+            if cell not in visited and reference_frontier.expected_discoveries(grid, *cell, 3)
+        ]
         assert goal in shows
         if name == "frontier-cost":
-            assert reach[goal] == min(reach[cell] for cell in shows if reference_frontier.touches_unknown(grid, cell))
+            assert reach[goal] == min(
+                reach[cell] for cell in shows if reference_frontier.touches_unknown(grid, cell)
+            )
     policy.act(np.where(episode.codes == 0, 1, episode.codes))  # nothing is left to see
     assert policies.goal_of(policy) is None
     policy.reset(0)

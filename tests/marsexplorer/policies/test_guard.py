@@ -25,15 +25,25 @@ class LiteralGuard:
 
 
 @settings(deadline=None)
-@given(st.lists(st.lists(st.tuples(st.integers(0, 3), st.booleans()), min_size=3, max_size=3), max_size=80))
+@given(
+    st.lists(
+        st.lists(st.tuples(st.integers(0, 3), st.booleans()), min_size=3, max_size=3), max_size=80
+    )
+)
 def test_a_stack_is_guarded_as_each_episode_alone(moves):
     """Each move is a cell and whether something new is known there: what is known never shrinks."""
     num, cells = 3, 4
     known_before, known = np.full((num, cells), -1), np.zeros(num, np.int64)
-    steps_left, known_at_start, is_guarded = np.zeros(num, np.int64), np.full(num, -1), np.zeros(num, np.bool_)
+    steps_left, known_at_start, is_guarded = (
+        np.zeros(num, np.int64),
+        np.full(num, -1),
+        np.zeros(num, np.bool_),
+    )
     literal = [LiteralGuard() for _ in range(num)]
     for row in moves:
         known += [int(grows) for _, grows in row]
         at = np.array([cell for cell, _ in row])
         update_guard(at, known, known_before, steps_left, known_at_start, is_guarded)
-        assert is_guarded.tolist() == [each.takes_over(cell, int(k)) for each, cell, k in zip(literal, at, known, strict=True)]
+        assert is_guarded.tolist() == [
+            each.takes_over(cell, int(k)) for each, cell, k in zip(literal, at, known, strict=True)
+        ]

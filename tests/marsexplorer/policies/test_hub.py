@@ -17,7 +17,9 @@ from marsexplorer.policies.files.card import read_card, shipped
 from tests.support.hub_server import TOKEN, create_hub
 from tests.support.servers import eventually
 
-pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=<...>':DeprecationWarning")  # of the hub's own client
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:Use 'content=<...>':DeprecationWarning"
+)  # of the hub's own client
 
 REPO = "ada/mars-explorer"
 
@@ -59,7 +61,9 @@ def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
     assert held.private
     assert set(held.commits[-1]) == {"ppo.safetensors", "config.json", "README.md"}
     assert len(held.commits) == 2, "one commit after the empty one"
-    code, said, complained = run(capsys, "policies", "pull", REPO, "--out", str(tmp_path / "pulled"))
+    code, said, complained = run(
+        capsys, "policies", "pull", REPO, "--out", str(tmp_path / "pulled")
+    )
     assert code == 0, complained
     pulled = tmp_path / "pulled" / "ppo.safetensors"
     assert pulled.read_bytes() == shipped()["ppo"].read_bytes()
@@ -71,7 +75,9 @@ def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
     found = ModelCard(hub.model_card(shipped()["ppo"], REPO))
     card = read_card(shipped()["ppo"])
     assert found.data.library_name == "marsexplorer-playground"
-    results = {(each.dataset_name, each.metric_type): each.metric_value for each in found.data.eval_results}
+    results = {
+        (each.dataset_name, each.metric_type): each.metric_value for each in found.data.eval_results
+    }
     for setting, figures in card["results"].items():
         assert results[f"MarsExplorer {setting}", "steps"] == figures["steps"]
     assert card["summary"] in found.text

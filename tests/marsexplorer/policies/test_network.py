@@ -72,10 +72,14 @@ def features(episode, place, visited=None):
     """The pictures of one board as arrays [PLANES, side, side], and the numbers of its moves."""
     rows, cols = episode.codes.shape
     visited = np.zeros((1, rows * cols), np.uint8) if visited is None else visited
-    planes, moves = FeatureExtractor(1, rows, cols, 6)(episode.codes[None], np.array([place]), visited, np.array([1]))
+    planes, moves = FeatureExtractor(1, rows, cols, 6)(
+        episode.codes[None], np.array([place]), visited, np.array([1])
+    )
     cuts = np.cumsum([side * side for side, _ in SCALES])[:-1]
     parts = np.split(planes[0], cuts, axis=1)
-    return [part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, SCALES, strict=True)], moves[0]
+    return [
+        part.reshape(PLANES, side, side) for part, (side, _) in zip(parts, SCALES, strict=True)
+    ], moves[0]
 
 
 def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_blocks():
@@ -105,10 +109,16 @@ def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_bloc
 
 
 def test_the_coarse_pictures_show_the_most_new_cells_and_the_nearness_of_their_blocks():
-    episode = Episode.begin(EnvConfig("random", 11, 11), terrain=np.zeros((11, 11), bool), start=(5, 5))
+    episode = Episode.begin(
+        EnvConfig("random", 11, 11), terrain=np.zeros((11, 11), bool), start=(5, 5)
+    )
     (near, middle, _), _ = features(episode, 5 * 11 + 5)
     for plane in (2, 3):
-        blocks = [near[plane][1 + 3 * i : 4 + 3 * i, 1 + 3 * j : 4 + 3 * j].max() for i in range(3) for j in range(3)]
+        blocks = [
+            near[plane][1 + 3 * i : 4 + 3 * i, 1 + 3 * j : 4 + 3 * j].max()
+            for i in range(3)
+            for j in range(3)
+        ]
         assert middle[plane][4:7, 4:7].flatten().tolist() == blocks
 
 
@@ -116,9 +126,15 @@ def test_a_stack_of_boards_has_the_features_of_each_alone():
     config = EnvConfig("random", 13, 22)
     episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
     codes = np.stack([episode.codes for episode in episodes])
-    visited, places, headings = np.zeros((3, config.n), np.uint8), np.zeros(3, np.int64), np.array([1, 2, 1])
+    visited, places, headings = (
+        np.zeros((3, config.n), np.uint8),
+        np.zeros(3, np.int64),
+        np.array([1, 2, 1]),
+    )
     visited[:, 0] = 1
-    together = [part.copy() for part in FeatureExtractor(3, 13, 22, 6)(codes, places, visited, headings)]
+    together = [
+        part.copy() for part in FeatureExtractor(3, 13, 22, 6)(codes, places, visited, headings)
+    ]
     alone = FeatureExtractor(1, 13, 22, 6)
     for i in range(3):
         planes, moves = alone(codes[i : i + 1], places[:1], visited[i : i + 1], headings[i : i + 1])
@@ -150,7 +166,11 @@ def test_what_is_kept_of_a_board_changes_no_feature():
 
 
 def written(path, tensors, card=None):
-    save_file(tensors, path, metadata={"card": json.dumps({"format": NETWORK_FORMAT} if card is None else card)})
+    save_file(
+        tensors,
+        path,
+        metadata={"card": json.dumps({"format": NETWORK_FORMAT} if card is None else card)},
+    )
     return path
 
 
@@ -170,7 +190,9 @@ def spoilt(kind):
     return {name: tensor.contiguous() for name, tensor in tensors.items()}
 
 
-@pytest.mark.parametrize("kind", ["one missing", "one too many", "another shape", "another type", "not a number"])
+@pytest.mark.parametrize(
+    "kind", ["one missing", "one too many", "another shape", "another type", "not a number"]
+)
 def test_weights_that_are_not_the_networks_are_refused(kind, tmp_path):
     path = written(tmp_path / "bad.safetensors", spoilt(kind))
     with pytest.raises(policies.PolicyFileError, match=r"is no policy: expected .*, got .*; "):
@@ -178,21 +200,32 @@ def test_weights_that_are_not_the_networks_are_refused(kind, tmp_path):
 
 
 def test_a_network_of_another_format_is_refused_by_name(tmp_path):
-    path = written(tmp_path / "old.safetensors", spoilt("nothing"), {"format": "marsexplorer-network-0"})
+    path = written(
+        tmp_path / "old.safetensors", spoilt("nothing"), {"format": "marsexplorer-network-0"}
+    )
     with pytest.raises(
-        policies.PolicyFileError, match=rf"expected the format .* or {NETWORK_FORMAT}, got 'marsexplorer-network-0'"
+        policies.PolicyFileError,
+        match=rf"expected the format .* or {NETWORK_FORMAT}, got 'marsexplorer-network-0'",
     ):
         policies.load(path)
 
 
 def paper_file(path, **card):
     torch.manual_seed(6)
-    save_network(PaperNet(9, 14), path, {"summary": "As in the paper.", "size": [9, 14], **card}, PAPER_FORMAT)
+    save_network(
+        PaperNet(9, 14),
+        path,
+        {"summary": "As in the paper.", "size": [9, 14], **card},
+        PAPER_FORMAT,
+    )
     return path
 
 
 def test_the_papers_network_draws_its_moves_by_the_seed_and_plays_its_own_size_alone(tmp_path):
-    policy, config = policies.load(paper_file(tmp_path / "paper.safetensors")), EnvConfig("random", 9, 14)
+    policy, config = (
+        policies.load(paper_file(tmp_path / "paper.safetensors")),
+        EnvConfig("random", 9, 14),
+    )
     played = [bytes(play(policy, config, seed).actions) for seed in (1, 1, 2, 3)]
     assert played[0] == played[1]
     assert len(set(played)) == 3
@@ -222,7 +255,10 @@ def test_torch_is_imported_only_when_a_network_is_loaded():
 @pytest.mark.parametrize("package", ["torch", "safetensors"])
 def test_a_missing_package_of_networks_is_asked_for_by_name(package, file, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(policies.PolicyFileError, match=rf"need the package {package}, .*pip install '.*\[networks\]'"):
+    with pytest.raises(
+        policies.PolicyFileError,
+        match=rf"need the package {package}, .*pip install '.*\[networks\]'",
+    ):
         policies.load(file)
     assert policies.describe(str(file)) == "Wanders."
     assert policies.load("planner").name == "planner"

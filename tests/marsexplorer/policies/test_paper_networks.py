@@ -64,7 +64,9 @@ def observation_of(trunk, codes, positions, radius=6):
         return (torch.from_numpy(codes.copy()),)
     num, rows, cols = codes.shape
     cells, headings = positions[:, 0] * cols + positions[:, 1], np.ones(num, np.int64)
-    arrays = FeatureExtractor(num, rows, cols, radius)(codes, cells, np.zeros((num, rows * cols), np.uint8), headings)
+    arrays = FeatureExtractor(num, rows, cols, radius)(
+        codes, cells, np.zeros((num, rows * cols), np.uint8), headings
+    )
     return tuple(torch.from_numpy(array) for array in arrays)
 
 
@@ -78,7 +80,9 @@ def test_the_mask_hits_exactly_the_invalid_moves(trunk, kind):
     seen = set()
     for codes, positions in walk(EnvConfig.of("random", SIZE), 12):
         observation = observation_of(trunk, codes, positions)
-        invalid = np.array([invalid_by_definition(*each) for each in zip(codes, positions, strict=True)])
+        invalid = np.array(
+            [invalid_by_definition(*each) for each in zip(codes, positions, strict=True)]
+        )
         seen |= {tuple(each) for each in invalid}
         with torch.inference_mode():
             scores, before = (net.evaluate(*observation)[0].numpy() for net in (masked, plain))
@@ -95,7 +99,9 @@ def test_the_mask_over_the_state_matrix_agrees_on_thousands_of_boards_of_any_siz
         for codes, positions in walk(EnvConfig.of(level, size), 10, 64):
             with torch.inference_mode():
                 found = net(torch.from_numpy(codes.copy())).numpy() == INVALID_LOGIT
-            assert found.tolist() == [invalid_by_definition(*each) for each in zip(codes, positions, strict=True)]
+            assert found.tolist() == [
+                invalid_by_definition(*each) for each in zip(codes, positions, strict=True)
+            ]
 
 
 @pytest.mark.parametrize("size", [(9, 14), (21, 21), (42, 5)])
@@ -120,13 +126,20 @@ def test_the_trunk_of_rllib_computes_what_the_network_of_older_files_does(size):
 def test_the_trunk_of_the_authors_is_that_of_their_repository_on_21x21():
     """`[[8, [3, 3], 2], [16, [2, 2], 2], [512, [6, 6], 1]]`: 21 cells become 11, then 6, which the third filter covers."""
     net = make_network(shape_of("authors", (21, 21), head="q"))
-    state, codes = net.state_dict(), torch.from_numpy(np.random.default_rng(3).integers(0, 4, (6, 21, 21), np.uint8))
+    state, codes = (
+        net.state_dict(),
+        torch.from_numpy(np.random.default_rng(3).integers(0, 4, (6, 21, 21), np.uint8)),
+    )
     assert [tuple(tensor.shape) for name, tensor in state.items() if name.endswith("weight")] == [
         (8, 1, 3, 3), (16, 8, 2, 2), (512, 576), (4, 512)
     ]  # fmt: skip
     picture = torch.tensor([0, 0.3, 0.6, 1])[codes.long()][:, None]
-    first = torch.conv2d(torch.nn.functional.pad(picture, (1, 1, 1, 1)), state["trunk.layers.1.weight"], None, 2).relu()
-    second = torch.conv2d(torch.nn.functional.pad(first, (0, 1, 0, 1)), state["trunk.layers.4.weight"], None, 2).relu()
+    first = torch.conv2d(
+        torch.nn.functional.pad(picture, (1, 1, 1, 1)), state["trunk.layers.1.weight"], None, 2
+    ).relu()
+    second = torch.conv2d(
+        torch.nn.functional.pad(first, (0, 1, 0, 1)), state["trunk.layers.4.weight"], None, 2
+    ).relu()
     third = torch.conv2d(second, state["trunk.layers.7.weight"].view(512, 16, 6, 6), None, 1).relu()
     assert third.shape == (6, 512, 1, 1)
     q = third[:, :, 0, 0] @ state["q_head.weight"].T
@@ -227,8 +240,18 @@ def test_gradients_reach_every_weight_but_those_of_masked_moves_stay_finite():
             net = make_network(shape_of(trunk, **kind, mask=True), sigma=0.5).train()
             codes, positions = next(walk(EnvConfig.of("random", SIZE), 1))
             found = net(*observation_of(trunk, codes, positions))
-            parts = [found] if isinstance(found, torch.Tensor) else [part for part in found if not part.isnan().any()]
-            loss = sum((part.softmax(1) if part.dim() == 2 else part).pow(2).sum() for part in parts)
+            parts = (
+                [found]
+                if isinstance(found, torch.Tensor)
+                else [part for part in found if not part.isnan().any()]
+            )
+            loss = sum(
+                (part.softmax(1) if part.dim() == 2 else part).pow(2).sum() for part in parts
+            )
             loss.backward()
             assert all(bool(weight.grad.isfinite().all()) for weight in net.parameters())
-            assert all(bool(weight.grad.any()) for name, weight in net.named_parameters() if name.endswith("weight"))
+            assert all(
+                bool(weight.grad.any())
+                for name, weight in net.named_parameters()
+                if name.endswith("weight")
+            )

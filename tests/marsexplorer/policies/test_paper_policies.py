@@ -22,7 +22,11 @@ from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network.batch import act_many, shared_net
 from marsexplorer.policies.network.paper_model import PaperNet
 from marsexplorer.policies.network.paper_network import make_network
-from marsexplorer.policies.network.paper_policy import GreedyPolicy, SampledPolicy, save_paper_network
+from marsexplorer.policies.network.paper_policy import (
+    GreedyPolicy,
+    SampledPolicy,
+    save_paper_network,
+)
 from marsexplorer.policies.network.shape import NetworkShape, ShapeError
 
 CONFIG = EnvConfig.of("random", (9, 14), max_steps=60)
@@ -50,7 +54,9 @@ def written(folder, head, trunk="authors", mask=True, **card):
     torch.manual_seed(8)
     shape, path = shape_of(head, trunk, mask=mask), folder / f"{head}-{trunk}.safetensors"
     net = make_network(shape, sigma=0.5)
-    for module in net.modules():  # fresh policy heads are near 0: every move would be as good as any other
+    for (
+        module
+    ) in net.modules():  # fresh policy heads are near 0: every move would be as good as any other
         if isinstance(module, torch.nn.Linear) and head in ("policy", "actor"):
             torch.nn.init.xavier_normal_(module.weight, 2.0)
     save_paper_network(net, shape, path, {"summary": f"Untrained {head}.", **card})
@@ -65,7 +71,10 @@ def play(policy, seed, config=CONFIG, floats=False):
     return bytes(episode.actions)
 
 
-@pytest.mark.parametrize(("head", "trunk"), [*((head, "authors") for head in HEADS), ("policy", "rllib"), ("q", "features")])
+@pytest.mark.parametrize(
+    ("head", "trunk"),
+    [*((head, "authors") for head in HEADS), ("policy", "rllib"), ("q", "features")],
+)
 def test_a_file_of_every_head_plays_wherever_policies_play(head, trunk, tmp_path):
     path = written(tmp_path, head, trunk)
     policy = policies.load(path)
@@ -91,7 +100,12 @@ def policy_shape(path):
 
 
 def test_how_a_policy_acts_is_by_default_that_of_its_head(tmp_path):
-    for head, kind in (("policy", SampledPolicy), ("actor", SampledPolicy), ("q", GreedyPolicy), ("categorical", GreedyPolicy)):
+    for head, kind in (
+        ("policy", SampledPolicy),
+        ("actor", SampledPolicy),
+        ("q", GreedyPolicy),
+        ("categorical", GreedyPolicy),
+    ):
         path = written(tmp_path, head)
         assert type(policies.load(path)) is kind
         assert read_card(path)["acts"] == ("samples" if kind is SampledPolicy else "greedy")
@@ -99,7 +113,10 @@ def test_how_a_policy_acts_is_by_default_that_of_its_head(tmp_path):
 
 
 def test_draws_are_fixed_by_the_seed_and_greedy_moves_by_nothing(tmp_path):
-    drawing, greedy = policies.load(written(tmp_path, "policy")), policies.load(written(tmp_path, "q"))
+    drawing, greedy = (
+        policies.load(written(tmp_path, "policy")),
+        policies.load(written(tmp_path, "q")),
+    )
     codes = Episode.begin(CONFIG, seed=0).codes
 
     def first_moves(policy, seed):
@@ -126,7 +143,9 @@ def test_draws_come_as_often_as_their_probabilities_and_never_invalid(tmp_path):
 def test_the_same_weights_draw_the_same_moves_as_in_the_older_format(tmp_path):
     torch.manual_seed(6)
     older = PaperNet(9, 14)
-    save_network(older, tmp_path / "older.safetensors", {"summary": "Older.", "size": [9, 14]}, PAPER_FORMAT)
+    save_network(
+        older, tmp_path / "older.safetensors", {"summary": "Older.", "size": [9, 14]}, PAPER_FORMAT
+    )
     shape = NetworkShape("rllib", "policy", 9, 14, critic="separate")
     net = make_network(shape)
     net.load_state_dict(dict(zip(sorted_by_tower(net), older.state_dict().values(), strict=True)))
@@ -177,20 +196,28 @@ def test_without_a_mask_it_drives_where_it_likes(tmp_path):
 @pytest.mark.parametrize("trunk", ["authors", "features"])
 def test_boards_decided_together_make_the_moves_of_single_decisions(trunk, tmp_path):
     path = written(tmp_path, "categorical", trunk, acts="greedy with guard")
-    episodes, drivers = [Episode.begin(CONFIG, seed=seed) for seed in range(6)], [policies.load(path) for _ in range(6)]
+    episodes, drivers = (
+        [Episode.begin(CONFIG, seed=seed) for seed in range(6)],
+        [policies.load(path) for _ in range(6)],
+    )
     assert len({id(shared_net(driver)) for driver in drivers}) == 1
     while running := [at for at, one in enumerate(episodes) if not one.ended]:
         actions = act_many([drivers[at] for at in running], [episodes[at].codes for at in running])
         for at, action in zip(running, actions, strict=True):
             episodes[at].step(action)
-    assert [bytes(one.actions) for one in episodes] == [play(policies.load(path), seed) for seed in range(6)]
+    assert [bytes(one.actions) for one in episodes] == [
+        play(policies.load(path), seed) for seed in range(6)
+    ]
     assert shared_net(policies.load(written(tmp_path, "policy", trunk))) is None
 
 
 def test_a_board_of_another_size_is_refused_with_the_size_it_was_made_for(tmp_path):
     for head in HEADS:
         policy = policies.load(written(tmp_path, head))
-        with pytest.raises(ValueError, match=r"was made for 9x14 and cannot play 14x9; choose that size, or another policy"):
+        with pytest.raises(
+            ValueError,
+            match=r"was made for 9x14 and cannot play 14x9; choose that size, or another policy",
+        ):
             policy.act(Episode.begin(EnvConfig.of("random", (14, 9)), seed=0).codes)
 
 
@@ -219,7 +246,9 @@ def test_what_does_not_fit_is_not_saved(tmp_path):
     net = make_network(shape_of("q"))
     with pytest.raises(ValueError, match="expected a network of the shape"):
         save_paper_network(net, shape_of("policy"), tmp_path / "a.safetensors", {})
-    with pytest.raises(ShapeError, match=r'one of greedy, greedy with guard as "acts" of the head q, got .samples'):
+    with pytest.raises(
+        ShapeError, match=r'one of greedy, greedy with guard as "acts" of the head q, got .samples'
+    ):
         save_paper_network(net, shape_of("q"), tmp_path / "a.safetensors", {"acts": "samples"})
     assert not list(tmp_path.iterdir())
 
@@ -270,7 +299,9 @@ def test_a_card_that_says_something_else_is_refused_in_a_sentence(kind, tmp_path
     with safe_open(path, "pt") as file:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     save_file(tensors, path, metadata={"card": json.dumps(card)})
-    with pytest.raises(policies.PolicyFileError, match=r"(?s)is no policy: expected .*, got .*; give the path") as refusal:
+    with pytest.raises(
+        policies.PolicyFileError, match=r"(?s)is no policy: expected .*, got .*; give the path"
+    ) as refusal:
         policies.load(path)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 500
@@ -286,7 +317,9 @@ def test_damaged_weights_are_refused(kind, tmp_path):
         path.write_bytes(path.read_bytes()[:-100])
     else:
         weight = tensors["q_head.weight"]
-        tensors["q_head.weight"] = weight * float("nan") if kind == "not a number" else weight.double()
+        tensors["q_head.weight"] = (
+            weight * float("nan") if kind == "not a number" else weight.double()
+        )
         save_file(tensors, path, metadata={"card": json.dumps(card)})
     with pytest.raises(policies.PolicyFileError, match=r"is no policy: expected .*, got .*; "):
         policies.load(path)

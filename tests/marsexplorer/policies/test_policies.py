@@ -126,7 +126,13 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
             guarded = self.guard.overrule(self.memory)
             if guarded is not None:
                 return guarded
-            return 3 if self.memory.position[1] and self.moves % 2 else 1 if self.memory.position[1] < 29 else 3
+            return (
+                3
+                if self.memory.position[1] and self.moves % 2
+                else 1
+                if self.memory.position[1] < 29
+                else 3
+            )
 
     policy = Circles()
     terrain = np.zeros((21, 30), bool)
@@ -140,7 +146,8 @@ def test_the_guard_takes_over_when_a_situation_repeats_until_something_new():
 
 def test_an_unknown_policy_is_named_with_what_to_choose_instead(tmp_path):
     with pytest.raises(
-        policies.PolicyNotFoundError, match=r'no policy "ppo2" in data/policies; choose one of: .*sac-works, or give'
+        policies.PolicyNotFoundError,
+        match=r'no policy "ppo2" in data/policies; choose one of: .*sac-works, or give',
     ):
         policies.load("ppo2")
     with pytest.raises(policies.PolicyNotFoundError, match="no policy file at"):
@@ -193,7 +200,9 @@ def broken_files(marker):
         "card is no json": header({"__metadata__": {"card": "{"}}),
         "card is a number": header({"__metadata__": {"card": "1"}}),
         "card of another": header({"__metadata__": {"card": card}}),
-        "format only": header({"__metadata__": {"card": json.dumps({"format": "marsexplorer-network-1"})}}),
+        "format only": header(
+            {"__metadata__": {"card": json.dumps({"format": "marsexplorer-network-1"})}}
+        ),
         "format, wild offsets": header(
             {
                 "__metadata__": {"card": json.dumps({"format": "marsexplorer-network-1"})},

@@ -61,7 +61,9 @@ def valid(episode):
 @pytest.mark.parametrize("masked", [True, False])
 def test_an_mlp_policy_decides_as_written_out(masked, tmp_path):
     weights = files.flat_weights()
-    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=masked)))
+    policy = policies.load(
+        files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=masked))
+    )
     assert policy.name == "mine"
     assert isinstance(policy, policies.Policy)
     overruled = 0
@@ -71,7 +73,9 @@ def test_an_mlp_policy_decides_as_written_out(masked, tmp_path):
         if masked:
             scores[~np.array(valid(episode))] = -np.inf
         overruled += blind != int(scores.argmax())
-        assert policy.act(episode.observation()) == policy.act(episode.codes) == int(scores.argmax())
+        assert (
+            policy.act(episode.observation()) == policy.act(episode.codes) == int(scores.argmax())
+        )
         probabilities, thought_value = policy.thought()
         shares = np.exp(scores - scores.max())
         assert probabilities == pytest.approx(shares / shares.sum(), abs=1e-6)
@@ -82,7 +86,9 @@ def test_an_mlp_policy_decides_as_written_out(masked, tmp_path):
 def test_the_activation_is_read_from_the_text(tmp_path):
     weights, relu = files.flat_weights(), "<class 'torch.nn.modules.activation.ReLU'>"
     policy = policies.load(
-        files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=False, activation_fn=relu))
+        files.write_sb3(
+            tmp_path / "mine.zip", weights, files.sb3_description(masked=False, activation_fn=relu)
+        )
     )
     for episode in boards():
         scores, value = literal(weights, episode.observation(), torch.relu)
@@ -92,10 +98,16 @@ def test_the_activation_is_read_from_the_text(tmp_path):
 
 def test_codes_are_what_a_model_trained_on_codes_gets(tmp_path):
     weights = files.flat_weights()
-    policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, files.sb3_description(masked=False, dtype="uint8")))
+    policy = policies.load(
+        files.write_sb3(
+            tmp_path / "mine.zip", weights, files.sb3_description(masked=False, dtype="uint8")
+        )
+    )
     for episode in boards():
         policy.act(episode.codes)
-        assert policy.thought()[1] == pytest.approx(literal(weights, episode.codes.astype(np.float32))[1], abs=1e-5)
+        assert policy.thought()[1] == pytest.approx(
+            literal(weights, episode.codes.astype(np.float32))[1], abs=1e-5
+        )
 
 
 def test_terrain_features_are_the_ones_of_the_example(tmp_path):
@@ -103,11 +115,15 @@ def test_terrain_features_are_the_ones_of_the_example(tmp_path):
     about = files.sb3_description(features_extractor_class="<class '__main__.TerrainFeatures'>")
     policy = policies.load(files.write_sb3(tmp_path / "mine.zip", weights, about))
     for episode in boards():
-        planes = torch.stack([torch.from_numpy((episode.codes == code).astype(np.float32)) for code in range(4)])[None]
+        planes = torch.stack(
+            [torch.from_numpy((episode.codes == code).astype(np.float32)) for code in range(4)]
+        )[None]
         x = planes
         for at in (0, 2):
             layer = f"features_extractor.cnn.{at}"
-            x = torch.conv2d(x, weights[f"{layer}.weight"], weights[f"{layer}.bias"], stride=2, padding=1).relu()
+            x = torch.conv2d(
+                x, weights[f"{layer}.weight"], weights[f"{layer}.bias"], stride=2, padding=1
+            ).relu()
         linear = "features_extractor.linear.0"
         x = (x.flatten(1) @ weights[f"{linear}.weight"].T + weights[f"{linear}.bias"]).relu()
         policy.act(episode.codes)
@@ -116,10 +132,19 @@ def test_terrain_features_are_the_ones_of_the_example(tmp_path):
 
 def test_pickles_in_the_text_and_next_to_the_weights_are_never_read(tmp_path):
     marker = tmp_path / "marker"
-    about = files.sb3_description() | {"lr_schedule": {":type:": "x", ":serialized:": files.hidden_pickle(marker)}}
-    about["policy_kwargs"][":serialized:"] = about["observation_space"][":serialized:"] = files.hidden_pickle(marker)
+    about = files.sb3_description() | {
+        "lr_schedule": {":type:": "x", ":serialized:": files.hidden_pickle(marker)}
+    }
+    about["policy_kwargs"][":serialized:"] = about["observation_space"][":serialized:"] = (
+        files.hidden_pickle(marker)
+    )
     evil = files.saved(files.runs(marker))
-    path = files.write_sb3(tmp_path / "mine.zip", None, about, **{"pytorch_variables.pth": evil, "policy.optimizer.pth": evil})
+    path = files.write_sb3(
+        tmp_path / "mine.zip",
+        None,
+        about,
+        **{"pytorch_variables.pth": evil, "policy.optimizer.pth": evil},
+    )
     policy = policies.load(path)
     policy.act(Episode.begin(CONFIG, seed=0).codes)
     assert not marker.exists()
@@ -138,7 +163,9 @@ def test_a_broken_zip_is_refused_and_runs_nothing(kind, tmp_path):
     marker = tmp_path / "marker"
     before = set(tmp_path.parent.iterdir())
     path = files.broken_sb3(kind, tmp_path / "bad.zip", marker)
-    with pytest.raises(PolicyFileError, match=r"(?s)bad\.zip is no policy: expected .*, got .*; save a PPO") as refusal:
+    with pytest.raises(
+        PolicyFileError, match=r"(?s)bad\.zip is no policy: expected .*, got .*; save a PPO"
+    ) as refusal:
         policies.load(path)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 500
@@ -151,14 +178,18 @@ def test_a_broken_zip_is_refused_and_runs_nothing(kind, tmp_path):
 def test_a_broken_onnx_file_is_refused_and_runs_nothing(kind, tmp_path):
     marker = tmp_path / "marker"
     path = files.broken_onnx(kind, tmp_path / "bad.onnx", marker)
-    with pytest.raises(PolicyFileError, match=r"(?s)bad\.onnx is no policy: expected .*, got .*; give an ONNX") as refusal:
+    with pytest.raises(
+        PolicyFileError, match=r"(?s)bad\.onnx is no policy: expected .*, got .*; give an ONNX"
+    ) as refusal:
         policies.load(path)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 500
     assert not marker.exists()
 
 
-@pytest.mark.parametrize("given", [{}, {"batch": 0}, {"dtype": TensorProto.UINT8}, {"value": False}, {"masked": True}])
+@pytest.mark.parametrize(
+    "given", [{}, {"batch": 0}, {"dtype": TensorProto.UINT8}, {"value": False}, {"masked": True}]
+)
 def test_an_onnx_policy_decides_as_written_out(given, tmp_path):
     policy = policies.load(files.write_onnx(tmp_path / "mine.onnx", **given))
     assert policy.name == "mine"
@@ -198,7 +229,9 @@ def test_a_network_written_as_onnx_plays_the_same_episode(sees_prices, tmp_path)
         ours.reset(4), twin.reset(4)
         while not episode.ended:
             action, shares = ours.act(episode.codes), np.sort(ours.thought()[0])
-            assert twin.act(episode.codes) == action or shares[3] - shares[2] < 1e-5  # rounding decides between equals
+            assert (
+                twin.act(episode.codes) == action or shares[3] - shares[2] < 1e-5
+            )  # rounding decides between equals
             assert twin.thought()[0] == pytest.approx(ours.thought()[0], abs=1e-4)
             assert twin.thought()[1] == pytest.approx(ours.thought()[1], abs=1e-3)
             episode.step(action)
@@ -215,7 +248,9 @@ def test_the_written_onnx_carries_the_card(tmp_path):
 def test_a_missing_package_is_asked_for_by_name(package, tmp_path, monkeypatch):
     path = files.write_onnx(tmp_path / "mine.onnx")
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(PolicyFileError, match=rf"need the package {package}, .*pip install .*\[onnx\]"):
+    with pytest.raises(
+        PolicyFileError, match=rf"need the package {package}, .*pip install .*\[onnx\]"
+    ):
         policies.load(path)
 
 
@@ -223,7 +258,17 @@ def test_evaluate_scores_files_of_other_makers(tmp_path):
     files.write_sb3(tmp_path / "mine.zip")
     files.write_onnx(tmp_path / "other.onnx", masked=True)
     names = ["--policy", str(tmp_path / "mine.zip"), "--policy", str(tmp_path / "other.onnx")]
-    command = [sys.executable, "-m", "app.cli", "evaluate", *names, "--size", "6x7", "--episodes", "3"]
+    command = [
+        sys.executable,
+        "-m",
+        "app.cli",
+        "evaluate",
+        *names,
+        "--size",
+        "6x7",
+        "--episodes",
+        "3",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "mine" in done.stdout
     assert "other" in done.stdout

@@ -24,11 +24,18 @@ RADIUS = 3
 
 def explored(rows, cols, steps):
     """An episode some moves after its start, its moves drawn at random, and the cells visited."""
-    episode, rng = Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4), np.random.default_rng(2)
+    episode, rng = (
+        Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4),
+        np.random.default_rng(2),
+    )
     while episode.steps < steps:
         row, col = episode.position
         beyond = np.pad(episode.codes, 1, constant_values=3)
-        free = [a for a, (r, c) in enumerate(literal.DISPLACEMENTS) if beyond[row + 1 + r, col + 1 + c] != 3]
+        free = [
+            a
+            for a, (r, c) in enumerate(literal.DISPLACEMENTS)
+            if beyond[row + 1 + r, col + 1 + c] != 3
+        ]
         episode.step(int(rng.choice(free)))
     return episode
 
@@ -40,7 +47,9 @@ def numbers(codes, position, path, sees_prices=True):
     for row, col in path:
         visited[0, row * cols + col] = 1
     extractor = FeatureExtractor(1, rows, cols, RADIUS, sees_prices)
-    return extractor(codes[None], np.array([position[0] * cols + position[1]]), visited, np.array([1]))[1][0]
+    return extractor(
+        codes[None], np.array([position[0] * cols + position[1]]), visited, np.array([1])
+    )[1][0]
 
 
 def literal_values(grid, visited, rover, rule):
@@ -67,7 +76,9 @@ def test_the_numbers_are_those_of_the_definition(steps):
     episode = explored(rows, cols, steps)
     grid, visited = episode.codes.tolist(), set(episode.path)
     moves = numbers(episode.codes, episode.position, episode.path)
-    assert np.array_equal(moves[:, :ACTION_FEATURES], numbers(episode.codes, episode.position, episode.path, False))
+    assert np.array_equal(
+        moves[:, :ACTION_FEATURES], numbers(episode.codes, episode.position, episode.path, False)
+    )
     for k, rule in enumerate(RULES):
         found = literal_values(grid, visited, episode.position, rule)
         best = max(value for value, _ in found)
@@ -75,12 +86,19 @@ def test_the_numbers_are_those_of_the_definition(steps):
             share = value / best
             counts = share > LEAST_SHARE and moves[action, 0] > 0
             expected = (
-                [(share - LEAST_SHARE) / (1 - LEAST_SHARE), float(value == best), 0.3 * math.log(1 + way)]
+                [
+                    (share - LEAST_SHARE) / (1 - LEAST_SHARE),
+                    float(value == best),
+                    0.3 * math.log(1 + way),
+                ]
                 if counts
                 else [0] * 3
             )
             first = ACTION_FEATURES + 3 * k
-            assert moves[action, first : first + 3] == pytest.approx(expected, abs=1e-6), (k, action)
+            assert moves[action, first : first + 3] == pytest.approx(expected, abs=1e-6), (
+                k,
+                action,
+            )
     assert moves[:, -1] == pytest.approx(0.2 * math.log(rows * cols) * moves[:, 0])
     assert moves.shape == (4, ACTION_FEATURES + PRICED_FEATURES)
 
@@ -88,7 +106,11 @@ def test_the_numbers_are_those_of_the_definition(steps):
 def test_a_transposed_board_has_the_same_numbers_for_the_transposed_moves():
     episode = explored(21, 30, 12)
     there = numbers(episode.codes, episode.position, episode.path)
-    turned = numbers(np.ascontiguousarray(episode.codes.T), episode.position[::-1], [cell[::-1] for cell in episode.path])
+    turned = numbers(
+        np.ascontiguousarray(episode.codes.T),
+        episode.position[::-1],
+        [cell[::-1] for cell in episode.path],
+    )
     assert np.array_equal(there[::-1, ACTION_FEATURES:], turned[:, ACTION_FEATURES:])
 
 
@@ -110,9 +132,14 @@ def test_with_prices_added_a_network_plays_small_grids_as_it_did_and_large_ones_
             decisions = rollouts.decide(more)
             numbers_then, chosen = decisions.moves, decisions.actions
             if side == 15:
-                logits, values = few.infer(decisions.planes, np.ascontiguousarray(numbers_then[:, :, :ACTION_FEATURES]))
+                logits, values = few.infer(
+                    decisions.planes, np.ascontiguousarray(numbers_then[:, :, :ACTION_FEATURES])
+                )
                 both = more.infer(decisions.planes, numbers_then)
-                assert all(np.allclose(*each, atol=1e-4) for each in zip((logits, values), both, strict=True))
+                assert all(
+                    np.allclose(*each, atol=1e-4)
+                    for each in zip((logits, values), both, strict=True)
+                )
             else:
                 best = numbers_then[np.arange(3), chosen, ACTION_FEATURES + 4]
                 assert (best[~decisions.guarded] == 1).all()
@@ -128,7 +155,12 @@ def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
 def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
     for net, name in zip(nets, ("few", "more"), strict=True):
         path = tmp_path / f"{name}.safetensors"
-        save_network(net, path, {"format": "of the file that it was made from", "summary": "Wanders."}, format_of(net))
+        save_network(
+            net,
+            path,
+            {"format": "of the file that it was made from", "summary": "Wanders."},
+            format_of(net),
+        )
         assert load_net(path).sees_prices == net.sees_prices
         assert read_card(path)["format"] == f"marsexplorer-network-{4 if net.sees_prices else 3}"
         policy, episode = policies.load(path), Episode.begin(EnvConfig("random", 9, 14), seed=1)
@@ -139,12 +171,17 @@ def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
 
 
 @pytest.mark.parametrize(("side", "rules"), [(15, ()), (21, ()), (30, (0, 1, 2)), (84, (1,))])
-def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_stay_the_same(side, rules):
+def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_stay_the_same(
+    side, rules
+):
     """Bit by bit, but for 84 x 84, where rounding gives the rules for 42 x 42 a ten-millionth."""
     far = 1e-5 if side == 84 else 0.0
     net, config = load_net(shipped()["ppo-priced"]), EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
-    all_rules, few_rules = GreedyRollouts(config, 2, sees_prices=True), GreedyRollouts(config, 2, True, rules)
+    all_rules, few_rules = (
+        GreedyRollouts(config, 2, sees_prices=True),
+        GreedyRollouts(config, 2, True, rules),
+    )
     for rollouts in (all_rules, few_rules):
         rollouts.worlds.start(np.arange(2))
     for _ in range(30):
@@ -161,7 +198,9 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(nets):
     net = with_prices(nets[0])
     assert net.rules_that_count(21, 21) == ()
     with torch.no_grad():
-        net.value_head[0].weight[3, 128 + 2 * (ACTION_FEATURES + PRICED_FEATURES) + ACTION_FEATURES + 8] = 1e-9
+        net.value_head[0].weight[
+            3, 128 + 2 * (ACTION_FEATURES + PRICED_FEATURES) + ACTION_FEATURES + 8
+        ] = 1e-9
     assert net.rules_that_count(21, 21) == (2,)
     with torch.no_grad():
         net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9

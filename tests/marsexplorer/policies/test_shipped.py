@@ -18,13 +18,20 @@ from marsexplorer.training.envs import EVALUATION_SEEDS
 @pytest.fixture(scope="module")
 def hundred_terrains():
     """`hundred_terrains(name)` is a policy's row over 100 held-out terrains, evaluated once."""
-    return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start, workers=1).rows[0])
+    return cache(
+        lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start, workers=1).rows[0]
+    )
 
 
-@pytest.mark.parametrize("name", ["ppo", *(pytest.param(name, marks=pytest.mark.long) for name in ("ppo-paper", "ppo-priced"))])
+@pytest.mark.parametrize(
+    "name",
+    ["ppo", *(pytest.param(name, marks=pytest.mark.long) for name in ("ppo-paper", "ppo-priced"))],
+)
 def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hundred_terrains):
     card = read_card(shipped()[name])
-    assert all(card[key] for key in ("summary", "command", "commit", "hardware", "limits", "training"))
+    assert all(
+        card[key] for key in ("summary", "command", "commit", "hardware", "limits", "training")
+    )
     results = card["results"]["random 21x21"]
     row = hundred_terrains(name)
     assert row.steps_low <= results["steps"] <= row.steps_high
@@ -44,7 +51,9 @@ def test_what_the_papers_algorithms_trained_completes_terrains(algorithm):
     assert table.rows[0].completion == 1.0
 
 
-def test_the_shipped_network_explores_everything_without_a_collision_and_in_fewer_steps_than_any_rule(hundred_terrains):
+def test_the_shipped_network_explores_everything_without_a_collision_and_in_fewer_steps_than_any_rule(
+    hundred_terrains,
+):
     ppo, *rules = (hundred_terrains(name) for name in ("ppo", "frontier-cost", "frontier-utility"))
     assert (ppo.completion, ppo.collisions) == (1.0, 0)
     assert ppo.steps_mean < 0.9 * min(rule.steps_mean for rule in rules)
@@ -56,7 +65,9 @@ def test_the_network_with_prices_plays_21x21_as_the_first_and_needs_a_tenth_less
         for name in ("ppo", "ppo-priced"):
             policy = load(name)
             for seed in seeds:
-                episode = Episode.begin(EnvConfig.of("random", side), seed=EVALUATION_SEEDS.start + seed)
+                episode = Episode.begin(
+                    EnvConfig.of("random", side), seed=EVALUATION_SEEDS.start + seed
+                )
                 policy.reset(seed)
                 while not episode.ended:
                     episode.step(policy.act(episode.codes))

@@ -21,7 +21,10 @@ from marsexplorer.training.ppo import TrainingRun
 from marsexplorer.training.run_folder import LOG_COLUMNS, RunFolder, resumed_config
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "training"
-ENV_CONFIGS = [EnvConfig(rows=9, cols=12, max_steps=20), EnvConfig("1-1-1", rows=12, cols=9, max_steps=20)]
+ENV_CONFIGS = [
+    EnvConfig(rows=9, cols=12, max_steps=20),
+    EnvConfig("1-1-1", rows=12, cols=9, max_steps=20),
+]
 SEED = 5
 
 
@@ -33,7 +36,13 @@ class NarrowConfig(TrainConfig):
         return Net(wide=2, hidden=3)
 
 
-CONFIG = NarrowConfig(**asdict(replace(RECIPES["best"], num_envs=8, num_steps=16, minibatch_size=64, value_warmup_updates=1)))
+CONFIG = NarrowConfig(
+    **asdict(
+        replace(
+            RECIPES["best"], num_envs=8, num_steps=16, minibatch_size=64, value_warmup_updates=1
+        )
+    )
+)
 
 
 def begin():
@@ -48,7 +57,11 @@ def arithmetic_digest(weights):
     with torch.autocast("cpu", torch.bfloat16):
         logits, values = net(planes, torch.ones(64, 4, 16) / 3)
     (logits.float().log_softmax(1)[:, 0].mean() + values.float().square().mean()).backward()
-    arrays = [logits.detach().float(), values.detach().float(), *(weight.grad for weight in net.parameters())]
+    arrays = [
+        logits.detach().float(),
+        values.detach().float(),
+        *(weight.grad for weight in net.parameters()),
+    ]
     return hashlib.sha256(b"".join(array.numpy().tobytes() for array in arrays)).hexdigest()
 
 
@@ -60,7 +73,11 @@ def paper_arithmetic_digest():
     with torch.autocast("cpu", torch.bfloat16):
         logits, values = net(codes)
     (logits.float().log_softmax(1)[:, 0].mean() + values.float().square().mean()).backward()
-    arrays = [logits.detach().float(), values.detach().float(), *(weight.grad for weight in net.parameters())]
+    arrays = [
+        logits.detach().float(),
+        values.detach().float(),
+        *(weight.grad for weight in net.parameters()),
+    ]
     return hashlib.sha256(b"".join(array.numpy().tobytes() for array in arrays)).hexdigest()
 
 
@@ -71,13 +88,16 @@ def assert_same_run(metrics, expected, net, weights_sha256, rtol):
         assert weights_digest(net) == weights_sha256
         return
     found, wanted = (
-        np.array([[np.nan if value is None else value for value in each] for each in rows]) for rows in (found, expected)
+        np.array([[np.nan if value is None else value for value in each] for each in rows])
+        for rows in (found, expected)
     )
     assert np.allclose(found, wanted, rtol=rtol, atol=1e-5, equal_nan=True)
 
 
 def weights_digest(net):
-    return hashlib.sha256(b"".join(each.contiguous().numpy().tobytes() for each in net.state_dict().values())).hexdigest()
+    return hashlib.sha256(
+        b"".join(each.contiguous().numpy().tobytes() for each in net.state_dict().values())
+    ).hexdigest()
 
 
 @pytest.fixture
@@ -90,7 +110,9 @@ def test_a_run_of_the_first_format_goes_on_to_the_weights_it_would_have_come_to(
     weights = load_checkpoint(folder / "checkpoint.pt")["run"]["net"]
     is_same_arithmetic = arithmetic_digest(weights) == expected["probe_sha256"]
     run, metrics = begin(), []
-    run_folder = RunFolder(folder, run, {"summary": "resumed"}, lambda update, seconds: metrics.append(update))
+    run_folder = RunFolder(
+        folder, run, {"summary": "resumed"}, lambda update, seconds: metrics.append(update)
+    )
     run_folder.resume()
     assert run.updates_done == 3
     ppo.train(run, run_folder.on_update)
@@ -100,7 +122,9 @@ def test_a_run_of_the_first_format_goes_on_to_the_weights_it_would_have_come_to(
     assert all(set(line) == set(lines[0]) >= set(LOG_COLUMNS.values()) for line in lines)
     assert load_checkpoint(folder / "checkpoint.pt")["run"]["updates_done"] == 6
     if not is_same_arithmetic:
-        pytest.skip("this processor or version of torch rounds bfloat16 in another way than the one of the fixture")
+        pytest.skip(
+            "this processor or version of torch rounds bfloat16 in another way than the one of the fixture"
+        )
     assert_same_run(metrics, expected["updates"], run.net, expected["weights_sha256"], rtol=1e-4)
 
 
@@ -109,24 +133,44 @@ def test_what_a_checkpoint_of_the_first_format_holds_is_loaded_bit_for_bit(folde
     run = begin()
     RunFolder(folder, run, {}, lambda *_: None).resume()
     state = run.state_dict()
-    assert (state["updates_done"], [state["ent_coef"], state["kl_coef"]]) == (old["done"], old["shares"])
+    assert (state["updates_done"], [state["ent_coef"], state["kl_coef"]]) == (
+        old["done"],
+        old["shares"],
+    )
     assert torch.equal(state["rng_state"], old["random"])
-    assert all(torch.equal(*both) for both in zip(state["net"].values(), old["net"].values(), strict=True))
-    for now, before in zip(state["optimizer"]["state"].values(), old["optimiser"]["state"].values(), strict=True):
-        assert all(torch.equal(now[name], before[name]) for name in ("step", "exp_avg", "exp_avg_sq"))
+    assert all(
+        torch.equal(*both) for both in zip(state["net"].values(), old["net"].values(), strict=True)
+    )
+    for now, before in zip(
+        state["optimizer"]["state"].values(), old["optimiser"]["state"].values(), strict=True
+    ):
+        assert all(
+            torch.equal(now[name], before[name]) for name in ("step", "exp_avg", "exp_avg_sq")
+        )
     for now, before in zip(state["envs"], old["boards"], strict=True):
         assert torch.equal(now["arrays"]["cells"], before["places"])
-        assert all(torch.equal(now["arrays"][name], array) for name, array in before["arrays"].items())
-        assert all(torch.equal(now["worlds"][name], before["worlds"][name]) for name in ("codes", "outcomes"))
-        records = now["worlds"]["records"]  # have got two scalars since: the cells that count, and how many are enough
-        assert torch.equal(torch.cat([records[:, :6], records[:, 8:]], 1), before["worlds"]["records"])
+        assert all(
+            torch.equal(now["arrays"][name], array) for name, array in before["arrays"].items()
+        )
+        assert all(
+            torch.equal(now["worlds"][name], before["worlds"][name])
+            for name in ("codes", "outcomes")
+        )
+        records = now["worlds"][
+            "records"
+        ]  # have got two scalars since: the cells that count, and how many are enough
+        assert torch.equal(
+            torch.cat([records[:, :6], records[:, 8:]], 1), before["worlds"]["records"]
+        )
         assert (records[:, 6] == 108).all()
         assert (records[:, 7] == 107).all()
         assert {name: now["recent_episodes"][name] for name in before["recent"]} == before["recent"]
 
 
 def test_a_checkpoint_of_the_first_format_is_refused_by_another_run(folder):
-    other = TrainingRun.begin(replace(CONFIG, clip_coef=0.3), ENV_CONFIGS, 6 * CONFIG.batch_size, SEED)
+    other = TrainingRun.begin(
+        replace(CONFIG, clip_coef=0.3), ENV_CONFIGS, 6 * CONFIG.batch_size, SEED
+    )
     with pytest.raises(ValueError, match=r"another run \(config\)"):
         RunFolder(folder, other, {}, lambda *_: None).resume()
 
@@ -139,7 +183,12 @@ def test_the_old_names_of_a_configuration_are_read_from_checkpoints_and_cards():
     }  # fmt: skip
     now = TrainConfig.from_dict(current_recipe(old))
     assert now == TrainConfig.from_dict(now.to_dict())
-    assert (now.network, now.vf_clip, now.vf_change_clip, now.kl_of_last_epoch) == ("rllib", 10.0, float("inf"), False)
+    assert (now.network, now.vf_clip, now.vf_change_clip, now.kl_of_last_epoch) == (
+        "rllib",
+        10.0,
+        float("inf"),
+        False,
+    )
     assert not now.mask
     assert (now.update_epochs, now.minibatch_size, now.max_grad_norm) == (30, 128, float("inf"))
     assert TrainConfig.from_dict(RECIPES["best"].to_dict()) == RECIPES["best"]
@@ -147,7 +196,9 @@ def test_the_old_names_of_a_configuration_are_read_from_checkpoints_and_cards():
         TrainConfig.from_dict({**RECIPES["best"].to_dict(), "momentum": 0.9})
 
 
-def test_a_run_of_the_recipe_paper_before_its_correction_goes_on_with_the_loss_that_it_began_with(tmp_path):
+def test_a_run_of_the_recipe_paper_before_its_correction_goes_on_with_the_loss_that_it_began_with(
+    tmp_path,
+):
     expected = json.loads((FIXTURES / "expected_paper.json").read_text())
     is_same_arithmetic = paper_arithmetic_digest() == expected["probe_sha256"]
     env_configs = [EnvConfig(rows=9, cols=12, max_steps=20)]
@@ -164,7 +215,9 @@ def test_a_run_of_the_recipe_paper_before_its_correction_goes_on_with_the_loss_t
         ppo.train(first, stop)
     folder.save()
     checkpoint = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    identity = json.loads(checkpoint["identity"]) | {"config": expected["recipe"]}  # the settings that there were
+    identity = json.loads(checkpoint["identity"]) | {
+        "config": expected["recipe"]
+    }  # the settings that there were
     torch.save({**checkpoint, "identity": json.dumps(identity)}, tmp_path / "checkpoint.pt")
     assert resumed_config(tmp_path, RECIPES["best"]) == RECIPES["best"]
     second, folder = begun(resumed_config(tmp_path, RECIPES["paper"]))
@@ -172,6 +225,10 @@ def test_a_run_of_the_recipe_paper_before_its_correction_goes_on_with_the_loss_t
     metrics = []
     ppo.train(second, metrics.append)
     if not is_same_arithmetic:
-        pytest.skip("this processor or version of torch rounds bfloat16 in another way than the one of the fixture")
-    assert_same_run(metrics, expected["updates"][1:], second.net, expected["weights_sha256"], rtol=1e-2)
+        pytest.skip(
+            "this processor or version of torch rounds bfloat16 in another way than the one of the fixture"
+        )
+    assert_same_run(
+        metrics, expected["updates"][1:], second.net, expected["weights_sha256"], rtol=1e-2
+    )
     assert second.kl_coef == expected["kl_coef"]

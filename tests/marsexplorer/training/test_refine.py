@@ -56,7 +56,10 @@ def untrained_net():
 
 def literal(net, seed, at=None, other=None):
     """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
-    policy, episode = NetworkPolicy("net", net, CONFIG.sensor_radius), Episode.begin(CONFIG, seed=seed)
+    policy, episode = (
+        NetworkPolicy("net", net, CONFIG.sensor_radius),
+        Episode.begin(CONFIG, seed=seed),
+    )
     policy.reset(0)
     while not episode.ended and episode.steps < int(MAX_MOVES_PER_CELL * CONFIG.n):
         action = policy.act(episode.codes)
@@ -64,10 +67,14 @@ def literal(net, seed, at=None, other=None):
     return episode.steps
 
 
-@pytest.mark.parametrize("make", [untrained_net, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"])
+@pytest.mark.parametrize(
+    "make", [untrained_net, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"]
+)
 def test_episodes_are_those_of_the_policy_with_its_guard(make):
     net, steps = make(), np.zeros(12, np.int64)
-    guarded = sum(int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps))
+    guarded = sum(
+        int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps)
+    )
     assert steps.tolist() == [literal(net, SEED + k) for k in range(12)]
     if make is untrained_net:
         assert guarded > 0
@@ -86,7 +93,10 @@ def test_the_cost_of_another_move_is_what_a_literal_replay_finds(net):
     for count, episodes, others, worlds in branches:
         costs = extra_moves(CONFIG, net, worlds, others, steps[episodes])
         for episode, other, cost in zip(episodes, others, costs, strict=True):
-            assert cost == min(literal(net, SEED + int(episode), count, int(other)) - steps[episode], MAX_EXTRA_MOVES)
+            assert cost == min(
+                literal(net, SEED + int(episode), count, int(other)) - steps[episode],
+                MAX_EXTRA_MOVES,
+            )
             signs.add(int(np.sign(cost)))
     assert signs == {-1, 0, 1}
 
@@ -103,7 +113,8 @@ def test_pairs_are_two_valid_moves_and_what_the_network_prefers(net):
     assert pairs.cost.min() < 0 < pairs.cost.mean()
     again = branch_episodes(CONFIG, net, SEED, 16, 16)
     assert all(
-        np.array_equal(getattr(pairs, name), getattr(again, name)) for name in ("planes", "own", "other", "cost", "steps")
+        np.array_equal(getattr(pairs, name), getattr(again, name))
+        for name in ("planes", "own", "other", "cost", "steps")
     )
 
 
@@ -123,7 +134,9 @@ def test_transposing_exchanges_rows_and_columns():
     codes[0, 8, 5] = 2
     features = FeatureExtractor(1, 21, 21, 6)
     nothing = np.zeros((1, 441), np.uint8)
-    planes, moves = (each.copy() for each in features(codes, np.array([8 * 21 + 5]), nothing, np.array([1])))
+    planes, moves = (
+        each.copy() for each in features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
+    )
     turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
     mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
     assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)
@@ -133,16 +146,25 @@ def test_transposing_exchanges_rows_and_columns():
 
 def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     run = RefineRun(
-        with_prices(net), 4, replace(SMALL, sizes=(21, 42), anchor_sizes=((84, 2), (42, 8)), anchor_levels=("2-2-1",))
+        with_prices(net),
+        4,
+        replace(SMALL, sizes=(21, 42), anchor_sizes=((84, 2), (42, 8)), anchor_levels=("2-2-1",)),
     )
-    tasks = {(task.level, task.size, task.num_episodes, task.pairs_per_episode) for task in run.make_tasks()}
+    tasks = {
+        (task.level, task.size, task.num_episodes, task.pairs_per_episode)
+        for task in run.make_tasks()
+    }
     branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
     assert tasks == branched | {("2-2-1", 84, 2, 0)}
-    run.config = replace(run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)), first_round_tasks=2)
+    run.config = replace(
+        run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)), first_round_tasks=2
+    )
     counts = Counter((task.level, task.size) for task in run.make_tasks() if task.pairs_per_episode)
     assert counts == {("random", 21): 24, ("random", 42): 12, ("1-1-1", 21): 2, ("1-1-1", 42): 2}
     run.config = replace(run.config, sizes=(21, 42, 84))
-    assert {(task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"} == {(84, 0)}
+    assert {
+        (task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"
+    } == {(84, 0)}
 
 
 def test_a_network_that_is_refined_on_larger_grids_is_held_to_what_it_was_on_the_usual_ones(net):
@@ -159,7 +181,12 @@ def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
 
 
 def test_the_weights_are_the_same_on_any_number_of_workers(net):
-    few = {"episodes_per_task": 2, "pairs_per_episode": 4, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
+    few = {
+        "episodes_per_task": 2,
+        "pairs_per_episode": 4,
+        "gradient_steps": 8,
+        "anchor_sizes": ((12, 2),),
+    }
     net = with_prices(net)
     tiny = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few)
     nets = []
@@ -169,12 +196,22 @@ def test_the_weights_are_the_same_on_any_number_of_workers(net):
             run.train_round(pool)
         nets.append(run.net)
     assert all(torch.equal(*both) for both in zip(*(net.parameters() for net in nets), strict=True))
-    assert not all(torch.equal(*both) for both in zip(nets[0].parameters(), net.parameters(), strict=True))
+    assert not all(
+        torch.equal(*both) for both in zip(nets[0].parameters(), net.parameters(), strict=True)
+    )
 
 
 def test_a_run_that_is_gone_on_with_comes_to_the_weights_it_would_have_come_to(net, tmp_path):
-    few = {"episodes_per_task": 2, "pairs_per_episode": 4, "gradient_steps": 8, "anchor_sizes": ((12, 2),)}
-    tiny, net = replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few), with_prices(net)
+    few = {
+        "episodes_per_task": 2,
+        "pairs_per_episode": 4,
+        "gradient_steps": 8,
+        "anchor_sizes": ((12, 2),),
+    }
+    tiny, net = (
+        replace(SMALL, tasks_per_level=(("random", 2),), first_round_tasks=1, **few),
+        with_prices(net),
+    )
     whole, first, second = (RefineRun(deepcopy(net), 4, tiny) for _ in range(3))
     with ThreadPoolExecutor(1) as pool:
         torch.manual_seed(4)
@@ -185,14 +222,20 @@ def test_a_run_that_is_gone_on_with_comes_to_the_weights_it_would_have_come_to(n
         torch.rand(7)
         second.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
         assert second.train_round(pool) == metrics[1]
-    assert all(torch.equal(*both) for both in zip(whole.net.parameters(), second.net.parameters(), strict=True))
+    assert all(
+        torch.equal(*both)
+        for both in zip(whole.net.parameters(), second.net.parameters(), strict=True)
+    )
     assert second.num_pairs == whole.num_pairs
     assert first.identity == second.identity != RefineRun(deepcopy(net), 5, tiny).identity
 
 
 def test_a_network_with_prices_begins_with_the_moves_that_it_made(net):
     priced = with_prices(net)
-    run, rollouts = RefineRun(deepcopy(priced), 4, SMALL), GreedyRollouts(EnvConfig("random", 42, 42), 4, sees_prices=True)
+    run, rollouts = (
+        RefineRun(deepcopy(priced), 4, SMALL),
+        GreedyRollouts(EnvConfig("random", 42, 42), 4, sees_prices=True),
+    )
     rollouts.worlds.start(np.arange(SEED, SEED + 4))
     for _ in range(20):
         decisions = rollouts.decide(priced)
@@ -212,7 +255,10 @@ def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_numb
         runs.append((run, metrics))
     (run, metrics), (other, same) = runs
     assert metrics == same
-    assert all(torch.equal(*both) for both in zip(run.net.parameters(), other.net.parameters(), strict=True))
+    assert all(
+        torch.equal(*both)
+        for both in zip(run.net.parameters(), other.net.parameters(), strict=True)
+    )
     seeds = range(SEED, SEED + 50)
     saved_moves = np.array([literal(began_with, seed) - literal(run.net, seed) for seed in seeds])
     assert saved_moves.mean() - 1.96 * saved_moves.std() / 50**0.5 > 0
@@ -224,7 +270,8 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     assert refused.exit_code == 2
     assert "is no policy" in refused.output
     assert (
-        "the format marsexplorer-network-4 or marsexplorer-network-3" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
+        "the format marsexplorer-network-4 or marsexplorer-network-3"
+        in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
     )
     nothing = CliRunner().invoke(cli, ["refine", "--rounds", "0"])
     assert nothing.exit_code == 2

@@ -17,13 +17,23 @@ from marsexplorer.policies import load
 from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training import ppo
 from marsexplorer.training.config import RECIPES
-from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves, state_matrix_encoder
+from marsexplorer.training.envs import (
+    EVALUATION_SEEDS,
+    TrainingEnvs,
+    make_envs,
+    rewards_in_moves,
+    state_matrix_encoder,
+)
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
 from marsexplorer.training.run_folder import RunFolder
 
 SMALL = EnvConfig(rows=9, cols=12)
-QUICK = replace(RECIPES["best"], num_envs=32, num_steps=32, minibatch_size=256, value_warmup_updates=1)
-PRICED = replace(RECIPES["priced"], num_envs=16, num_steps=16, minibatch_size=64, value_warmup_updates=1)
+QUICK = replace(
+    RECIPES["best"], num_envs=32, num_steps=32, minibatch_size=256, value_warmup_updates=1
+)
+PRICED = replace(
+    RECIPES["priced"], num_envs=16, num_steps=16, minibatch_size=64, value_warmup_updates=1
+)
 PAPER = replace(RECIPES["paper"], num_envs=8, num_steps=16, minibatch_size=64, update_epochs=2)
 
 
@@ -46,7 +56,10 @@ def score_of(policy, seed):
 
 
 def same_weights(one, two):
-    return all(torch.equal(a, b) for a, b in zip(one.state_dict().values(), two.state_dict().values(), strict=True))
+    return all(
+        torch.equal(a, b)
+        for a, b in zip(one.state_dict().values(), two.state_dict().values(), strict=True)
+    )
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
@@ -55,7 +68,9 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     ppo.train(run, folder.on_update)
     folder.save()
     tiny, chance = load(folder.policy), load("random")
-    gap = np.array([score_of(tiny, seed) - score_of(chance, seed) for seed in EVALUATION_SEEDS[:50]])
+    gap = np.array(
+        [score_of(tiny, seed) - score_of(chance, seed) for seed in EVALUATION_SEEDS[:50]]
+    )
     low, _ = stats.t.interval(0.95, len(gap) - 1, gap.mean(), stats.sem(gap))
     assert low > 0
     found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
@@ -116,7 +131,11 @@ def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
     hook.remove()
     run, pressed = TrainingRun.begin(config, [SMALL], 3 * 32, 5), []
     hook = run.optimizer.register_step_post_hook(
-        lambda *_: (pressed.append(1), os.kill(os.getpid(), signal.SIGINT)) if run.updates_done == 1 and not pressed else None
+        lambda *_: (
+            (pressed.append(1), os.kill(os.getpid(), signal.SIGINT))
+            if run.updates_done == 1 and not pressed
+            else None
+        )
     )
     folder = RunFolder(tmp_path, run, {"summary": "stopped"}, silent)
     with pytest.raises(KeyboardInterrupt):
@@ -159,14 +178,19 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
                 goes_on = 1 - float(buffer.dones[k, board])
                 following = float(next_values[board] if k == 6 else buffer.values[k + 1, board])
                 total += weight * (
-                    float(buffer.rewards[k, board]) + gamma * following * goes_on - float(buffer.values[k, board])
+                    float(buffer.rewards[k, board])
+                    + gamma * following * goes_on
+                    - float(buffer.values[k, board])
                 )
                 weight *= gamma * gae_lambda * goes_on
             assert float(found[t, board]) == pytest.approx(total, abs=1e-5)
 
 
 def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_and_of_its_clipped_self():
-    old, returns = torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0]), torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0])
+    old, returns = (
+        torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0]),
+        torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0]),
+    )
     values = torch.tensor([8.0, 30.0, 30.0, 12.0, 25.0], requires_grad=True)
     minibatch = ppo.Minibatch((), torch.zeros(5), torch.zeros(5, 4), old, torch.zeros(5), returns)
     errors = ppo.value_errors(RECIPES["paper"], values, minibatch)
@@ -174,11 +198,15 @@ def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_
     assert errors.tolist() == [433.0**2, 431.0**2, 471.0**2, 429.0**2, 20.0**2]
     errors.sum().backward()
     assert values.grad.tolist() == [2 * -433.0, 0.0, 2 * 471.0, 2 * -429.0, 2 * 20.0]
-    unclipped = ppo.value_errors(replace(RECIPES["paper"], vf_change_clip=float("inf")), values, minibatch)
+    unclipped = ppo.value_errors(
+        replace(RECIPES["paper"], vf_change_clip=float("inf")), values, minibatch
+    )
     assert unclipped.tolist() == (values - returns).square().tolist()
 
 
-@pytest.mark.parametrize("config", [RECIPES["paper"], replace(RECIPES["best"], network="rllib")], ids=["eq. 8", "moves"])
+@pytest.mark.parametrize(
+    "config", [RECIPES["paper"], replace(RECIPES["best"], network="rllib")], ids=["eq. 8", "moves"]
+)
 def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
     config = replace(config, num_envs=16, num_steps=8, has_bonus=False)
     run = TrainingRun.begin(config, [EnvConfig(rows=9, cols=12, max_steps=40)], 1000, 3)
@@ -191,10 +219,21 @@ def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
         known = (envs.codes != 0).sum((1, 2))
         blind = torch.randint(4, (8,)).tolist()
         step = envs.step(
-            np.array([*(rule.act(codes.copy()) for rule, codes in zip(rules, envs.codes[:8], strict=True)), *blind])
+            np.array(
+                [
+                    *(
+                        rule.act(codes.copy())
+                        for rule, codes in zip(rules, envs.codes[:8], strict=True)
+                    ),
+                    *blind,
+                ]
+            )
         )
         with torch.no_grad():
-            rewards, new = ppo.compute_rewards(run, envs, step), (envs.codes != 0).sum((1, 2)) - known
+            rewards, new = (
+                ppo.compute_rewards(run, envs, step),
+                (envs.codes != 0).sum((1, 2)) - known,
+            )
         goes_on, scale = ~step.dones, config.reward_per_cell
         assert rewards[goes_on] == pytest.approx((scale * new - 1 if scale else new - 0.5)[goes_on])
         assert rewards[step.failed] == pytest.approx(-1.0 if scale else 0.0)
@@ -212,7 +251,9 @@ def test_rewards_in_moves_are_a_cost_of_one_and_a_share_for_each_new_cell():
         policy.reset(0)
     for _ in range(60):
         known = (envs.codes != 0).sum((1, 2))
-        actions = np.array([policy.act(codes.copy()) for policy, codes in zip(policies, envs.codes, strict=True)])
+        actions = np.array(
+            [policy.act(codes.copy()) for policy, codes in zip(policies, envs.codes, strict=True)]
+        )
         step = envs.step(actions)
         rewards = rewards_in_moves(SMALL, step, 0.5)
         new = (envs.codes != 0).sum((1, 2)) - known
@@ -235,11 +276,15 @@ def test_running_out_of_time_shows_the_last_observation_to_bootstrap_from():
     assert step.dones[which].all()
     assert envs.steps[which].tolist() == [0] * len(which)
     assert ((codes.numpy() == 2).sum((1, 2)) == 1).all()
-    assert (codes.numpy()[:, 0, 0] == 1).all()  # the rover has left the corner, where the next episode stands again
+    assert (
+        codes.numpy()[:, 0, 0] == 1
+    ).all()  # the rover has left the corner, where the next episode stands again
 
 
 def test_all_levels_and_sizes_have_environments_and_the_first_level_half_of_them():
-    configs = [EnvConfig.of(level, size) for size in (21, 42) for level in ("random", "1-1-1", "2-2-1")]
+    configs = [
+        EnvConfig.of(level, size) for size in (21, 42) for level in ("random", "1-1-1", "2-2-1")
+    ]
     parts = make_envs(configs, 256, 0, RECIPES["best"].make_encoder).parts
     assert [part.config for part in parts] == configs
     assert sum(part.num_envs for part in parts) == 256
@@ -264,7 +309,10 @@ def test_the_priced_recipe_begins_as_the_rules():
     """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
     torch.manual_seed(0)
     config = EnvConfig("random", 42, 42)
-    net, rollouts = RECIPES["priced"].make_network([config]).eval(), GreedyRollouts(config, 3, sees_prices=True)
+    net, rollouts = (
+        RECIPES["priced"].make_network([config]).eval(),
+        GreedyRollouts(config, 3, sees_prices=True),
+    )
     rollouts.worlds.start(np.arange(3))
     made = 0
     for _ in range(60):
@@ -285,10 +333,23 @@ def test_the_divergence_from_the_rules_counts_by_the_size_of_the_grid():
         envs = TrainingEnvs(EnvConfig("random", side, side), 6, 7, config.make_encoder)
         moves = envs.observe()[1].clone()
         assert (moves[:, :, 0] == 0).any()
-        log_probs = torch.where(moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9)).log_softmax(1)
-        rules = np.array([rule_by_definition(each, side, config.prior_scale) for each in moves.numpy()])
-        literal = -sum(p * q for p, q in zip(rules.ravel(), log_probs.numpy().ravel(), strict=True) if p > 0) / 6
-        assert float(ppo.rule_divergence(config, moves, log_probs)) == pytest.approx(coef * literal, rel=1e-4)
+        log_probs = torch.where(
+            moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9)
+        ).log_softmax(1)
+        rules = np.array(
+            [rule_by_definition(each, side, config.prior_scale) for each in moves.numpy()]
+        )
+        literal = (
+            -sum(
+                p * q
+                for p, q in zip(rules.ravel(), log_probs.numpy().ravel(), strict=True)
+                if p > 0
+            )
+            / 6
+        )
+        assert float(ppo.rule_divergence(config, moves, log_probs)) == pytest.approx(
+            coef * literal, rel=1e-4
+        )
 
 
 def rule_by_definition(moves, side, scale):
@@ -298,7 +359,8 @@ def rule_by_definition(moves, side, scale):
     for action in range(4):
         shares = moves[action, 16:25].reshape(3, 3)
         logit = 0.1 * moves[action, 10] + sum(
-            count * (5 * share[0] + 3 * share[1]) for count, share in zip(counts, shares, strict=True)
+            count * (5 * share[0] + 3 * share[1])
+            for count, share in zip(counts, shares, strict=True)
         )
         weight[action] = np.exp(scale * logit) * moves[action, 0]
     return weight / weight.sum()

@@ -35,7 +35,10 @@ def pool():
 
 def test_stacked_episodes_are_the_policy_s_own_whatever_was_played_before():
     config, seeds = EnvConfig("2-2-1", 15, 22, sensor_radius=4), range(70, 76)
-    episodes, rules = PricedEpisodes(config, seeds), [TUNED, ablations(TUNED)["without pockets"], TUNED]
+    episodes, rules = (
+        PricedEpisodes(config, seeds),
+        [TUNED, ablations(TUNED)["without pockets"], TUNED],
+    )
     for rule in rules:
         alone = [play_episode(FrontierPriced(4, rule), config, seed).steps for seed in seeds]
         assert episodes.play(rule).tolist() == alone
@@ -67,7 +70,9 @@ def test_a_point_with_fewer_moves_has_a_lower_value(pool):
     [episodes] = make_episodes([SMALL], 3, 5)
     assert episodes.play(TUNED).shape == (round(3 * 441 / 77),)
     bad = ablations(TUNED)["power of the way 2"]
-    found = compare_rules(TUNED, {"itself": TUNED, "bad": bad}, [episodes], pool, lambda done, of: None)
+    found = compare_rules(
+        TUNED, {"itself": TUNED, "bad": bad}, [episodes], pool, lambda done, of: None
+    )
     assert found["itself"] == [(1.0, 1.0, 1.0)]
     mean, low, high = found["bad"][0]
     assert mean == pytest.approx(episodes.play(bad).mean() / episodes.play(TUNED).mean())
@@ -80,7 +85,9 @@ def test_a_rule_is_its_vector_and_its_document():
     assert to_vector(to_rule(np.full(len(SPREAD), -9.0), 1.0)).tolist() == LOWEST.tolist()
     assert read_rule(json.loads(json.dumps(asdict(TUNED)))) == TUNED
     earlier = {end: values for end, values in asdict(TUNED).items() if end != "middle"}
-    assert read_rule(json.loads(json.dumps(earlier))).middle.power == pytest.approx((TUNED.small.power + TUNED.large.power) / 2)
+    assert read_rule(json.loads(json.dumps(earlier))).middle.power == pytest.approx(
+        (TUNED.small.power + TUNED.large.power) / 2
+    )
     with pytest.raises(KeyError):
         read_rule({"small": {}})
 

@@ -21,12 +21,20 @@ def run(capsys):
     return call
 
 
-def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_ending_says(run, tmp_path):
+def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_ending_says(
+    run, tmp_path
+):
     store = Store(tmp_path / "play.db")
     ended, other = play(store, seed=1, explore=True), play(store, seed=2, player="bob")
     running, _ = open_episode(store, add_session(store), 5)
     store.close()
-    shared = ended.id[: next(k for k, (a, b) in enumerate(zip(f"{ended.id} ", f"{other.id} ", strict=False)) if a != b)]
+    shared = ended.id[
+        : next(
+            k
+            for k, (a, b) in enumerate(zip(f"{ended.id} ", f"{other.id} ", strict=False))
+            if a != b
+        )
+    ]
 
     def replay(episode, name, *rest):
         return run("replay", episode, "--out", tmp_path / name, "--database", store.path, *rest)
@@ -47,4 +55,6 @@ def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_endin
     ]:
         code, _, err = replay(episode, name, *rest)
         assert (code, words in err, err.count("\n")) == (status, True, 1), err
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix in (".gif", ".HTML", ".part")) == ["a.gif", "b.HTML"]
+    assert sorted(
+        path.name for path in tmp_path.iterdir() if path.suffix in (".gif", ".HTML", ".part")
+    ) == ["a.gif", "b.HTML"]

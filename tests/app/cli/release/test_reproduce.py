@@ -56,7 +56,10 @@ def reproduce(capsys, tmp_path, monkeypatch):
 def counts(out):
     """{section: (compared, differ)} of the printed table."""
     rows = [line.split("│")[1:-1] for line in out.splitlines() if line.startswith("│")]
-    return {name.strip(): (int(compared.replace(",", "")), int(differ)) for name, compared, differ in rows}
+    return {
+        name.strip(): (int(compared.replace(",", "")), int(differ))
+        for name, compared, differ in rows
+    }
 
 
 def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
@@ -65,22 +68,45 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     assert (code, said.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
     found = counts(said)
     assert all(differ == 0 for _, differ in found.values())
-    for section in ("figures", "metrics", "comparisons", "players", "pictures", "policies", "page", "scripts: figures"):
+    for section in (
+        "figures",
+        "metrics",
+        "comparisons",
+        "players",
+        "pictures",
+        "policies",
+        "page",
+        "scripts: figures",
+    ):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
     assert found["policies' episodes, played again"] == (3 * 3, 0)
     assert found["agreement of moves"] == (2 * 3 * 3, 0)  # of the two that are no drawn policy
     assert found["regret of each move"][0] > 100
     assert found["moves"][0] > 30
-    assert [path.name for path in (out / "policies").iterdir()] == [f"{policies.policy_hash('ppo')}.safetensors"]
+    assert [path.name for path in (out / "policies").iterdir()] == [
+        f"{policies.policy_hash('ppo')}.safetensors"
+    ]
     assert f"{policy} was not played again" not in said
     assert f"signer not checked: nothing here says whose key {signer} is" in said
     # the sections of the people's report hold as many numbers and texts as report.json does
-    again = ("policies' episodes, replayed", "policies' episodes, played again", "agreement of moves", "regret of each move")
+    again = (
+        "policies' episodes, replayed",
+        "policies' episodes, played again",
+        "agreement of moves",
+        "regret of each move",
+    )
     extra = ("page", *again)
-    people = {name: each for name, each in found.items() if not name.startswith("scripts: ") and name not in extra}
+    people = {
+        name: each
+        for name, each in found.items()
+        if not name.startswith("scripts: ") and name not in extra
+    }
     left_out = len(("made_at", "software_version"))
-    assert sum(compared for compared, _ in people.values()) == leaves(json.loads((out / "report.json").read_text())) - left_out
+    assert (
+        sum(compared for compared, _ in people.values())
+        == leaves(json.loads((out / "report.json").read_text())) - left_out
+    )
 
 
 def leaves(value):
@@ -99,13 +125,21 @@ def test_a_policy_whose_file_is_not_in_the_bundle_is_played_again_only_from_the_
     shutil.copytree(bundle[0], out)
     shutil.rmtree(out / "policies")
     code, said, _ = reproduce(out)
-    assert (code, counts(said)["policies' episodes, played again"]) == (1, (3 * 3, 0)), "the shipped ppo is that file"
+    assert (code, counts(said)["policies' episodes, played again"]) == (1, (3 * 3, 0)), (
+        "the shipped ppo is that file"
+    )
     assert "file policies/" in said
     monkeypatch.setattr(card, "shipped_folder", lambda: tmp_path)
     said = reproduce(out)[1]
     assert counts(said)["policies' episodes, played again"] == (2 * 3, 0)
-    assert f"{bundle[2]} was not played again, its recorded moves were replayed: the study compares with" in said
-    assert "not compared: regret and likeness of moves: the study compares with the policy 'ppo'" in said
+    assert (
+        f"{bundle[2]} was not played again, its recorded moves were replayed: the study compares with"
+        in said
+    )
+    assert (
+        "not compared: regret and likeness of moves: the study compares with the policy 'ppo'"
+        in said
+    )
 
 
 @pytest.fixture
@@ -144,7 +178,9 @@ def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(fo
 
 
 @pytest.mark.long
-def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen(bundle, tmp_path, reproduce):
+def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen(
+    bundle, tmp_path, reproduce
+):
     out = tmp_path / "changed"
     shutil.copytree(bundle[0], out)
     page = (out / "report.html").read_text()
@@ -153,7 +189,9 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     report["groups"][0]["figures"][1]["steps"]["mean"] += 1e-6
     (out / "report.json").write_text(json.dumps(report))
     conn = sqlite3.connect(out / "study.sqlite")
-    conn.execute("UPDATE policy_episodes SET actions = substr(actions, 1, length(actions) - 1) WHERE policy = 'random'")
+    conn.execute(
+        "UPDATE policy_episodes SET actions = substr(actions, 1, length(actions) - 1) WHERE policy = 'random'"
+    )
     conn.commit()
     conn.close()
     code, said, _ = reproduce(out, "--recorded")
@@ -165,7 +203,9 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     assert "file report.html: sha256" in said
 
 
-def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derived(reproduce, tmp_path):
+def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derived(
+    reproduce, tmp_path
+):
     folder = earlier.studies(tmp_path)
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
     code, said, err = reproduce(folder / "dunes-1")
@@ -174,7 +214,9 @@ def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derive
     assert "people: means over players" in said
 
 
-def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(tmp_path, capsys, reproduce):
+def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(
+    tmp_path, capsys, reproduce
+):
     policy = write_sb3(tmp_path / "gone.zip", flat_weights((7, 9)), sb3_description((7, 9)))
     study = freeze(tmp_path / "studies", policies=("random", str(policy)))
     play_study(tmp_path / "play.db", study, kinds=("human",))
@@ -196,6 +238,8 @@ def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_a
         assert (left.value.code or 0) == expected
         said = capsys.readouterr()
         assert ("--without-policy" in said.err) == bool(expected)
-    assert json.loads((tmp_path / "out" / MANIFEST).read_text())["without_policies"] == [str(policy)]
+    assert json.loads((tmp_path / "out" / MANIFEST).read_text())["without_policies"] == [
+        str(policy)
+    ]
     assert reproduce(tmp_path / "out")[0] == 0
     assert policies.policy_hash("random") is None

@@ -7,7 +7,18 @@ import pytest
 from app.cli.main import main
 from app.study.folder import Folder
 
-SHORT = ["--size", "7x9", "--warm-up", "2", "--ranked", "6", "--players", "12", "--policy", "frontier-cost"]
+SHORT = [
+    "--size",
+    "7x9",
+    "--warm-up",
+    "2",
+    "--ranked",
+    "6",
+    "--players",
+    "12",
+    "--policy",
+    "frontier-cost",
+]
 
 
 @pytest.fixture
@@ -32,7 +43,10 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     code, out, err = study("new", "mine", *SHORT)
     assert (code, err) == (0, "")
     draft = Folder(tmp_path / "studies").draft("mine")
-    assert f"changes of ±{draft.equivalence_margin:g} and differences from a policy of {draft.policy_difference:g} steps" in out
+    assert (
+        f"changes of ±{draft.equivalence_margin:g} and differences from a policy of {draft.policy_difference:g} steps"
+        in out
+    )
     assert "{warm_up} practice rounds" in draft.consent.text
     code, out, err = study("freeze", "mine")
     assert (code, err) == (0, "")
@@ -46,20 +60,30 @@ def test_looks_are_planned_on_the_command_line(study, tmp_path):
     draft = Folder(tmp_path / "studies").draft("mine")
     assert (draft.looks, draft.spending, draft.hides_interim) == ((6, 12), "obrien-fleming", True)
     code, _, err = study("new", "other", *SHORT, "--look", 6, "--spending", "pocock")
-    assert (code, "looks must rise from at least 2 to the number of players, 12: got [6]" in err) == (2, True)
+    assert (
+        code,
+        "looks must rise from at least 2 to the number of players, 12: got [6]" in err,
+    ) == (2, True)
 
 
 def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
     study("new", "mine", *SHORT)
     edit(tmp_path, ranked=9)
     code, out, _ = study("show", "mine")
-    assert (code, "2 practice rounds and 9 rounds that count" in out, "{ranked}" in out) == (0, True, False)
+    assert (code, "2 practice rounds and 9 rounds that count" in out, "{ranked}" in out) == (
+        0,
+        True,
+        False,
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"equivalence_margin": 0.5}, "learning flat within ±0.5 steps, if it is flat: seen in 0 % of studies, and below 50 %"),
+        (
+            {"equivalence_margin": 0.5},
+            "learning flat within ±0.5 steps, if it is flat: seen in 0 % of studies, and below 50 %",
+        ),
         ({"players": 3}, "seen in"),
         ({"policy_difference": 0.5}, "or more as policy_difference"),
         ({"consent": {"text": "You play 6 rounds."}}, "consent.text counts by hand: '6 rounds'"),
@@ -78,7 +102,12 @@ def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_n
     study("new", "mine", "--policy", "frontier-cost", "--warm-up", "0", "--ranked", "3")
     edit(tmp_path, equivalence_margin=5.0, ranked=30)
     code, _, err = study("freeze", "mine")
-    assert (code, "±5 steps" in err, "seen in 0 %" in err, "plan 141 players, or write 21 or more" in err) == (
+    assert (
+        code,
+        "±5 steps" in err,
+        "seen in 0 %" in err,
+        "plan 141 players, or write 21 or more" in err,
+    ) == (
         2,
         True,
         True,

@@ -60,7 +60,9 @@ def test_scripts_alone_are_refused_and_marked_when_asked_for(clone, tmp_path):
     assert code == 1
     assert "finished ranked episodes of people" in err
     assert not (tmp_path / "no.safetensors").exists()
-    assert clone(bundle, "--synthetic", "--epochs", 1, "--out", tmp_path / "yes.safetensors")[0] == 0
+    assert (
+        clone(bundle, "--synthetic", "--epochs", 1, "--out", tmp_path / "yes.safetensors")[0] == 0
+    )
     assert "SYNTHETIC" in read_card(tmp_path / "yes.safetensors")["summary"]
 
 

@@ -35,7 +35,9 @@ def run(capsys):
 
 def test_the_list_names_each_job_and_does_nothing(run, tmp_path):
     out = tmp_path / "out"
-    code, said, _ = run("--figure", 4, "--budget", "full", "--seeds", 1, "--workers", 2, "--out", out, "--list")
+    code, said, _ = run(
+        "--figure", 4, "--budget", "full", "--seeds", 1, "--workers", 2, "--out", out, "--list"
+    )
     assert code == 0
     assert "sac-works-random-21-s0" in said
     assert "8 jobs to do in" in said
@@ -45,28 +47,58 @@ def test_the_list_names_each_job_and_does_nothing(run, tmp_path):
 
 def test_what_is_done_is_not_counted(run, tmp_path):
     write_trial(tmp_path, trial_of(moves=1000), [0.1, 0.2])
-    small = ("--figure", 4, "--algorithms", "ppo", "--variants", "paper", "--moves", 1000, "--terrains", 10, "--out", tmp_path)
+    small = (
+        "--figure",
+        4,
+        "--algorithms",
+        "ppo",
+        "--variants",
+        "paper",
+        "--moves",
+        1000,
+        "--terrains",
+        10,
+        "--out",
+        tmp_path,
+    )
     assert "2 jobs to do in" in run(*small, "--list")[1].replace("\n", " ")
     code, said, _ = run(*small, "--seeds", 1, "--list")
     assert (code, "all 1 jobs are done" in said.replace("\n", " ")) == (0, True)
 
 
-def test_without_tianshou_three_algorithms_are_refused_before_anything_is_trained(run, tmp_path, monkeypatch):
+def test_without_tianshou_three_algorithms_are_refused_before_anything_is_trained(
+    run, tmp_path, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "tianshou", None)
     code, _, err = run("--figure", 4, "--algorithms", "ppo,sac,a2c", "--out", tmp_path / "out")
     assert (code, err.count("\n")) == (2, 1)
-    assert "what trains A2C, in place of A3C, discrete SAC is not installed here: run `make paper`" in err
+    assert (
+        "what trains A2C, in place of A3C, discrete SAC is not installed here: run `make paper`"
+        in err
+    )
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
     ("options", "code", "part"),
     [
-        (("--figure", 4, "--algorithms", "ppo,dqn"), 2, "no algorithm 'dqn'; choose of: a2c, ppo, rainbow, sac"),
-        (("--figure", 4, "--algorithms", "ppo", "--variants", "wurks,paper"), 2, "no variant 'wurks'"),
+        (
+            ("--figure", 4, "--algorithms", "ppo,dqn"),
+            2,
+            "no algorithm 'dqn'; choose of: a2c, ppo, rainbow, sac",
+        ),
+        (
+            ("--figure", 4, "--algorithms", "ppo", "--variants", "wurks,paper"),
+            2,
+            "no variant 'wurks'",
+        ),
         (("--figure", 4, "--algorithms", "ppo", "--moves", 2000), 2, "was begun with 1,000 moves"),
         (("--figure", 4, "--redraw", "nowhere"), 2, "nowhere holds none of: figure4*.jsonl"),
-        (("--figure", 4, "--draw", "--human-level", "nowhere.json"), 1, "nowhere.json: no such file"),
+        (
+            ("--figure", 4, "--draw", "--human-level", "nowhere.json"),
+            1,
+            "nowhere.json: no such file",
+        ),
         (("--figure", 3), 2, "'3' is not one of"),
     ],
 )
@@ -82,7 +114,10 @@ def test_two_runs_in_a_folder_are_refused(run, tmp_path, monkeypatch):
     monkeypatch.setattr("marsexplorer.paper.scheduling.schedule.LOCK_PATIENCE_S", 0)
     with lock(tmp_path):
         code, _, err = run("--figure", 4, "--algorithms", "ppo", "--out", tmp_path)
-    assert (code, err) == (1, f"marsexplorer: another run is at work in {tmp_path}; wait for it, or give another --out\n")
+    assert (code, err) == (
+        1,
+        f"marsexplorer: another run is at work in {tmp_path}; wait for it, or give another --out\n",
+    )
 
 
 PICTURES = ("figure4-moves.png", "figure4-cpu.png", "figure4-endings.png")
@@ -114,12 +149,17 @@ def test_from_an_export_comes_what_comes_from_the_logs(run, exported, tmp_path):
     drawn = run("--figure", 4, "--draw", "--out", logs)[1]
     redrawn = run("--figure", 4, "--redraw", exported, "--out", again)[1]
     assert redrawn.replace(str(again), str(logs)) == drawn
-    assert all((again / name).read_bytes() == (logs / name).read_bytes() for name in (*PICTURES, *TABLES))
+    assert all(
+        (again / name).read_bytes() == (logs / name).read_bytes() for name in (*PICTURES, *TABLES)
+    )
 
 
 def report(**changes):
     score = {"mean": 0.93, "interval": [0.92, 0.94]}
-    figures = [{"name": "all", "players": 12, "score": None}, {"name": "protocol", "players": 10, "score": score}]
+    figures = [
+        {"name": "all", "players": 12, "score": None},
+        {"name": "protocol", "players": 10, "score": score},
+    ]
     group = {"kind": "human", "primary": "protocol", "figures": figures}
     protocol = {"config": EnvConfig().to_dict()}
     return {
@@ -136,7 +176,13 @@ def test_the_human_line_comes_from_a_closed_study(tmp_path):
     path = tmp_path / "report.json"
     path.write_text(json.dumps(report()))
     found = read_human_level(path)
-    assert (found.study, found.players, found.mean, found.low, found.high) == ("dunes", 10, 0.93, 0.92, 0.94)
+    assert (found.study, found.players, found.mean, found.low, found.high) == (
+        "dunes",
+        10,
+        0.93,
+        0.92,
+        0.94,
+    )
 
 
 @pytest.mark.parametrize(
@@ -146,7 +192,10 @@ def test_the_human_line_comes_from_a_closed_study(tmp_path):
         ({"synthetic": True}, "is of scripts"),
         ({"format": "another"}, "is no report"),
         ({"groups": []}, "nobody has played"),
-        ({"protocol": {"config": EnvConfig.of("1-1-1", 21).to_dict()}}, "is of a study on level 1-1-1, 21x21"),
+        (
+            {"protocol": {"config": EnvConfig.of("1-1-1", 21).to_dict()}},
+            "is of a study on level 1-1-1, 21x21",
+        ),
     ],
 )
 def test_nothing_else_gives_a_human_line(tmp_path, changes, part):
@@ -166,9 +215,30 @@ class Command:
 
     def __init__(self, out):
         self.out = out
-        options = ("--algorithms", "ppo", "--variants", "paper", "--seeds", "2", "--moves", "8000", "--terrains", "4")
+        options = (
+            "--algorithms",
+            "ppo",
+            "--variants",
+            "paper",
+            "--seeds",
+            "2",
+            "--moves",
+            "8000",
+            "--terrains",
+            "4",
+        )
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "paper", "--figure", "4", *options, "--out", str(out)],
+            [
+                sys.executable,
+                "-m",
+                "app.cli",
+                "paper",
+                "--figure",
+                "4",
+                *options,
+                "--out",
+                str(out),
+            ],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -202,7 +272,10 @@ def without_time(folder):
     """The lines of the logs and of the table without what a clock says."""
     paths = [*sorted(folder.glob("*/log.jsonl")), folder / "figure4.jsonl"]
     lines = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
-    return [{name: value for name, value in line.items() if name not in ("cpu_s", "cpu_minutes")} for line in lines]
+    return [
+        {name: value for name, value in line.items() if name not in ("cpu_s", "cpu_minutes")}
+        for line in lines
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +295,10 @@ def test_after_ctrl_c_the_same_command_goes_on_to_the_same_table(whole, tmp_path
     command.wait_until_training()
     code, out, err = command.interrupt()
     assert (code, out, "Traceback" in err) == (130, "", False)
-    assert f"the jobs are saved in {tmp_path}. The same command goes on: marsexplorer paper --figure 4" in err
+    assert (
+        f"the jobs are saved in {tmp_path}. The same command goes on: marsexplorer paper --figure 4"
+        in err
+    )
     assert all((folder / "checkpoint.pt").is_file() for folder in command.folders())
     command = Command(tmp_path)
     assert "2 jobs to do in" in command.process.stderr.readline()

@@ -18,7 +18,9 @@ from marsexplorer.training import refine as refine_module
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.refine import RefineConfig
 
-TINY = replace(RECIPES["priced"], num_envs=8, num_steps=16, minibatch_size=64, value_warmup_updates=1)
+TINY = replace(
+    RECIPES["priced"], num_envs=8, num_steps=16, minibatch_size=64, value_warmup_updates=1
+)
 TINY_REFINE = RefineConfig(
     tasks_per_level=(("random", 1),),
     episodes_per_task=2,
@@ -28,7 +30,20 @@ TINY_REFINE = RefineConfig(
     anchor_batch_size=16,
 )
 SIZES = ["--size", "21", "--size", "24"]
-OPTIONS = ["train", "--recipe", "priced", *SIZES, "--steps", "256", "--refine", "2", "--workers", "1", "--seed", "3"]
+OPTIONS = [
+    "train",
+    "--recipe",
+    "priced",
+    *SIZES,
+    "--steps",
+    "256",
+    "--refine",
+    "2",
+    "--workers",
+    "1",
+    "--seed",
+    "3",
+]
 
 
 @pytest.fixture
@@ -57,21 +72,35 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, 
     stopped = CliRunner().invoke(cli, command)
     assert "stopped after 1 of 2 rounds of refining" in stopped.output
     assert "pairs" in torch.load(folder / "refine.pt", weights_only=True)["run"]
-    refused = CliRunner().invoke(cli, [*(option for option in command if option not in ("--refine", "2")), "--resume"])
+    refused = CliRunner().invoke(
+        cli, [*(option for option in command if option not in ("--refine", "2")), "--resume"]
+    )
     assert refused.exit_code == 2
     done = CliRunner().invoke(cli, [*command, "--resume"])
     assert done.exit_code == 0, done.output
 
     card = read_card(folder / "mine.safetensors")
     ppo = card["training"]["began_with"]["training"]
-    assert (card["training"]["rounds"], card["training"]["plan"]["sizes"], card["training"]["seed"]) == (2, [21, 24], 3)
+    assert (
+        card["training"]["rounds"],
+        card["training"]["plan"]["sizes"],
+        card["training"]["seed"],
+    ) == (2, [21, 24], 3)
     assert (ppo["moves"], ppo["recipe"]["sees_prices"], ppo["recipe"]["rule_coef"], ppo["seed"]) == (
         256, True, list(TINY.rule_coef), 3,
     )  # fmt: skip
-    assert "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3" in card["command"]
+    assert (
+        "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3"
+        in card["command"]
+    )
     for results in (card["results"], card["training"]["began_with"]["results"]):
-        assert {where: each["terrains"] for where, each in results.items()} == {"random 21x21": 3, "random 24x24": 2}
-    assert [json.loads(line)["round"] for line in (folder / "refine.jsonl").read_text().splitlines()] == [1, 2]
+        assert {where: each["terrains"] for where, each in results.items()} == {
+            "random 21x21": 3,
+            "random 24x24": 2,
+        }
+    assert [
+        json.loads(line)["round"] for line in (folder / "refine.jsonl").read_text().splitlines()
+    ] == [1, 2]
     assert "pairs" not in torch.load(folder / "refine.pt", weights_only=True)["run"]
 
 
@@ -85,7 +114,9 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, 
     ],
 )
 def test_what_cannot_be_refined_is_refused_before_anything_is_trained(options, part, tmp_path):
-    refused = CliRunner().invoke(cli, ["train", *options, "--steps", "1", "--out", str(tmp_path / "new")])
+    refused = CliRunner().invoke(
+        cli, ["train", *options, "--steps", "1", "--out", str(tmp_path / "new")]
+    )
     assert refused.exit_code == 2
     assert part in refused.output
     assert not (tmp_path / "new").exists()

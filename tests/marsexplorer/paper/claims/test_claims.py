@@ -21,7 +21,14 @@ from marsexplorer.paper.trial import ENDINGS, Trial
 from marsexplorer.score import score
 
 DOCUMENT = Path(__file__).parents[4] / "docs" / "paper.md"
-MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0, "moves": 3000, "cpu_s": 60.0}
+MEASURED = {
+    "score": 0.5,
+    "coverage": 0.9,
+    "steps": 100.0,
+    "best_rule_steps": 80.0,
+    "moves": 3000,
+    "cpu_s": 60.0,
+}
 LONG = 10**8
 """Moves, more than any budget has."""
 LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
@@ -33,10 +40,21 @@ def trained(algorithm, seed, scores, level="random", variant="paper", settings=N
     explored  the share of completed episodes; None: the one with which a score is the same with a bonus and without
     """
     points = range(1, len(scores) + 1)
-    curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points], "score": scores, "coverage": scores}
+    curve = {
+        "moves": [1000 * k for k in points],
+        "cpu_s": [10.0 * k for k in points],
+        "score": scores,
+        "coverage": scores,
+    }
     curve |= {name: [0.0 for _ in points] for name in ENDINGS}
     curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
-    return Record(Trial(algorithm, variant, level, 21, seed, LONG), settings or {}, {}, curve, {**MEASURED, "completion": 0.0})
+    return Record(
+        Trial(algorithm, variant, level, 21, seed, LONG),
+        settings or {},
+        {},
+        curve,
+        {**MEASURED, "completion": 0.0},
+    )
 
 
 def results_of(folder, records):
@@ -51,7 +69,12 @@ def verdict_of(name, results):
 def figure_4(folder, seeds=3, **finals):
     values = finals.items()
     return results_of(
-        folder, [trained(name, seed, [0.1, value + 0.01 * seed]) for name, value in values for seed in range(seeds)]
+        folder,
+        [
+            trained(name, seed, [0.1, value + 0.01 * seed])
+            for name, value in values
+            for seed in range(seeds)
+        ],
     )
 
 
@@ -67,7 +90,9 @@ def test_the_page_is_what_the_shipped_results_draw():
 
 def test_every_picture_of_the_page_lies_there_and_is_small():
     shown = re.findall(r"^!\[.*\]\((pictures/paper/.*)\)$", DOCUMENT.read_text(), re.M)
-    lying = sorted(f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir())
+    lying = sorted(
+        f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir()
+    )
     assert sorted(shown) == lying
     assert all((DOCUMENT.parent / name).stat().st_size < 200_000 for name in shown)
 
@@ -86,7 +111,10 @@ def test_the_checks_of_the_environment_find_what_is_shipped():
 
 
 def finished(algorithm, variant, completion, seed, level="random"):
-    return replace(trained(algorithm, seed, [0.5], level, variant), result={**MEASURED, "completion": completion})
+    return replace(
+        trained(algorithm, seed, [0.5], level, variant),
+        result={**MEASURED, "completion": completion},
+    )
 
 
 def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
@@ -100,20 +128,34 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
         "paper+mask": 0.02,
         "paper-no-bonus": 0.01,
     }
-    results = results_of(tmp_path, [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)])
-    assert trained_blocks.aims(results).splitlines()[2:] == ["| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"]
+    results = results_of(
+        tmp_path,
+        [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)],
+    )
+    assert trained_blocks.aims(results).splitlines()[2:] == [
+        "| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"
+    ]
     assert trained_blocks.ablations(results).splitlines()[2:] == [
         "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
         "| SAC | `reward` |  | 90 ± 0 % |  |  |",
         "| SAC | `bonus` |  |  |  | 1 ± 0 % |",
     ]
-    assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == ["paper", "works", "tuned"]
+    assert [line.split(" | ")[1] for line in trained_blocks.trained(results).splitlines()[2:]] == [
+        "paper",
+        "works",
+        "tuned",
+    ]
     assert trained_blocks.levels(results) == trained_blocks.NONE_YET
 
 
 def test_the_table_of_levels_has_the_better_rules_moves(tmp_path):
     results = results_of(
-        tmp_path, [finished("ppo", "paper", 0.1, seed, level) for level in ("1-1-1", "3-2-2") for seed in (0, 1)]
+        tmp_path,
+        [
+            finished("ppo", "paper", 0.1, seed, level)
+            for level in ("1-1-1", "3-2-2")
+            for seed in (0, 1)
+        ],
     )
     lines = trained_blocks.levels(results).splitlines()[2:]
     assert [line.split(" | ")[2] for line in lines] == ["1-1-1", "3-2-2"]
@@ -130,16 +172,26 @@ def test_figure_4_is_judged_by_who_is_best_and_second(tmp_path):
     results = figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1)
     assert [verdict_of(name, results) for name in ("best", "second", "half")] == [REPRODUCED] * 3
     results = figure_4(tmp_path, ppo=0.3, rainbow=0.4, a2c=0.5, sac=0.1)
-    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED]
+    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [
+        NOT_REPRODUCED,
+        REPRODUCED,
+        NOT_REPRODUCED,
+    ]
 
 
 def test_a_lead_within_the_noise_reproduces_nothing(tmp_path):
-    assert verdict_of("best", figure_4(tmp_path, ppo=0.405, rainbow=0.4, a2c=0.2, sac=0.1)) == NOT_REPRODUCED
+    assert (
+        verdict_of("best", figure_4(tmp_path, ppo=0.405, rainbow=0.4, a2c=0.2, sac=0.1))
+        == NOT_REPRODUCED
+    )
 
 
 @pytest.mark.parametrize(
     ("finals", "seeds"),
-    [({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}, 2), ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2}, 3)],
+    [
+        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}, 2),
+        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2}, 3),
+    ],
 )
 def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
     assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
@@ -149,14 +201,24 @@ def test_only_the_longest_trainings_of_a_kind_count(tmp_path):
     finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
     cases = [(name, value, seed) for name, value in finals.items() for seed in range(3)]
     long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
-    short = [replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]}) for each in long]
+    short = [
+        replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]})
+        for each in long
+    ]
     assert verdict_of("best", results_of(tmp_path, [*short, *long])) == REPRODUCED
 
 
 def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
     finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
-    trials = [trained(name, seed, [value + 0.01 * seed]) for name, value in finals.items() for seed in range(3)]
-    short = [replace(each, trial=replace(each.trial, moves=BUDGETS["full"].moves["sac"] - 1)) for each in trials]
+    trials = [
+        trained(name, seed, [value + 0.01 * seed])
+        for name, value in finals.items()
+        for seed in range(3)
+    ]
+    short = [
+        replace(each, trial=replace(each.trial, moves=BUDGETS["full"].moves["sac"] - 1))
+        for each in trials
+    ]
     for name in ("best", "second", "half"):
         found = CLAIMS[name].decide(results_of(tmp_path, short))
         assert found.verdict == NOT_YET
@@ -164,9 +226,16 @@ def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
 
 
 def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
-    short = {"rainbow": [0.2, 0.3], "a2c": [0.1, 0.1, 0.9], "sac": [0.1, 0.1], "ppo": [0.3, 0.4, 0.8]}
+    short = {
+        "rainbow": [0.2, 0.3],
+        "a2c": [0.1, 0.1, 0.9],
+        "sac": [0.1, 0.1],
+        "ppo": [0.3, 0.4, 0.8],
+    }
     trials = [
-        trained(name, seed, [each + 0.001 * seed for each in values]) for name, values in short.items() for seed in range(3)
+        trained(name, seed, [each + 0.001 * seed for each in values])
+        for name, values in short.items()
+        for seed in range(3)
     ]
     measured = CLAIMS["best"].decide(results_of(tmp_path, trials)).measured
     assert "at the end a2c 0.901" in measured
@@ -175,9 +244,14 @@ def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
 
 
 def test_a_curve_that_has_not_begun_has_no_score(tmp_path):
-    trials = [trained(name, seed, [0.2, 0.3 + 0.01 * seed]) for name in ALGORITHMS for seed in range(3)]
+    trials = [
+        trained(name, seed, [0.2, 0.3 + 0.01 * seed]) for name in ALGORITHMS for seed in range(3)
+    ]
     late = [
-        replace(each, curve={**each.curve, "moves": [5000, 6000]}) if each.trial.algorithm == "a2c" else each for each in trials
+        replace(each, curve={**each.curve, "moves": [5000, 6000]})
+        if each.trial.algorithm == "a2c"
+        else each
+        for each in trials
     ]
     measured = CLAIMS["best"].decide(results_of(tmp_path, late)).measured
     assert "a2c too early to say; at equal CPU time" in measured
@@ -190,28 +264,46 @@ def figure_5(tmp_path, topology, morphology, bonus, variants=("paper",)):
         t, m, b = map(int, level.split("-"))
         return 0.95 - topology * (t - 1) - morphology * (m - 1) - bonus * (b - 1)
 
-    trials = [trained("ppo", seed, [score(level) + 0.001 * seed], level) for level in LEVELS for seed in range(3)]
-    chosen = [replace(each, trial=replace(each.trial, variant=variant)) for variant in variants for each in trials]
+    trials = [
+        trained("ppo", seed, [score(level) + 0.001 * seed], level)
+        for level in LEVELS
+        for seed in range(3)
+    ]
+    chosen = [
+        replace(each, trial=replace(each.trial, variant=variant))
+        for variant in variants
+        for each in trials
+    ]
     return results_of(tmp_path, chosen)
 
 
 def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
     names = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
-    assert [verdict_of(name, figure_5(tmp_path, 0.02, 0.28, 0.01)) for name in names] == [REPRODUCED] * 4
-    assert [verdict_of(name, figure_5(tmp_path, 0.2, 0.0, 0.3)) for name in names] == [NOT_REPRODUCED] * 4
+    assert [verdict_of(name, figure_5(tmp_path, 0.02, 0.28, 0.01)) for name in names] == [
+        REPRODUCED
+    ] * 4
+    assert [verdict_of(name, figure_5(tmp_path, 0.2, 0.0, 0.3)) for name in names] == [
+        NOT_REPRODUCED
+    ] * 4
 
 
 def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it(tmp_path):
     scores = {("1", "1"): 0.945, ("2", "1"): 0.939, ("1", "2"): 0.836, ("2", "2"): 0.818}
     trials = [
-        trained("ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", explored=1.0)
+        trained(
+            "ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", explored=1.0
+        )
         for level in LEVELS
         for seed in range(3)
     ]
     results = results_of(tmp_path, trials)
-    found = {name: CLAIMS[name].decide(results) for name in ("morphology-first", "morphology-degrades", "bonus-little")}
+    found = {
+        name: CLAIMS[name].decide(results)
+        for name in ("morphology-first", "morphology-degrades", "bonus-little")
+    }
     assert (
-        "d_b 0.115 ± 0.000 of score, 0.000 ± 0.000 of score with the bonus counted everywhere" in found["bonus-little"].measured
+        "d_b 0.115 ± 0.000 of score, 0.000 ± 0.000 of score with the bonus counted everywhere"
+        in found["bonus-little"].measured
     )
     assert [each.verdict for each in found.values()] == [PARTLY, NOT_REPRODUCED, NOT_REPRODUCED]
 
@@ -221,7 +313,9 @@ def test_the_bonus_is_counted_by_how_the_episodes_end():
     ends = {"explored": 0.5, "collided": 0.25, "out_of_bounds": 0.125}
     record = trained("ppo", 0, [score(config, 300.0)], "1-2-2")
     record = replace(record, curve=record.curve | {name: [share] for name, share in ends.items()})
-    assert with_bonus(record) == pytest.approx(score(EnvConfig.of("1-2-1", 21), 300.0 + 441 * (0.5 - 0.375)))
+    assert with_bonus(record) == pytest.approx(
+        score(EnvConfig.of("1-2-1", 21), 300.0 + 441 * (0.5 - 0.375))
+    )
     same = trained("ppo", 0, [0.7], "1-2-1", explored=0.3)
     assert with_bonus(same) == pytest.approx(0.7)
 
@@ -229,9 +323,14 @@ def test_the_bonus_is_counted_by_how_the_episodes_end():
 def test_what_holds_on_the_levels_as_it_works_alone_holds_in_part(tmp_path):
     works = figure_5(tmp_path, 0.02, 0.28, 0.01, ["works"])
     assert verdict_of("hardest", works) == PARTLY
-    assert CLAIMS["hardest"].decide(works).measured.startswith("as it works: final score: 3-2-1 0.6")
+    assert (
+        CLAIMS["hardest"].decide(works).measured.startswith("as it works: final score: 3-2-1 0.6")
+    )
     assert verdict_of("hardest", figure_5(tmp_path, 0.2, 0.0, 0.3, ["works"])) == NOT_REPRODUCED
-    assert verdict_of("hardest", figure_5(tmp_path, 0.02, 0.28, 0.01, ["paper", "works"])) == REPRODUCED
+    assert (
+        verdict_of("hardest", figure_5(tmp_path, 0.02, 0.28, 0.01, ["paper", "works"]))
+        == REPRODUCED
+    )
 
 
 def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
@@ -247,7 +346,10 @@ def test_every_verdict_is_one_of_the_six():
 
 def test_the_settings_have_every_number_of_the_appendix_and_no_other():
     cells = {
-        name: [row.paper for row in settings.of(name) if row.paper and row.paper[0] in "[0123456789"] for name in ALGORITHMS
+        name: [
+            row.paper for row in settings.of(name) if row.paper and row.paper[0] in "[0123456789"
+        ]
+        for name in ALGORITHMS
     }
     assert cells == {
         "ppo": ["0.95", "5e-5", "0.95", "0.2", "0.3"],
@@ -258,7 +360,9 @@ def test_the_settings_have_every_number_of_the_appendix_and_no_other():
 
 
 def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
-    row = settings.Setting("ppo", "discount", "0.95", "0.9", "optimizer.gamma", 0.95, 0.99, in_works=True)
+    row = settings.Setting(
+        "ppo", "discount", "0.95", "0.9", "optimizer.gamma", 0.95, 0.99, in_works=True
+    )
     monkeypatch.setattr(settings, "SETTINGS", (row,))
     assert settings.differences("ppo", "paper", {"optimizer": {"gamma": 0.95}}) == []
     assert settings.differences("ppo", "works", {"optimizer": {"gamma": 0.95}}) == [
@@ -274,12 +378,17 @@ def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_table_is_what_the_trainers_log(algorithm, variant):
     if algorithm != "ppo":
-        pytest.importorskip("tianshou", reason="`make test-paper` compares the settings of A2C, Rainbow and SAC")
+        pytest.importorskip(
+            "tianshou", reason="`make test-paper` compares the settings of A2C, Rainbow and SAC"
+        )
     trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
     assert settings.differences(algorithm, variant, trainer.settings) == []
 
 
 def test_every_shipped_trial_has_the_settings_of_the_table():
     trials = read().records
-    found = [settings.differences(each.trial.algorithm, each.trial.variant, each.settings) for each in trials]
+    found = [
+        settings.differences(each.trial.algorithm, each.trial.variant, each.settings)
+        for each in trials
+    ]
     assert [each for each in found if each] == []

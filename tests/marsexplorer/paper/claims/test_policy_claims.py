@@ -44,7 +44,11 @@ def covered(policy, size, steps, last=0.09):
 
 
 def figure_7(ppo=(300, 1200), last=0.09, rules_last=0.3, policy="ppo-paper"):
-    rules = [covered(rule, size, steps, rules_last) for rule in RULES for size, steps in ((42, 330), (84, 1300))]
+    rules = [
+        covered(rule, size, steps, rules_last)
+        for rule in RULES
+        for size, steps in ((42, 330), (84, 1300))
+    ]
     own = [covered(policy, size, steps, last) for size, steps in zip((42, 84), ppo, strict=True)]
     return Results(plays={6: [], 7: [*rules, *own]})
 
@@ -53,7 +57,9 @@ def verdict_of(name, results):
     return CLAIMS[name].decide(results).verdict
 
 
-@pytest.mark.parametrize("name", ["hilbert", "same-family", "dexterous", "less-distance", "knee", "no-knee", "scales"])
+@pytest.mark.parametrize(
+    "name", ["hilbert", "same-family", "dexterous", "less-distance", "knee", "no-knee", "scales"]
+)
 def test_without_results_nothing_is_decided(name):
     assert verdict_of(name, Results()) == NOT_YET
 
@@ -61,7 +67,9 @@ def test_without_results_nothing_is_decided(name):
 def test_a_policy_on_eleven_levels_decides_nothing():
     whole = figure_6()
     assert verdict_of("hilbert", whole) == REPRODUCED
-    lacking = [line for line in whole.plays[6] if (line["policy"], line["level"]) != ("ppo-paper", "3-2-2")]
+    lacking = [
+        line for line in whole.plays[6] if (line["policy"], line["level"]) != ("ppo-paper", "3-2-2")
+    ]
     assert verdict_of("hilbert", Results(plays={6: lacking, 7: []}, walks=whole.walks)) == NOT_YET
 
 
@@ -94,16 +102,23 @@ def test_a_cell_whose_obstacles_are_missed_is_a_blind_spot():
 def test_distance_is_compared_on_the_same_terrains_at_both_sizes():
     assert verdict_of("less-distance", figure_7(rules_last=0.09)) == REPRODUCED
     assert verdict_of("less-distance", figure_7(ppo=(300, 1400), rules_last=0.09)) == PARTLY
-    assert verdict_of("less-distance", figure_7(rules_last=0.3)) == PARTLY, "the rules have 90 % first"
+    assert verdict_of("less-distance", figure_7(rules_last=0.3)) == PARTLY, (
+        "the rules have 90 % first"
+    )
     assert verdict_of("less-distance", figure_7(ppo=(340, 1400), rules_last=0.09)) == NOT_REPRODUCED
-    assert verdict_of("scales", figure_7(ppo=(340, 1400))) == PARTLY, "it completes them, but more slowly"
+    assert verdict_of("scales", figure_7(ppo=(340, 1400))) == PARTLY, (
+        "it completes them, but more slowly"
+    )
 
 
 def test_a_knee_is_more_moves_for_the_last_cells_than_a_constant_pace_takes():
     names = ("knee", "no-knee")
     assert [verdict_of(name, figure_7()) for name in names] == [REPRODUCED, REPRODUCED]
     assert [verdict_of(name, figure_7(last=0.4)) for name in names] == [REPRODUCED, NOT_REPRODUCED]
-    assert [verdict_of(name, figure_7(rules_last=0.05)) for name in names] == [NOT_REPRODUCED, NOT_REPRODUCED]
+    assert [verdict_of(name, figure_7(rules_last=0.05)) for name in names] == [
+        NOT_REPRODUCED,
+        NOT_REPRODUCED,
+    ]
 
 
 def test_a_policy_of_other_settings_than_the_papers_reproduces_in_part_at_most():

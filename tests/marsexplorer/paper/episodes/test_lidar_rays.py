@@ -37,9 +37,9 @@ def literal_ray_cells(terrain, row, col, radius, cuts):
 def test_rays_equal_a_literal_version(cuts):
     terrain = generate(EnvConfig.of("random", (9, 14)), 3)
     for row, col in np.argwhere(~terrain)[::11].tolist():
-        assert set(map(tuple, np.argwhere(ray_cells(terrain, row, col, 6, cuts)).tolist())) == literal_ray_cells(
-            terrain, row, col, 6, cuts
-        )
+        assert set(
+            map(tuple, np.argwhere(ray_cells(terrain, row, col, 6, cuts)).tolist())
+        ) == literal_ray_cells(terrain, row, col, 6, cuts)
 
 
 def test_exact_cells_are_what_the_lidar_of_the_environment_sees():
@@ -58,4 +58,7 @@ def test_rays_see_the_share_more_that_the_document_says():
         assert scans.added == pytest.approx(added, abs=0.8)
         assert scans.added - scans.missed == pytest.approx(scans.rays - scans.exact)
     text = " ".join((ROOT / "docs" / "environment.md").read_text().split())
-    assert "13 % more cells than that: 9.2 others a scan, 7.3 of them beyond the radius (15 % and 10.8 others" in text
+    assert (
+        "13 % more cells than that: 9.2 others a scan, 7.3 of them beyond the radius (15 % and 10.8 others"
+        in text
+    )

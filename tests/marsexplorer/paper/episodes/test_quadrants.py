@@ -7,8 +7,19 @@ import pytest
 
 from marsexplorer.paper.episodes.null import NULLS, NullWalks
 from marsexplorer.paper.episodes.play import read_lines
-from marsexplorer.paper.episodes.quadrants import NO_QUADRANT, QuadrantCourse, quadrant_course, quadrant_map, rate_of
-from marsexplorer.paper.episodes.sweeps import boustrophedon, hamiltonian_paths, nearest_walk, random_hamiltonian_path
+from marsexplorer.paper.episodes.quadrants import (
+    NO_QUADRANT,
+    QuadrantCourse,
+    quadrant_course,
+    quadrant_map,
+    rate_of,
+)
+from marsexplorer.paper.episodes.sweeps import (
+    boustrophedon,
+    hamiltonian_paths,
+    nearest_walk,
+    random_hamiltonian_path,
+)
 from marsexplorer.paper.episodes.visits import course_rates
 
 NW, NE, SE, SW = range(4)
@@ -19,7 +30,11 @@ def walk(cols, *corners):
     row, col, cells = 0, 0, [0]
     for to_row, to_col in corners:
         while (row, col) != (to_row, to_col):
-            row, col = (row + int(np.sign(to_row - row)), col) if row != to_row else (row, col + int(np.sign(to_col - col)))
+            row, col = (
+                (row + int(np.sign(to_row - row)), col)
+                if row != to_row
+                else (row, col + int(np.sign(to_col - col)))
+            )
             cells.append(row * cols + col)
     return cells
 
@@ -55,7 +70,12 @@ def test_courses_of_known_walks(corners, code, makes_u, never_goes_back):
 def test_through_the_middle_cell_three_changes_need_not_be_a_u():
     """From NW through the middle to SE, then NE, and by the middle again to SW: each entered once, and no U."""
     course = quadrant_course([0, 1, 4, 7, 8, 5, 2, 1, 4, 3, 6], 3, 3)
-    assert (course.entered, course.changes, course.makes_u, course.never_goes_back) == ((NW, SE, NE, SW), 3, False, False)
+    assert (course.entered, course.changes, course.makes_u, course.never_goes_back) == (
+        (NW, SE, NE, SW),
+        3,
+        False,
+        False,
+    )
 
 
 @pytest.mark.parametrize("code", ["", "0321", "0321:x", "0331:3", "04:1"])
@@ -67,8 +87,15 @@ def test_what_is_no_code_is_refused(code):
 def test_a_rate_has_the_interval_of_wilson_and_a_count_of_all_cases_has_none():
     rate = rate_of([True] * 15 + [False] * 133)
     assert (rate.count, rate.total) == (15, 148)
-    assert (round(rate.low, 4), round(rate.high, 4)) == (0.0624, 0.1605)  # Newcombe 1998, table I, method 3
-    assert rate_of([True, False], is_complete=True).low == rate_of([True, False], is_complete=True).high == 0.5
+    assert (round(rate.low, 4), round(rate.high, 4)) == (
+        0.0624,
+        0.1605,
+    )  # Newcombe 1998, table I, method 3
+    assert (
+        rate_of([True, False], is_complete=True).low
+        == rate_of([True, False], is_complete=True).high
+        == 0.5
+    )
     with pytest.raises(ValueError, match="at least one"):
         rate_of([])
 
@@ -81,7 +108,9 @@ def all_paths(rows, cols):
         path = unfinished.pop()
         if len(path) == rows * cols:
             found.add(min(path, path[::-1]))
-        unfinished += [(*path, cell) for cell in around(path[-1]) if cell in cells and cell not in path]
+        unfinished += [
+            (*path, cell) for cell in around(path[-1]) if cell in cells and cell not in path
+        ]
     return found
 
 
@@ -104,8 +133,12 @@ def reachable(first, moves):
     return found
 
 
-@pytest.mark.parametrize(("rows", "cols", "count", "from_corner"), [(4, 4, 276, 52), (3, 4, 62, 17)])
-def test_backbite_moves_of_both_ends_reach_every_path_and_those_of_one_end_do_not(rows, cols, count, from_corner):
+@pytest.mark.parametrize(
+    ("rows", "cols", "count", "from_corner"), [(4, 4, 276, 52), (3, 4, 62, 17)]
+)
+def test_backbite_moves_of_both_ends_reach_every_path_and_those_of_one_end_do_not(
+    rows, cols, count, from_corner
+):
     paths = all_paths(rows, cols)
     assert len(paths) == count
     own = {tuple(divmod(cell, cols) for cell in path) for path in hamiltonian_paths(rows, cols)}
@@ -113,7 +146,8 @@ def test_backbite_moves_of_both_ends_reach_every_path_and_those_of_one_end_do_no
     assert len(own) == from_corner
     first = tuple(divmod(int(cell), cols) for cell in boustrophedon(rows, cols))
     both = reachable(
-        min(first, first[::-1]), lambda path: [min(new, new[::-1]) for way in (path, path[::-1]) for new in bitten(way)]
+        min(first, first[::-1]),
+        lambda path: [min(new, new[::-1]) for way in (path, path[::-1]) for new in bitten(way)],
     )
     assert both == paths
     assert reachable(first, bitten) < own, "if one end were enough, the sampler could be simpler"
@@ -169,9 +203,15 @@ def test_a_stopped_null_goes_on_to_the_same_courses(kind, tmp_path, monkeypatch)
         assert len(read_lines(tmp_path / "cut" / job.name / "walks.jsonl")) == 1 + 6
     rest = []
     job.run(tmp_path / "cut", rest.append)
-    assert rest == ([] if kind == "blocks" else [number / 12 for number in range(7, 13)]), "nothing is walked twice"
-    (first,), (second,) = (read_lines(tmp_path / each / job.name / "result.jsonl") for each in ("whole", "cut"))
+    assert rest == ([] if kind == "blocks" else [number / 12 for number in range(7, 13)]), (
+        "nothing is walked twice"
+    )
+    (first,), (second,) = (
+        read_lines(tmp_path / each / job.name / "result.jsonl") for each in ("whole", "cut")
+    )
     assert first == second
     makes_u, never_goes_back = course_rates(first)
-    assert never_goes_back.count <= makes_u.count <= makes_u.total == (52 if kind == "blocks" else 12)
+    assert (
+        never_goes_back.count <= makes_u.count <= makes_u.total == (52 if kind == "blocks" else 12)
+    )
     assert (makes_u.low == makes_u.high) == (kind == "blocks")

@@ -12,7 +12,8 @@ pytestmark = [
     pytest.mark.long,
     pytest.mark.filterwarnings("ignore"),
     pytest.mark.skipif(
-        importlib.util.find_spec("ray") is None, reason="RAY IS ABSENT: pip install 'marsexplorer-playground[ray]'"
+        importlib.util.find_spec("ray") is None,
+        reason="RAY IS ABSENT: pip install 'marsexplorer-playground[ray]'",
     ),
 ]
 FOREVER = 100_000
@@ -30,13 +31,23 @@ def numbers(folder, name, file="result"):
 
 def test_the_jobs_run_and_a_failure_leaves_the_others_running(cluster, tmp_path):
     assert cluster.is_initialized()
-    jobs = [Counting("bad", trouble="fails"), Counting("killed", trouble="dies"), Counting("good", 60)]
+    jobs = [
+        Counting("bad", trouble="fails"),
+        Counting("killed", trouble="dies"),
+        Counting("good", 60),
+    ]
     seen = []
     failures = run_on_ray(jobs, tmp_path, LOCAL, lambda forecast: seen.append(forecast))
     assert [(each.name, each.error) for each in failures] == [("bad", "ValueError: this job fails")]
-    assert (numbers(tmp_path, "killed"), numbers(tmp_path, "good")) == (list(range(20)), list(range(60)))
+    assert (numbers(tmp_path, "killed"), numbers(tmp_path, "good")) == (
+        list(range(20)),
+        list(range(60)),
+    )
     assert (seen[-1].done, seen[-1].workers) == (2, 2)
-    assert run_on_ray(jobs[1:], tmp_path, LOCAL, lambda forecast: pytest.fail("nothing was to do")) == []
+    assert (
+        run_on_ray(jobs[1:], tmp_path, LOCAL, lambda forecast: pytest.fail("nothing was to do"))
+        == []
+    )
 
 
 def test_ctrl_c_saves_what_is_under_way(cluster, tmp_path):

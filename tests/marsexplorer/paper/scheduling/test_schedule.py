@@ -99,7 +99,14 @@ def test_a_job_that_goes_on_is_not_taken_for_a_fast_one():
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0, "1 second"), (7.4, "7 seconds"), (44, "40 seconds"), (100, "2 minutes"), (1560, "26 minutes"), (26640, "7.4 hours")],
+    [
+        (0, "1 second"),
+        (7.4, "7 seconds"),
+        (44, "40 seconds"),
+        (100, "2 minutes"),
+        (1560, "26 minutes"),
+        (26640, "7.4 hours"),
+    ],
 )
 def test_durations_are_in_words(seconds, words):
     assert duration(seconds) == words

@@ -15,7 +15,13 @@ from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.config import RECIPES
 
 ENV_CONFIG = EnvConfig(rows=9, cols=12, max_steps=20)
-SMALL = {"num_envs": 8, "num_steps": 16, "minibatch_size": 64, "update_epochs": 2, "value_warmup_updates": 0}
+SMALL = {
+    "num_envs": 8,
+    "num_steps": 16,
+    "minibatch_size": 64,
+    "update_epochs": 2,
+    "value_warmup_updates": 0,
+}
 
 
 def trainer(config):
@@ -44,7 +50,9 @@ def test_a_variant_differs_from_the_paper_in_the_settings_of_its_changes_alone()
     assert changed("paper+reward+discount") == {"reward_per_cell", "has_bonus", "gamma"}
     assert changed("works") == changed("paper+mask+features")
     for left_out in TUNED:
-        assert changed("tuned") - changed(f"tuned-no-{left_out}") == set(CHANGES[left_out]) & changed("tuned")
+        assert changed("tuned") - changed(f"tuned-no-{left_out}") == set(
+            CHANGES[left_out]
+        ) & changed("tuned")
     assert len({config_of(variant) for variant in VARIANTS}) == len(VARIANTS)
     assert replace(config_of("tuned"), name="best", has_bonus=True) == RECIPES["best"]
 
@@ -60,11 +68,17 @@ def test_a_policy_of_any_network_is_loaded_and_plays(tmp_path, variant):
     some = trainer(config_of(variant))
     some.advance()
     some.save_policy(tmp_path / "some.safetensors", {"summary": "one", "size": [9, 12]})
-    policy, episode, is_masked = load(tmp_path / "some.safetensors"), Episode.begin(ENV_CONFIG, seed=3), some.settings["mask"]
+    policy, episode, is_masked = (
+        load(tmp_path / "some.safetensors"),
+        Episode.begin(ENV_CONFIG, seed=3),
+        some.settings["mask"],
+    )
     policy.reset(3)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
-    assert episode.outcome in (("explored", "timed_out") if is_masked else ("collided", "out_of_bounds"))
+    assert episode.outcome in (
+        ("explored", "timed_out") if is_masked else ("collided", "out_of_bounds")
+    )
     assert ("may drive into" in read_card(tmp_path / "some.safetensors")["limits"]) != is_masked
 
 
@@ -80,7 +94,9 @@ def test_a_training_goes_on_to_the_same_weights_from_its_whole_state_alone(varia
     for left_out in (None, *state):
         other = trainer(config)
         torch.rand(7)
-        other.load_state_dict({**state, **({left_out: trainer(config).state_dict()[left_out]} if left_out else {})})
+        other.load_state_dict(
+            {**state, **({left_out: trainer(config).state_dict()[left_out]} if left_out else {})}
+        )
         assert other.moves == (0 if left_out == "updates_done" else 256)
         for _ in range(2):
             other.advance()

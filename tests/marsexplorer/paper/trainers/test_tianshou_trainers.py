@@ -12,7 +12,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-pytest.importorskip("tianshou", reason="tianshou is not installed here: `make test-paper` tests what needs it")
+pytest.importorskip(
+    "tianshou", reason="tianshou is not installed here: `make test-paper` tests what needs it"
+)
 
 from tianshou.data import Batch
 
@@ -43,7 +45,9 @@ def through_a_file(state):
 
 def weights(trainer):
     """Return all weights as one vector."""
-    return torch.cat([tensor.detach().flatten().double() for tensor in trainer.net.state_dict().values()])
+    return torch.cat(
+        [tensor.detach().flatten().double() for tensor in trainer.net.state_dict().values()]
+    )
 
 
 def short_trainer(algorithm, variant="paper", config=SMALL):
@@ -91,7 +95,9 @@ def test_every_part_of_the_state_is_needed(story):
         kept = changed["replay"][part]
         changed["replay"][part] = torch.ones_like(kept) if part == "priorities" else [1.0, 1.0]
         _, found = go_on(algorithm, changed)
-        assert not torch.equal(found, end), f"without the replay's {part} the training goes on alike"
+        assert not torch.equal(found, end), (
+            f"without the replay's {part} the training goes on alike"
+        )
 
 
 def short_trial(algorithm):
@@ -101,7 +107,8 @@ def short_trial(algorithm):
 def result_of(folder, trial):
     """Return the log without its CPU seconds, and the weights."""
     lines = [
-        {name: value for name, value in line.items() if name != "cpu_s"} for line in read_log(folder / trial.name / "log.jsonl")
+        {name: value for name, value in line.items() if name != "cpu_s"}
+        for line in read_log(folder / trial.name / "log.jsonl")
     ]
     return lines, load_file(folder / trial.name / f"{trial.name}.safetensors")
 
@@ -158,14 +165,23 @@ def test_after_kill_9_a_trial_goes_on_to_the_same_curve(whole_trial, tmp_path):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_policy_plays_without_tianshou(algorithm, tmp_path):
     path = tmp_path / "policy.safetensors"
-    short_trainer(algorithm, config=EnvConfig.of("random", 7)).save_policy(path, {"summary": "untrained"})
+    short_trainer(algorithm, config=EnvConfig.of("random", 7)).save_policy(
+        path, {"summary": "untrained"}
+    )
     program = (
         "import sys; sys.modules['tianshou'] = None\n"
         "from marsexplorer.config import EnvConfig; from marsexplorer.evaluation import evaluate\n"
         f"table = evaluate([{str(path)!r}], EnvConfig.of('random', 7), 2, 10**9, workers=1)\n"
         "print(table.rows[0].steps_mean)"
     )
-    assert float(subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout) > 0
+    assert (
+        float(
+            subprocess.run(
+                [sys.executable, "-c", program], capture_output=True, text=True, check=True
+            ).stdout
+        )
+        > 0
+    )
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -180,7 +196,12 @@ def test_what_works_never_takes_an_invalid_move(algorithm):
 def test_settings_are_json_and_those_of_the_variant(algorithm):
     paper, works = short_trainer(algorithm).settings, short_trainer(algorithm, "works").settings
     assert json.loads(json.dumps(paper)) != json.loads(json.dumps(works))
-    assert (paper["gamma"], paper["network"], paper["mask"], paper["reward_per_cell"]) == (0.95, "authors", False, 0.0)
+    assert (paper["gamma"], paper["network"], paper["mask"], paper["reward_per_cell"]) == (
+        0.95,
+        "authors",
+        False,
+        0.0,
+    )
 
 
 def test_what_follows_a_truncated_episode_is_its_last_observation():
@@ -189,7 +210,9 @@ def test_what_follows_a_truncated_episode_is_its_last_observation():
     environments = Environments(config, 4, 1, form, Rewards())
     boards = []
     for _ in range(3):
-        moves = environments.step(np.full(4, 2))  # south, away from the corner; an obstacle may end it
+        moves = environments.step(
+            np.full(4, 2)
+        )  # south, away from the corner; an obstacle may end it
         boards.append(moves)
     at = np.flatnonzero(moves.truncated)
     assert len(at)
@@ -199,7 +222,9 @@ def test_what_follows_a_truncated_episode_is_its_last_observation():
         assert (moves.next_obs[i] != moves.obs[i]).any()  # the rover has moved on
         rover = int(np.flatnonzero(moves.next_obs[i] == 2)[0])
         assert rover == 3 * 8  # three cells south of the corner
-        assert int(np.flatnonzero(environments.obs[i] == 2)[0]) == 0  # the next episode begins in the corner
+        assert (
+            int(np.flatnonzero(environments.obs[i] == 2)[0]) == 0
+        )  # the next episode begins in the corner
         assert int(np.flatnonzero(first[i] == 2)[0]) == 0
 
 
@@ -207,7 +232,14 @@ def numbered_moves(step, num_envs, ends=()):
     """Return a move of every environment whose observation and reward say which step it was."""
     obs = np.full((num_envs, 4), step, np.uint8)
     ended = np.isin(np.arange(num_envs), ends)
-    return Transitions(obs, np.zeros(num_envs, np.int64), np.full(num_envs, 10.0**step), ended, ~ended & False, obs + 1)
+    return Transitions(
+        obs,
+        np.zeros(num_envs, np.int64),
+        np.full(num_envs, 10.0**step),
+        ended,
+        ~ended & False,
+        obs + 1,
+    )
 
 
 def test_three_steps_of_rewards_are_followed_by_the_observation_after_three():

@@ -40,10 +40,24 @@ def test_a_variant_is_the_paper_with_its_changes(variant, settings):
 
 
 @pytest.mark.parametrize(
-    "variant", ["", "work", "works-no", "works-no-", "works-no-rest", "paper-no-mask", "paper+", "paper+none", "paper-reward"]
+    "variant",
+    [
+        "",
+        "work",
+        "works-no",
+        "works-no-",
+        "works-no-rest",
+        "paper-no-mask",
+        "paper+",
+        "paper+none",
+        "paper-reward",
+    ],
 )
 def test_an_unknown_variant_is_an_error_that_names_the_others(variant):
-    with pytest.raises(ValueError, match=r"SARSA has no variant .*works-no-mask, tuned, .*tuned-no-rest, paper\+reward"):
+    with pytest.raises(
+        ValueError,
+        match=r"SARSA has no variant .*works-no-mask, tuned, .*tuned-no-rest, paper\+reward",
+    ):
         VARIANTS.settings_for(variant)
 
 
