@@ -40,12 +40,12 @@ test-paper: $(PAPER)/.test ## the tests of the paper's experiments, where tiansh
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
 	$(BIN)/python -m pytest -m bench -s -p no:cacheprovider --timeout 3600
 
-check: $(DEV) ## format, lint, types, layers and names
+check: $(DEV) ## format, lint, types and layers
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	@sh tests/static/check_types.sh
-	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_names.py
+	$(BIN)/lint-imports
 
 audit: $(AUDIT) ## known vulnerabilities in the packages of constraints.txt (asks an advisory service, so it is no part of `make check`)
 	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt

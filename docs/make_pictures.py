@@ -20,7 +20,9 @@ PAPER, INK = (255, 255, 255), (60, 50, 46)
 MARGIN, CAPTION = 12, 22
 
 
-def picture_of(codes: NDArray[np.uint8], path: Sequence[tuple[int, int]] = (), cell: int = 10) -> Image.Image:
+def picture_of(
+    codes: NDArray[np.uint8], path: Sequence[tuple[int, int]] = (), cell: int = 10
+) -> Image.Image:
     """Return codes[rows, cols] as a picture with `cell` pixels a cell, faint lines between cells, and the path driven."""
     pixels = COLOURS[codes].repeat(cell, 0).repeat(cell, 1)
     pixels[::cell] = (pixels[::cell] * 0.86).astype(np.uint8)
@@ -28,7 +30,9 @@ def picture_of(codes: NDArray[np.uint8], path: Sequence[tuple[int, int]] = (), c
     image = Image.fromarray(pixels)
     if len(path) > 1:
         middles = [((col + 0.5) * cell, (row + 0.5) * cell) for row, col in path]
-        ImageDraw.Draw(image).line(middles, fill=(255, 179, 71), width=max(2, cell // 4), joint="curve")
+        ImageDraw.Draw(image).line(
+            middles, fill=(255, 179, 71), width=max(2, cell // 4), joint="curve"
+        )
     return image
 
 
@@ -36,7 +40,11 @@ def side_by_side(pictures: Sequence[tuple[str, Image.Image]], columns: int) -> I
     """Return captioned pictures of one size on a canvas, `columns` a line."""
     width, height = pictures[0][1].size
     lines = -(-len(pictures) // columns)
-    canvas = Image.new("RGB", (columns * (width + MARGIN) + MARGIN, lines * (height + CAPTION + MARGIN) + MARGIN), PAPER)
+    canvas = Image.new(
+        "RGB",
+        (columns * (width + MARGIN) + MARGIN, lines * (height + CAPTION + MARGIN) + MARGIN),
+        PAPER,
+    )
     draw = ImageDraw.Draw(canvas)
     for number, (caption, picture) in enumerate(pictures):
         line, column = divmod(number, columns)
@@ -80,7 +88,11 @@ def lidar() -> Image.Image:
     whole = np.where(terrain, 3, 1).astype(np.uint8)
     whole[episode.position] = 2
     return side_by_side(
-        [("the terrain", picture_of(whole, cell=16)), ("what the lidar shows", picture_of(episode.codes, cell=16))], 2
+        [
+            ("the terrain", picture_of(whole, cell=16)),
+            ("what the lidar shows", picture_of(episode.codes, cell=16)),
+        ],
+        2,
     )
 
 
@@ -88,17 +100,27 @@ def building_and_cave() -> Image.Image:
     """Return a building and a cave as `frontier-priced` has mapped them at the end, with its course."""
     pictures = []
     for level in ("building", "cave"):
-        episode, policy = Episode.begin(EnvConfig.of(level, 42), seed=1_000_000_000), policies.load("frontier-priced")
+        episode, policy = (
+            Episode.begin(EnvConfig.of(level, 42), seed=1_000_000_000),
+            policies.load("frontier-priced"),
+        )
         policy.reset(0)
         while not episode.ended:
             episode.step(policy.act(episode.codes))
-        pictures.append((f"{level}: {episode.steps} moves", picture_of(episode.codes, episode.path, 9)))
+        pictures.append(
+            (f"{level}: {episode.steps} moves", picture_of(episode.codes, episode.path, 9))
+        )
     return side_by_side(pictures, 2)
 
 
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
-    drawings = {"episode": episode_in_four_moments, "levels": levels, "lidar": lidar, "building_and_cave": building_and_cave}
+    drawings = {
+        "episode": episode_in_four_moments,
+        "levels": levels,
+        "lidar": lidar,
+        "building_and_cave": building_and_cave,
+    }
     for name, draw in drawings.items():
         draw().save(FOLDER / f"{name}.png", optimize=True)
         print(f"docs/pictures/{name}.png")

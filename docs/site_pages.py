@@ -11,7 +11,11 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = {"readme.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
+PAGES = {
+    "readme.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "changelog.md": "CHANGELOG.md",
+}
 """Page of the site -> the file at the root that it shows."""
 
 WIDE_PAGES = {"paper.md"}
@@ -80,4 +84,10 @@ def examples() -> str:
 
 def reference() -> str:
     """Return the page that mkdocstrings fills with docstrings."""
-    return "\n\n".join(["# Reference", "Public names of the environment's core.", *(f"::: {module}" for module in REFERENCE)])
+    return "\n\n".join(
+        [
+            "# Reference",
+            "Public names of the environment's core.",
+            *(f"::: {module}" for module in REFERENCE),
+        ]
+    )
