@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from app.coverage import table as coverage_table
+from app.report import measured_coverage
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate
@@ -83,7 +83,7 @@ def _about_failures(group: GroupReport) -> str:
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
     seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended short of 99 %"
-    cells = coverage_table.nearest(len(inside))
+    cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
     return (
@@ -95,9 +95,9 @@ def _about_failures(group: GroupReport) -> str:
     )
 
 
-def _described(cell: coverage_table.Cell) -> str:
+def _described(cell: measured_coverage.Cell) -> str:
     rate = {
-        population.name: population.collisions for population in coverage_table.SCORE_POPULATIONS
+        population.name: population.collisions for population in measured_coverage.SCORE_POPULATIONS
     }[cell.population]
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 

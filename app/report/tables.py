@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from app.coverage.table import SCORE_POPULATIONS, Cell, nearest
 from app.play.attestation import Attestation
+from app.report.measured_coverage import SCORE_POPULATIONS, Cell, nearest
 from app.report.model import GroupReport, Metric, Report
 from app.report.move_tables import MoveTables, move_tables
 from app.report.page_table import PageTable

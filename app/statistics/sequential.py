@@ -7,8 +7,7 @@ level of its boundary covers the truth at all looks together with 95 % (repeated
 1989, J. R. Statist. Soc. B 51(3)), so it holds however the study is stopped.
 
 The boundaries are for normal means with a known spread. For few players the level is kept and the quantile is Student's with
-players - 1 degrees of freedom (Jennison and Turnbull 2000, Group Sequential Methods, section 3.8): an approximation, whose
-error `app.coverage.looks` measures.
+players - 1 degrees of freedom (Jennison and Turnbull 2000, Group Sequential Methods, section 3.8): an approximation.
 """
 
 from __future__ import annotations

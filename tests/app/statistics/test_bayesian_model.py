@@ -6,7 +6,6 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from app.coverage.intervals import coverage_error
 from app.statistics.bayesian_model import (
     Episodes,
     episodes_of,
@@ -139,7 +138,7 @@ def test_the_posterior_intervals_cover_over_40_studies():
         "rest_sd": REST_SD,
         "player_sd": PLAYER_SD,
     }
-    slack = 2.6 * coverage_error(95, len(models)) / 1.96
+    slack = 2.6 * 100 * np.sqrt(0.95 * 0.05 / len(models))
     for name, truth in truths.items():
         inside = 100 * np.mean(
             [

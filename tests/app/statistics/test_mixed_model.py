@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.coverage.further import measure_mixed_model
-from app.coverage.intervals import coverage_error
-from app.coverage.table import SCORE_POPULATIONS
 from app.statistics.crossed import crossed_mean
 from app.statistics.mixed_model import fit_mixed_model
 
@@ -163,15 +160,3 @@ def test_statsmodels_is_loaded_where_it_is_used_alone():
                 assert "statsmodels" not in ast.unparse(node), (
                     f"{path} loads statsmodels for everybody: it takes a second"
                 )
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
-def test_the_mixed_models_intervals_cover_over_500_studies(icc):
-    found = measure_mixed_model(SCORE_POPULATIONS[0], icc, 10, 500, seed=21)
-    slack = 1.7 * coverage_error(95, 500)
-    assert found.converged == 100
-    assert 93 - slack < found.mean < 98 + slack
-    assert abs(found.slope - 95) < slack
-    assert 91 < found.terrains < 97

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from app.coverage.looks import RULES, main, measure
-from app.coverage.table import SCORE_POPULATIONS
 from app.statistics.sequential import boundaries, spent_alpha
 
 PUBLISHED = {
@@ -59,29 +57,3 @@ def test_looks_that_cannot_be_are_refused(fractions):
         boundaries("pocock", fractions)
     with pytest.raises(ValueError, match=r"0\.\.1"):
         spent_alpha("pocock", 1.5)
-
-
-@pytest.mark.parametrize(
-    ("rule", "least", "most"),
-    [
-        ("once, at the end", 3, 7),
-        ("after each player, 95 % each", 12, 25),
-        ("after each player, O'Brien-Fleming", 3, 7),
-        ("after each player, Pocock", 3, 7),
-        ("4 looks, O'Brien-Fleming", 3, 7),
-        ("4 looks, Pocock", 3, 7),
-    ],
-)
-def test_looking_after_each_player_misses_the_truth_and_alpha_spending_does_not(rule, least, most):
-    symmetric = next(each for each in SCORE_POPULATIONS if each.name == "symmetric")
-    found = measure(symmetric, next(each for each in RULES if each.name == rule), 1000, seed=1)
-    assert least < found.misses < most
-    assert found.covered > 93
-
-
-def test_the_command_prints_every_rule_in_every_population(capsys):
-    from click.testing import CliRunner
-
-    out = CliRunner().invoke(main, ["--studies", "5"]).output
-    assert out.count("\n") == 2 + len(SCORE_POPULATIONS) * len(RULES)
-    assert "| very skewed | 4 looks, Pocock |" in out

@@ -7,14 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.coverage.further import measure_false_alarms, measure_iqm, measure_ratio
-from app.coverage.intervals import coverage_error, headline_table, markdown_table, measure_cell
-from app.coverage.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
-from app.coverage.table import SCORE_POPULATIONS, nearest, saved
+from app.report.measured_coverage import SCORE_POPULATIONS, nearest, saved
 from app.statistics.headline import RULES
 from app.statistics.spread import iqm
+from research.coverage.__main__ import headline_table, markdown_table
+from research.coverage.measure import (
+    coverage_error,
+    measure_cell,
+    measure_false_alarms,
+    measure_iqm,
+    measure_mixed_model,
+    measure_ratio,
+)
+from research.coverage.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
 
-DOCS = Path(__file__).parents[3] / "docs/report.md"
+DOCS = Path(__file__).parents[2] / "docs/report.md"
 BY_NAME = {population.name: population for population in SCORE_POPULATIONS}
 STUDIES = 400
 
@@ -176,3 +183,15 @@ def test_every_cell_measured_again_agrees_with_the_quoted_table():
                 + 0.6
             )
             assert abs(found - expected) <= slack, (name, cell, again)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
+def test_the_mixed_models_intervals_cover_over_500_studies(icc):
+    found = measure_mixed_model(SCORE_POPULATIONS[0], icc, 10, 500, seed=21)
+    slack = 1.7 * coverage_error(95, 500)
+    assert found.converged == 100
+    assert 93 - slack < found.mean < 98 + slack
+    assert abs(found.slope - 95) < slack
+    assert 91 < found.terrains < 97

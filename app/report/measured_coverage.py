@@ -1,4 +1,4 @@
-"""The coverage of the report's intervals as it was measured, for the report to quote. `app.coverage` measures it."""
+"""The coverage of the report's intervals as `python -m research.coverage` measured it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-COVERAGE_FILE = Path(__file__).with_name("coverage.json")
-"""What the report quotes: written by `python -m app.coverage --studies 2000 --seed 0 --save`."""
+COVERAGE_FILE = Path(__file__).with_name("measured_coverage.json")
+"""What the report quotes: written by `python -m research.coverage --studies 2000 --seed 0 --save`."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,4 @@
-"""How often the printed interval covers the truth, measured: `python -m app.coverage --studies 2000 --seed 0`.
-
-The truth of a simulated study (`simulated_studies`) is the mean over the population of players on its own terrains, as in a
-report; "new terrains" is judged by the mean over terrains as well. Every interval comes from the functions the report uses.
-"""
+"""The command `python -m research.coverage --studies 2000 --seed 0`: measure and print the tables."""
 
 from __future__ import annotations
 
@@ -12,120 +8,22 @@ from contextlib import contextmanager
 from dataclasses import asdict
 
 import click
-import numpy as np
-import scipy
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
-from app.coverage.further import (
+from app.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
+from marsexplorer.evaluation.run import Progress
+from research.coverage.measure import (
     PAIRED_ICCS,
+    measure_cell,
     measure_false_alarms,
     measure_iqm,
     measure_mixed_model,
     measure_ratio,
 )
-from app.coverage.simulated_studies import (
-    SCORE_BOUNDS,
-    STEPS_BOUNDS,
-    TERRAINS,
-    failures,
-    generator,
-    mean_score,
-    simulate_studies,
-    steps_of,
-)
-from app.coverage.table import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
-from app.statistics.crossed import crossed_interval
-from app.statistics.headline import is_a_few_players
-from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
-from marsexplorer.evaluation.intervals import Floats, t_interval
-from marsexplorer.evaluation.run import Progress
 
 PLAYERS = (5, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
-STUDIES_AT_ONCE = 250
-"""Studies worked on at a time."""
-
-
-def measure_cell(
-    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
-) -> Cell:
-    """Return the coverage in one cell; the same for the same seed."""
-    scores, terrain = simulate_studies(
-        population, icc, players, studies, generator(population, icc, players, seed)
-    )
-    truth, everywhere = (
-        mean_score(population) + terrain.mean(1),
-        np.full(studies, mean_score(population)),
-    )
-    means = scores.mean(2)
-    t, printed = t_interval(means), printed_interval(means)
-    stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
-    bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
-    guaranteed = np.concatenate(
-        [guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks]
-    )
-    is_guaranteed = is_a_few_players(
-        failures(population, scores).sum(2).astype(np.float64),
-        np.full(means.shape, float(TERRAINS)),
-    )
-    steps_covered, headline_steps_covered = _steps_covered(
-        population, scores, terrain, is_guaranteed
-    )
-    return Cell(
-        population=population.name,
-        icc=icc,
-        players=players,
-        studies=studies,
-        printed=_percent_covered(printed, truth),
-        below=100 * float((truth < printed[0]).mean()),
-        above=100 * float((truth > printed[1]).mean()),
-        width=float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
-        t=_percent_covered(t, truth),
-        bootstrap=_percent_covered(bootstrap, truth),
-        guaranteed=100 * float(guaranteed.mean()),
-        new_terrains=_percent_covered(crossed_interval(scores), everywhere),
-        pooled=_percent_covered(_pooled(scores), truth),
-        guaranteed_headline=100 * float(is_guaranteed.mean()),
-        headline=100
-        * float(np.where(is_guaranteed, guaranteed, _is_covered(printed, truth)).mean()),
-        headline_steps=headline_steps_covered,
-        printed_steps=steps_covered,
-    )
-
-
-def _steps_covered(
-    population: ScorePopulation, scores: Floats, terrain: Floats, is_guaranteed: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return how often (percent) the printed interval and the headline of steps to 99 % cover the truth."""
-    steps, truth = steps_of(population, scores, terrain)
-    means = steps.mean(2)
-    printed, headline = _is_covered(printed_interval(means), truth), np.ones(len(means), bool)
-    if is_guaranteed.any():
-        headline[is_guaranteed] = guaranteed_covers(
-            means[is_guaranteed], STEPS_BOUNDS, truth[is_guaranteed]
-        )
-    return 100 * float(printed.mean()), 100 * float(
-        np.where(is_guaranteed, headline, printed).mean()
-    )
-
-
-def _pooled(scores: Floats) -> Ends:
-    return t_interval(scores.reshape(len(scores), -1))
-
-
-def _joined(parts: Sequence[Ends]) -> Ends:
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
-def _percent_covered(ends: Ends, truth: Floats) -> float:
-    return 100 * float(_is_covered(ends, truth).mean())
-
-
-def _is_covered(ends: Ends, truth: Floats) -> NDArray[np.bool_]:
-    covered: NDArray[np.bool_] = (ends[0] <= truth) & (truth <= ends[1])
-    return covered
 
 
 def measure_cells(
@@ -254,12 +152,6 @@ def _mixed_models(
         shares = (found.converged, found.mean, found.slope, found.terrains)
         yield (population.name, f"{icc:g}", str(count), *(f"{share:.1f}" for share in shares))
         progress(done, len(cells))
-
-
-def coverage_error(coverage: float, studies: int) -> float:
-    """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
-    share = coverage / 100
-    return float(100 * scipy.special.ndtri(1 - TAIL) * np.sqrt(share * (1 - share) / studies))
 
 
 def _further(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.coverage.table import SCORE_POPULATIONS, ScorePopulation
+from app.report.measured_coverage import SCORE_POPULATIONS, ScorePopulation
 from marsexplorer.evaluation.intervals import Floats
 
 TERRAINS = 30
