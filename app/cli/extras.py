@@ -15,7 +15,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
         "prometheus_client", "pythonjsonlogger", "argon2", "pyotp",
     ),
-    "train": ("tensorboardX", "matplotlib", "cmaes", "click", "rich", "scipy"),
+    "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),
     "bayes": ("numpyro", "jax"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
@@ -23,7 +23,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "ray": ("ray",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
-    "paper": ("tianshou", "pandas"),
+    "paper": ("cmaes", "tianshou", "pandas"),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
@@ -48,7 +48,6 @@ EXTRA_OF_COMMAND = {
     "leaderboard": "play",
     "train": "train",
     "refine": "train",
-    "tune": "train",
     "sweep": "ray",
     "paper": "train",
     "bench": "train",

@@ -14,8 +14,6 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.policies import load, names
-from marsexplorer.policies.priced import TUNED
-from marsexplorer.training.priced_episodes import PricedEpisodes
 from marsexplorer.vector import MarsExplorerVector
 
 CONFIG = EnvConfig.of("random", (6, 8))
@@ -50,7 +48,6 @@ def compile_stacks():
         envs.step(envs.action_space.sample())
         envs.close()
     evaluate([INFORMED], CONFIG, 2, 1, workers=1)
-    PricedEpisodes(CONFIG, [1]).play(TUNED)
 
 
 def compile_modules():

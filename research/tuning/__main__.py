@@ -1,4 +1,4 @@
-"""The command `marsexplorer tune`: the parameters of frontier-priced by CMA-ES, and what each of its terms is good for."""
+"""The command `python -m research.tuning`: the parameters of frontier-priced by CMA-ES, and what each of its terms is good for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,11 +21,21 @@ from app.cli.console import (
     seed_option,
     sizes_option,
 )
-
-if TYPE_CHECKING:
-    from marsexplorer.config import EnvConfig
-    from marsexplorer.policies.priced import SizedRule
-    from marsexplorer.training.tuning import Ratios, TuneConfig, TuneRun
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import cores
+from marsexplorer.files import write_whole
+from marsexplorer.policies.priced import TUNED, SizedRule
+from research.tuning.search import (
+    CHECK_SEED,
+    ENDS,
+    Ratios,
+    TuneConfig,
+    TuneRun,
+    ablations,
+    compare_rules,
+    make_episodes,
+    read_rule,
+)
 
 HELD_OUT_SEED = 1_000_000_000
 """The first terrain of --ablate: evaluation's, which tuning never plays."""
@@ -34,7 +43,7 @@ CHECK_FACTOR = 5
 """So many times the terrains of a generation are played to compare a run's parameters with those before it."""
 
 
-@click.command(short_help="Tune the rule frontier-priced, or take its terms out.")
+@click.command()
 @levels_option("random", "1-1-1", "1-2-1", "2-2-1", "3-2-1")
 @sizes_option("21", "42", "84")
 @click.option(
@@ -99,13 +108,11 @@ def tune(
 
     \b
     Examples:
-      marsexplorer tune --tune small --size 21 --generations 20
-      marsexplorer tune --level 1-2-1 --level 3-2-1 --out runs/large-obstacles
-      marsexplorer tune --resume --generations 80
-      marsexplorer tune --ablate --level random --terrains 400
+      python -m research.tuning --tune small --size 21 --generations 20
+      python -m research.tuning --level 1-2-1 --level 3-2-1 --out runs/large-obstacles
+      python -m research.tuning --resume --generations 80
+      python -m research.tuning --ablate --level random --terrains 400
     """
-    from marsexplorer.policies.priced import TUNED
-    from marsexplorer.training.tuning import ENDS, TuneConfig
 
     configs = tuple(configs_of(levels, sizes))
     start = _read_rule(given) if given else TUNED
@@ -131,7 +138,6 @@ def tune(
 
 def _begin(config: TuneConfig, folder: Path, resume: bool) -> TuneRun:
     """Return a new run, or the one in the folder with all that it has played."""
-    from marsexplorer.training.tuning import TuneRun
 
     log = folder / "log.jsonl"
     if not resume:
@@ -155,9 +161,6 @@ def _begin(config: TuneConfig, folder: Path, resume: bool) -> TuneRun:
 
 
 def _tune(run: TuneRun, generations: int, folder: Path) -> None:
-    from marsexplorer.evaluation.episodes import cores
-    from marsexplorer.files import write_whole
-    from marsexplorer.training.tuning import CHECK_SEED, compare_rules, make_episodes
 
     def work(advance: Callable[[int, int], None]) -> Ratios:
         with ThreadPoolExecutor(cores()) as pool:
@@ -197,8 +200,6 @@ def _tune(run: TuneRun, generations: int, folder: Path) -> None:
 
 
 def _ablate(rule: SizedRule, configs: tuple[EnvConfig, ...], terrains: int) -> None:
-    from marsexplorer.evaluation.episodes import cores
-    from marsexplorer.training.tuning import ablations, compare_rules, make_episodes
 
     def work(advance: Callable[[int, int], None]) -> Ratios:
         with ThreadPoolExecutor(cores()) as pool:
@@ -235,7 +236,6 @@ def _print(title: str, found: Ratios, configs: tuple[EnvConfig, ...]) -> None:
 
 
 def _read_rule(path: Path) -> SizedRule:
-    from marsexplorer.training.tuning import read_rule
 
     try:
         return read_rule(json.loads(path.read_text()))
@@ -247,3 +247,7 @@ def _read_rule(path: Path) -> SizedRule:
         raise click.UsageError(
             f"{path} holds no parameters of frontier-priced; give the parameters.json of a run"
         ) from error
+
+
+if __name__ == "__main__":
+    tune()

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.table import ratio_interval
 from marsexplorer.policies.kernels.prices import PriceParameters
-from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule, between
-from marsexplorer.training.priced_episodes import PricedEpisodes
+from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule
+from research.tuning.priced_episodes import PricedEpisodes
 
 FIRST_SEED = 3_000_000_000
 """Terrains for tuning have this seed and the next ones; those of evaluation begin at 1,000,000,000."""
@@ -230,14 +230,10 @@ def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
 
 
 def read_rule(document: dict[str, Any]) -> SizedRule:
-    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none.
-
-    Documents of earlier versions have no `middle`, which was halfway between the other two.
-    """
+    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none."""
     ends = {}
-    for end in (each for each in ENDS if each in document or each != "middle"):
+    for end in ENDS:
         prices: dict[str, Any] = dict(document[end]["prices"])
         prices |= {name: tuple(prices[name]) for name in ("weights", "powers")}
         ends[end] = PricedRule(**{**document[end], "prices": PriceParameters(**prices)})
-    ends.setdefault("middle", between(ends["small"], ends["large"], 0.5))
     return SizedRule(**ends)

@@ -6,12 +6,16 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.priced import TUNED, FrontierPriced
-from marsexplorer.training.priced_episodes import PricedEpisodes
-from marsexplorer.training.tuning import (
+
+pytest.importorskip("cmaes", reason="of the extra `paper`")
+from research.tuning.__main__ import tune
+from research.tuning.priced_episodes import PricedEpisodes
+from research.tuning.search import (
     LOWEST,
     SPREAD,
     TuneConfig,
@@ -24,6 +28,7 @@ from marsexplorer.training.tuning import (
     to_vector,
 )
 
+FEW = ("--level", "random", "--size", "7x11", "--terrains", "2")
 SMALL = EnvConfig.of("random", (7, 11))
 
 
@@ -84,10 +89,6 @@ def test_a_rule_is_its_vector_and_its_document():
         assert to_rule(to_vector(rule), rule.limit) == rule
     assert to_vector(to_rule(np.full(len(SPREAD), -9.0), 1.0)).tolist() == LOWEST.tolist()
     assert read_rule(json.loads(json.dumps(asdict(TUNED)))) == TUNED
-    earlier = {end: values for end, values in asdict(TUNED).items() if end != "middle"}
-    assert read_rule(json.loads(json.dumps(earlier))).middle.power == pytest.approx(
-        (TUNED.small.power + TUNED.large.power) / 2
-    )
     with pytest.raises(KeyError):
         read_rule({"small": {}})
 
@@ -99,3 +100,51 @@ def test_every_ablation_takes_out_what_it_says():
         TUNED.large.prices.weights[0], 0.0, TUNED.large.prices.weights[2],
     )  # fmt: skip
     assert found["every unknown cell counts 1"].small.prices.pocket == 0.0
+
+
+def run(*args):
+    """Return the exit code of the command and everything that it printed."""
+    found = CliRunner().invoke(tune, [*map(str, args)], env={"COLUMNS": "140"})
+    return found.exit_code, found.output
+
+
+def test_a_run_is_gone_on_with_and_ends_where_it_would_have_ended(tmp_path):
+    at_once, in_parts = tmp_path / "at once", tmp_path / "in parts"
+    code, text = run(*FEW, "--generations", 2, "--out", at_once)
+    assert code == 0, text
+    assert "from seed 4000000000 on" in " ".join(text.split())
+    assert run(*FEW, "--generations", 1, "--out", in_parts)[0] == 0
+    after_one = json.loads((in_parts / "parameters.json").read_text())
+    assert run(*FEW, "--generations", 2, "--out", in_parts, "--resume")[0] == 0
+    for name in ("log.jsonl", "parameters.json"):
+        assert (in_parts / name).read_text() == (at_once / name).read_text()
+    assert json.loads((at_once / "parameters.json").read_text()) != after_one
+    assert read_rule(after_one) != TUNED
+
+
+def test_what_cannot_be_gone_on_with_is_refused_in_a_sentence(tmp_path):
+    folder = tmp_path / "run"
+    assert "begin one without --resume" in run(*FEW, "--out", folder, "--resume")[1]
+    assert run(*FEW, "--generations", 1, "--out", folder)[0] == 0
+    assert "holds a run already" in run(*FEW, "--generations", 1, "--out", folder)[1]
+    code, text = run(*FEW, "--generations", 2, "--out", folder, "--resume", "--seed", 3)
+    assert code == 2
+    assert "begun with other options" in text
+
+
+@pytest.mark.parametrize("text", [None, "[", "{}", '{"small": {"prices": 1}}'])
+def test_a_file_without_parameters_is_refused_in_a_sentence(tmp_path, text):
+    path = tmp_path / "other.json"
+    if text is not None:
+        path.write_text(text)
+    code, found = run(*FEW, "--from", path)
+    assert code == 2
+    assert "give the parameters.json of a run" in found
+
+
+def test_the_ablation_prints_a_row_for_each_term():
+    code, text = run(*FEW, "--ablate")
+    assert code == 0, text
+    assert "without the square of half side 6" in text
+    assert "7x11" in text
+    assert " ± " in text

@@ -1,0 +1,1 @@
+"""The parameters of `frontier-priced` by CMA-ES: `python -m research.tuning`."""
