@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
+from app.simulate import occupancy_codes
 from app.viewer3d.viser_transport import PROTOCOL
 from marsexplorer import policies
 from tests.support.viewer3d import CAMERA
@@ -63,9 +64,7 @@ async def play(port, session, until, trips):
         policy.reset(0)
         while time.monotonic() < until and not frame["outcome"]:
             due = time.monotonic() + 1 / MOVES_PER_SECOND
-            codes = np.array(
-                [["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8
-            )
+            codes = occupancy_codes(frame)
             action = ("north", "east", "south", "west")[policy.act(codes)]
             began = time.perf_counter()
             await socket.send(

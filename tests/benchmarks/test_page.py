@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from app.simulate import occupancy_codes
 from marsexplorer import policies
 from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
@@ -105,9 +106,7 @@ def test_keydown_to_repaint(spawn, drawn, flags, side):
             frame = json.loads(
                 page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")
             )
-            codes = np.array(
-                [["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8
-            )
+            codes = occupancy_codes(frame)
             page.keyboard.press(KEY_OF[("north", "east", "south", "west")[policy.act(codes)]])
             page.wait_for_function(f"() => window.mars.latencies.length > {number}")
         times = np.array(page.evaluate("() => window.mars.latencies"))

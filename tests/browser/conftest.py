@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from app.simulate import occupancy_codes
 from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, Hand, chromium_path
 from tests.support.servers import PATIENCE_S, eventually
 
@@ -119,7 +119,7 @@ class Player:
         """Drive as a policy would, key by key, until `until(frame)`."""
         policy.reset(0)
         while not until(frame := self.state()):
-            self.press(("north", "east", "south", "west")[policy.act(codes_of(frame))])
+            self.press(("north", "east", "south", "west")[policy.act(occupancy_codes(frame))])
         return frame
 
     def picture(self, test_id):
@@ -145,11 +145,6 @@ class Player:
     def shows(self, test_id, text):
         """Wait until an element says just that: the page paints in the frame after its state has changed."""
         eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)
-
-
-def codes_of(frame):
-    """uint8[rows, cols] of a frame's grid."""
-    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
 
 
 @pytest.fixture

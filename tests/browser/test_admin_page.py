@@ -221,9 +221,9 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
 
 def play_for_the_score(server, client):
     """A counted episode: the person's own cookie, keys, our page's Origin."""
+    from app.simulate import occupancy_codes
     from marsexplorer.config import ACTIONS
     from marsexplorer.policies import load
-    from tests.support.study import codes
 
     begun = client.post("/api/sessions").json()
     policy = load("frontier-cost")
@@ -231,6 +231,6 @@ def play_for_the_score(server, client):
     with server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
         while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
             frame = socket.frame_after(frame["step"])
     eventually(lambda: client.get("/api/human-level").json()["figures"])

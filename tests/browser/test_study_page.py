@@ -5,6 +5,7 @@ import sqlite3
 
 import pytest
 
+from app.simulate import occupancy_codes
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
 from marsexplorer import policies
@@ -113,7 +114,7 @@ class Participant:
             self.wait("!window.marsStudy.state.isPaused")
 
     def next_action(self):
-        return ACTIONS[self.policy.act(codes_of(self.frame))]
+        return ACTIONS[self.policy.act(occupancy_codes(self.frame))]
 
     def explore(self):
         """Drive until the episode ends."""
@@ -165,13 +166,6 @@ class Participant:
         self.stands("ready")
         self.page.keyboard.press("Enter")
         self.driving()
-
-
-def codes_of(frame):
-    """uint8[rows, cols] of a frame's grid."""
-    import numpy as np
-
-    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
 
 
 def frames_in(message):

@@ -13,9 +13,10 @@ import pytest
 from websockets.sync.client import connect
 
 from app.operators.delays import FREE_ATTEMPTS
+from app.simulate import Socket
 from app.web.listening import uvicorn_config
 from tests.support.browser import free_port
-from tests.support.servers import PATIENCE_S, Socket, eventually
+from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually
 
 CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
 AROUND = """daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
@@ -123,7 +124,7 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
             proxy=None,
             open_timeout=PATIENCE_S,
         ) as connection:
-            board = Socket(connection)
+            board = Socket(connection, HastyClock(), PACE)
             board.act(board.receive("frame"), "east", input="key")
             assert board.frame_after(0)["step"] == 1
         assert client.get(f"/api/sessions/{session}").json()["step"] == 1

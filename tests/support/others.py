@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 from websockets.asyncio.client import connect
 
+from app.simulate import occupancy_codes
 from marsexplorer.policies import load
-from tests.support.study import codes
 
 PLAYERS, MOVES_PER_SECOND = 8, 10
 
@@ -24,7 +24,7 @@ async def _play(server, begun, until, trips):
         frame = json.loads(await socket.recv())
         while time.monotonic() < until and not frame["outcome"]:
             due = time.monotonic() + 1 / MOVES_PER_SECOND
-            action = ("north", "east", "south", "west")[policy.act(codes(frame))]
+            action = ("north", "east", "south", "west")[policy.act(occupancy_codes(frame))]
             step, began = frame["step"], time.perf_counter()
             await socket.send(
                 json.dumps(

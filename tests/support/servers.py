@@ -2,7 +2,6 @@
 
 import asyncio
 import http.cookiejar
-import json
 import random
 import threading
 import time
@@ -12,6 +11,8 @@ import httpx
 import pytest
 import uvicorn
 from websockets.sync.client import connect
+
+from app.simulate import Clock, Socket
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -37,10 +38,11 @@ def forged(cookie):
     return body + ("A" if sign[0] != "A" else "B") + sign[1:]
 
 
-class Clock:
-    """A server's clock that a test moves on, so that people at machine speed are people at their own pace to the server."""
+class MovableClock(Clock):
+    """A clock that a test moves on, so that people at machine speed are people at their own pace to the server."""
 
     def __init__(self):
+        super().__init__()
         self.skipped_ms = 0
 
     def now_ms(self):
@@ -50,77 +52,15 @@ class Clock:
         """What performance.now() would return in a page that was loaded when this machine was started."""
         return round(time.monotonic() * 1000 + self.skipped_ms, 1)
 
+    def wait(self, ms):
+        self.skipped_ms += ms
 
-class Socket:
-    """A websocket client that speaks JSON and sorts what comes."""
 
-    def __init__(self, connection, clock=None):
-        self.connection, self.clock = connection, clock or Clock()
-        self._may_skip = (
-            clock is not None
-        )  # the clock of a server in a process of its own cannot be moved on
-        self._released = []
+class HastyClock(Clock):
+    """The clock of people at a server in a process of its own, whose clock cannot be moved on: they wait for nothing."""
 
-    def send(self, message):
-        self.connection.send(message if isinstance(message, str | bytes) else json.dumps(message))
-
-    def receive(self, kind=None, seconds=PATIENCE_S):
-        """Return the next message, the next of a kind when one is named."""
-        while True:
-            message = json.loads(self.connection.recv(timeout=seconds))
-            if kind in (None, message["kind"]):
-                return message
-
-    def act(self, frame, action, input=None, **rest):
-        """Make a move: a script's, or with `input` "key" or "touch" a person's, who presses as the page would report it."""
-        if input is not None:
-            rest = {**self.press(frame, action, input), **rest}
-        self.send(
-            {
-                "kind": "act",
-                "episode": frame["episode"],
-                "step": frame["step"],
-                "action": action,
-                **rest,
-            }
-        )
-
-    def press(self, frame, action, input="key", **changes):
-        """Let the time pass that a press takes, send its event, and return what the act says of it."""
-        self._pass_time(PACE.randint(90, 250))
-        now = self.clock.page_ms()
-        code = {
-            "north": "ArrowUp",
-            "east": "ArrowRight",
-            "south": "ArrowDown",
-            "west": "ArrowLeft",
-        }[action]
-        kind = "keydown" if input == "key" else "touchdown"
-        event = {
-            "kind": kind,
-            "code": code if input == "key" else action,
-            "repeat": False,
-            "trusted": True,
-            "client_ms": now,
-        }
-        event |= {"step": frame["step"], **changes}
-        self.send(
-            {"kind": "events", "episode": frame["episode"], "events": [*self._released, event]}
-        )
-        self._pass_time(PACE.randint(40, 80))
-        up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
-        self._released = [{**event, **up}]
-        return {"input": input, "key_down_ms": now, "client_ms": now}
-
-    def _pass_time(self, ms):
-        if self._may_skip:
-            self.clock.skipped_ms += ms
-
-    def frame_after(self, step):
-        """Return the first frame with more moves than `step`."""
-        while (frame := self.receive("frame"))["step"] <= step:
-            pass
-        return frame
+    def wait(self, ms):
+        pass
 
 
 class Engine(uvicorn.Server):
@@ -196,7 +136,7 @@ class Running:
         plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": max_queue}
         times = {"open_timeout": PATIENCE_S, "close_timeout": CLOSE_S}
         with connect(url, origin=own, additional_headers=headers, **plain, **times) as connection:
-            yield Socket(connection, self.clock)
+            yield Socket(connection, self.clock or HastyClock(), PACE)
 
     @property
     def services(self):
@@ -254,7 +194,7 @@ def serve(tmp_path, limits, shipped_policies):
             **settings,
         }
         sock = listen("127.0.0.1", 0)
-        clock = Clock()
+        clock = MovableClock()
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
         server.app = create_app(

@@ -1,11 +1,11 @@
 """A frozen study on small boards, and a participant who goes through it as the page would."""
 
-from contextlib import contextmanager
+import pytest
 
+from app.simulate import NoisyPolicy, Participant, RefusedError
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
-from marsexplorer.config import ACTIONS, EnvConfig
-from marsexplorer.policies import load
+from marsexplorer.config import EnvConfig
 
 SIZE = (7, 9)
 
@@ -27,35 +27,22 @@ def freeze(root, name="small", **rest):
     return folder.freeze(name)
 
 
-class Person:
-    """A participant with a cookie of their own; `where` is the last answer."""
+class Person(Participant):
+    """A participant with a cookie of their own, who plays by the rules' best moves and by key."""
 
     def __init__(self, server, study="small", client=None, **join):
-        self.server, self.client = server, client or server.client()
-        self.url = f"/api/studies/{study}"
-        self.where = {}
+        policy = NoisyPolicy("frontier-cost", 0.0, 6)
+        super().__init__(client or server.client(), study, policy, server.clock)
+        self.server = server
         if join.pop("joins", True):
-            self.call("join", join or None, status=(200, 201))
-
-    def call(self, what, body=None, status=(200,)):
-        """POST and keep the answer."""
-        answer = self.client.post(f"{self.url}/{what}", json=body)
-        assert answer.status_code in status, (what, answer.status_code, answer.text)
-        if answer.status_code < 300:
-            self.where = answer.json()
-        return answer.json()
+            self.call("join", join or None)
 
     def refused(self, what, body=None, status=409):
         """POST, expect a refusal and return its sentence."""
-        return self.call(what, body, (status,))["detail"]
-
-    def me(self):
-        self.where = self.client.get(f"{self.url}/me").json()
-        return self.where
-
-    @property
-    def frame(self):
-        return self.where["about"]["frame"]
+        with pytest.raises(RefusedError) as refusal:
+            self.call(what, body)
+        assert refusal.value.status == status, (what, refusal.value)
+        return refusal.value.detail
 
     def to_tutorial(self):
         self.call("consent", {"version": "1", "agree": True})
@@ -66,27 +53,10 @@ class Person:
         self.call("next")
         self.call("give-up", {"episode": self.frame["episode"], "step": self.frame["step"]})
         self.call("advance", {"from": "tutorial"})
-        self.call("answers", {"answers": [0, 1, 1]})
+        self.answer_questions()
 
-    @contextmanager
     def socket(self):
-        with self.server.socket(self.where["session"], self.client) as socket:
-            yield socket
-
-    def play(self, moves=None, **act):
-        """Play the running episode with a frontier rule, to its end or for some moves; return the frames.
-
-        The moves are a person's by key, with their input events; `input=None` makes them a script's.
-        """
-        policy = load("frontier-cost")
-        policy.reset(1)
-        with self.socket() as socket:
-            frames = [socket.receive("frame")]
-            while frames[-1]["outcome"] is None and (moves is None or len(frames) <= moves):
-                action = ACTIONS[policy.act(codes(frames[-1]))]
-                socket.act(frames[-1], action, **{"input": "key", **act})
-                frames.append(socket.frame_after(frames[-1]["step"]))
-        return frames
+        return self.server.socket(self.where["session"], self.client)
 
     def play_on(self, until=("debrief",), **act):
         """Play every episode until one of the stages; return all frames by phase."""
@@ -95,10 +65,3 @@ class Person:
             self.call("next")
             seen[self.where["phase"]].append(self.play(**act))
         return seen
-
-
-def codes(frame):
-    """The occupancy grid of a frame: uint8[rows, cols]."""
-    import numpy as np
-
-    return np.array([["?.@#".index(cell) for cell in row] for row in frame["grid"]], np.uint8)

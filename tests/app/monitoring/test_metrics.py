@@ -10,10 +10,10 @@ from prometheus_client.parser import text_string_to_metric_families
 from app.monitoring.metrics import Metrics
 from app.server import ServerError, run
 from app.settings import Settings
+from app.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually
-from tests.support.study import codes
 
 
 def read(text):
@@ -125,7 +125,7 @@ def test_counting_costs_less_than_a_twentieth_of_a_move(server):
         answer = {
             "episode": frame["episode"],
             "step": frame["step"],
-            "action": ACTIONS[policy.act(codes(frame))],
+            "action": ACTIONS[policy.act(occupancy_codes(frame))],
         }
         frame = client.post(f"/api/sessions/{begun['session']}/act", json=answer).json()
     value = server.services.store.metrics.registry.get_sample_value

@@ -3,10 +3,13 @@
 import random
 import sqlite3
 import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
 
+from app.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from app.statistics.exclusion_sets import people_of
 from app.statistics.study_figures import study_figures
 from app.study.data import load as load_study
@@ -14,7 +17,7 @@ from app.study.folder import Folder
 from app.study.invitations import Invitations, token_of
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
-from tests.support.study import Person, codes, freeze
+from tests.support.study import Person, freeze
 
 SIZE = (15, 15)
 """Boards that take more moves than the fewest whose timing is compared."""
@@ -37,7 +40,7 @@ class Forger:
                 time.sleep(self.pace_ms / 1000)
             else:
                 clock.skipped_ms += int(self.pace_ms)
-            self.move(socket, frame, ACTIONS[policy.act(codes(frame))], clock)
+            self.move(socket, frame, ACTIONS[policy.act(occupancy_codes(frame))], clock)
             frame = socket.frame_after(frame["step"])
         return frame
 
@@ -125,7 +128,7 @@ def honest_board(server):
     with server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
         while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
             frame = socket.frame_after(frame["step"])
     return frame
 
@@ -203,3 +206,29 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
     assert [(figure.name, figure.players) for figure in study_figures(data, people_of(data))] == [
         ("all", 1), ("protocol", 1), ("strict", 1)
     ]  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("speed", "fewest", "most"), [(100.0, 0, 0), (1.0, 18, 20)])
+def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed, fewest, most):
+    """Measure what docs/study.md states of forgers who press with honest times; a hundred times as fast, none counts."""
+    boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10, "hides_interim": False}
+    study = freeze(tmp_path / "studies", recruitment="invitation", **boards)
+    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 10)
+
+    def take_part(number):
+        policy = NoisyPolicy("frontier-cost", 0.1, 6, number)
+        forger = Participant(server.page(), study.name, policy, Clock(speed), number)
+        forger.call("join", {"invitation": token_of(study, issued[number].id)})
+        while forger.me()["stage"] != "complete":
+            forger.take_step()
+
+    with ThreadPoolExecutor(10 if speed == 1 else 1) as pool:
+        list(pool.map(take_part, range(10)))
+    data = load_study(tmp_path / "playground.db", study.name)
+    levels = Counter(trial.attestation for trial in data.trials if trial.phase == "ranked")
+    counted = sum(map(len, people_of(data).ranked.values()))
+    print(f"\n{speed:g} times a person's speed: {dict(levels)}, counted {counted} of 20")
+    assert levels["attested"] + levels["unattested"] == 20
+    assert fewest <= counted <= most
+    assert levels["attested"] == counted

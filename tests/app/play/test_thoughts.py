@@ -8,6 +8,7 @@ import torch
 
 from app.play.messages import Expected, Thought
 from app.play.policy_catalogue import PolicyCatalogue
+from app.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import FREE, ROVER, EnvConfig
 from marsexplorer.policies.files.weights import save_network
@@ -33,13 +34,9 @@ def client_and_server(serve, network_file):
     return server.client(), server
 
 
-def codes_of(frame):
-    return np.array([["?.@#".index(glyph) for glyph in row] for row in frame["grid"]], np.uint8)
-
-
 def literally_expected(frame, visited):
     """(row, col) -> the unknown cells that a look from it should show, one cell after the other."""
-    codes = codes_of(frame)
+    codes = occupancy_codes(frame)
     sight = VisibilityMap(codes.shape, EnvConfig.of("random", SIZE).sensor_radius)
     sight.fill(codes)
     free = [(int(row), int(col)) for row, col in np.argwhere((codes == FREE) | (codes == ROVER))]
@@ -66,7 +63,7 @@ def test_each_frame_of_a_network_is_followed_by_its_thought_from_its_observation
             while thought["step"] != frame["step"]:
                 thought = socket.receive("thought")
             assert thought["episode"] == frame["episode"]
-            twin.act(codes_of(frame))
+            twin.act(occupancy_codes(frame))
             shares, value = twin.thought()
             assert thought["probabilities"] == pytest.approx(shares, abs=1e-4)
             assert thought["value"] == pytest.approx(value, abs=2e-3)
@@ -111,7 +108,7 @@ def test_a_rule_says_where_it_heads_for_and_a_random_one_nothing(client_and_serv
                 frame = message
                 if frame["step"] == 0:
                     twin.reset(0)
-                twin.act(codes_of(frame))
+                twin.act(occupancy_codes(frame))
                 if name == "random" and not frame["outcome"]:
                     client.post(f"/api/sessions/{session}/pace", json={"step": True})
             elif message["kind"] == "thought":
@@ -139,7 +136,7 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
         for step in range(6):
             action = (
                 ("east", "west")[step % 2]
-                if codes_of(frame)[0, 1] != 3
+                if occupancy_codes(frame)[0, 1] != 3
                 else ("south", "north")[step % 2]
             )
             socket.act(frame, action, input="key")

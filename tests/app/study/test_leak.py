@@ -130,6 +130,8 @@ def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_on
     assert not [each for each in secrets_of(study) if any(each in text for text in texts)]
     assert person.client.get(f"{person.url}/debrief/0").status_code == 409
     assert person.client.get(f"/api/sessions/{done.where['session']}").status_code == 404
+    running = person.client.get(f"/api/episodes/{person.frame['episode']}")
+    assert running.status_code == 404, "not even one's own, with its seed, while it runs"
 
 
 def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(

@@ -74,10 +74,10 @@ def test_an_invitation_lets_one_person_in_and_opening_its_link_uses_nothing_up(i
     _, status, said = comes(server, invitation=token)
     assert (status, said) == (409, USED)
     assert noted(server) == ["invitation", "invitation"]
-    assert second.call("join", None, (200,))["stage"] == "instructions", (
+    assert second.call("join")["stage"] == "instructions", (
         "the same cookie goes on without the token"
     )
-    assert second.call("join", {"invitation": token}, (200,))["stage"] == "instructions"
+    assert second.call("join", {"invitation": token})["stage"] == "instructions"
     (kept,) = rows(server, "SELECT invitation FROM participants WHERE consent_ms IS NOT NULL")
     assert token.startswith(kept[0])
 
@@ -155,7 +155,7 @@ def test_of_many_who_agree_with_one_invitation_at_once_one_takes_part(invited):
 def test_a_browser_that_takes_part_is_not_used_for_another_invitation(invited):
     server, _, (token, other, _) = invited()
     person, _, _ = comes(server, invitation=token)
-    assert person.call("join", {"invitation": other}, (200,))["stage"] == "consent", (
+    assert person.call("join", {"invitation": other})["stage"] == "consent", (
         "before the consent any link will do"
     )
     person.call("consent", YES)
@@ -223,8 +223,8 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
     assert noted(server) == ["outside id"] * 4, (
         "one of them at the join: the same id had come before the consent"
     )
-    assert second.call("join", None, (200,))["stage"] == "instructions"
-    assert second.call("join", {"outside_ids": {PID: "abc5f1"}}, (200,))["stage"] == "instructions"
+    assert second.call("join")["stage"] == "instructions"
+    assert second.call("join", {"outside_ids": {PID: "abc5f1"}})["stage"] == "instructions"
     assert "takes part for another" in second.refused("join", {"outside_ids": {PID: "abd"}})
 
 

@@ -9,10 +9,11 @@ from contextlib import closing
 import pytest
 
 from app.play.sources import Sources
+from app.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually
-from tests.support.study import Person, codes, freeze
+from tests.support.study import Person, freeze
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +69,7 @@ def test_a_second_tab_sees_every_move_and_can_make_the_next(server):
     with person.socket() as one, person.socket() as other:
         frame = one.receive("frame")
         assert other.receive("frame") == frame
-        action = ACTIONS[load("frontier-cost").act(codes(frame))]
+        action = ACTIONS[load("frontier-cost").act(occupancy_codes(frame))]
         one.act(frame, action, input="key")
         here, there = one.frame_after(2), other.frame_after(2)
         assert here == there

@@ -16,6 +16,7 @@ from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources
+from app.simulate import occupancy_codes
 from app.storage.playground import find_attempt, find_terrain
 from app.storage.reader import utc_day
 from app.storage.store import DAY_MS, Store
@@ -23,7 +24,6 @@ from app.study.verification import verify_database
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.policies import load
 from tests.support.servers import eventually
-from tests.support.study import codes
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "daily.md"
 HALF_AN_HOUR_MS = 31 * 60_000
@@ -55,7 +55,7 @@ def play_to_the_end(server, page, about):
     with server.socket(about["session"], page) as socket:
         frame = socket.receive("frame")
         while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(codes(frame))], input="key")
+            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
             frame = socket.frame_after(frame["step"])
     return frame
 

@@ -1,0 +1,216 @@
+"""Synthetic participants go through whole studies, survive kills and leave, and nothing of them enters a figure about people."""
+
+import sqlite3
+import threading
+from collections import Counter
+from contextlib import closing
+from itertools import groupby
+
+import numpy as np
+import pytest
+
+from app.cli.main import main
+from app.report.build import build
+from app.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
+from app.statistics.human_level import human_level
+from app.storage.reader import Reader
+from app.study.data import load
+from app.study.folder import Folder
+from app.study.verification import verify_database
+from tests.support.servers import eventually
+from tests.support.study import freeze
+
+FAST = 1e6
+ENDLESS = {"warm_up": 20, "ranked": 60}
+"""A study that lasts until it is interrupted, however fast its participants are."""
+
+
+class Simulation(threading.Thread):
+    """Participants at work in a thread of their own; `result()` waits for them."""
+
+    def __init__(self, url, study, participants, **rest):
+        super().__init__(daemon=True)
+        self.plan = Plan(url, study.name, participants, **{"speed": FAST, **rest})
+        self.outcomes, self.error = [], None
+        self.start()
+
+    def run(self):
+        try:
+            simulate(self.plan, self.outcomes)
+        except BaseException as error:
+            self.error = error
+
+    @property
+    def moves(self):
+        return sum(len(each.round_trips_ms) for each in self.outcomes)
+
+    def result(self, seconds=180.0):
+        self.join(seconds)
+        assert not self.is_alive(), "the participants are still at it"
+        if self.error is not None:
+            raise self.error
+        return self.outcomes
+
+    def reaches(self, moves, seconds=120.0):
+        """Wait until so many moves were answered."""
+        eventually(lambda: self.error or self.moves >= moves, seconds)
+
+
+def rows(path, sql, *values):
+    with closing(sqlite3.connect(path)) as db:
+        return db.execute(sql, values).fetchall()
+
+
+def check_database(path, study, moves, kills):
+    """Every participant has exactly its episodes, every episode exactly its moves, and all of it is a script's."""
+    protocol = study.protocol
+    people = rows(path, "SELECT id, kind, stage FROM participants")
+    assert {kind for _, kind, _ in people} == {"script"}
+    assert rows(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
+    for person, _, stage in people:
+        sql = """SELECT t.phase, t.trial, t.terrain, e.seed, e.outcome FROM study_episodes t
+            JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY t.phase, t.trial"""
+        played = {
+            phase: list(group)
+            for phase, group in groupby(rows(path, sql, person), lambda row: row[0])
+        }
+        for phase, label, of in (
+            ("warm_up", "warm-up", protocol.warm_up),
+            ("ranked", "ranked", protocol.ranked),
+        ):
+            trials = played.get(phase, [])
+            assert [trial for _, trial, *_ in trials] == list(range(len(trials)))
+            assert all(seed == study.seed(label, terrain) for _, _, terrain, seed, _ in trials)
+            assert len({terrain for _, _, terrain, *_ in trials}) == len(trials)
+            if stage == "complete":
+                assert len(trials) == of
+        assert len(played["tutorial"]) == 1
+        if stage == "complete":
+            assert all(outcome for trials in played.values() for *_, outcome in trials)
+    kept = rows(
+        path, "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
+    )
+    assert all((low, high) == (0, count - 1) for _, count, low, high in kept)
+    # a kill can lose the frame of a move that is in the database: one a participant, never the move
+    assert 0 <= sum(count for _, count, _, _ in kept) - moves <= kills * len(people)
+    assert rows(path, "SELECT count(*) FROM identities")[0][0] == len(people)
+    events = rows(path, "SELECT count(*) FROM input_events WHERE kind = 'keydown'")[0][0]
+    assert moves <= events <= moves + 2 * kills * len(people)
+
+
+def check_no_human_figure(path, study):
+    """Nothing of it enters a figure about people."""
+    with closing(Reader.open(path)) as reader:
+        assert human_level(reader)["figures"] == []
+    report = build(load(path, study.name))
+    assert [group.figure.players for group in report.groups] == [0]
+    assert report.scripts
+
+
+def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
+    """Kill the server after some moves and let it go on: everything is there once, and all of it is a script's."""
+    server = spawn()
+    simulation = Simulation(server.url, study, participants, **rest)
+    simulation.reaches(moves, 1800)
+    server.kill()
+    spawn(port=server.port)
+    outcomes, path = simulation.result(3000), tmp_path / "playground.db"
+    check_database(path, study, simulation.moves, kills=1)
+    check_no_human_figure(path, study)
+    verified = verify_database(path, secrets={study.name: study.secret})
+    assert verified.findings == ()
+    return outcomes, verified
+
+
+def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_path):
+    study = freeze(tmp_path / "studies", size=9)
+    outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
+    assert [each.stage for each in outcomes] == ["complete"] * 3
+    assert all(each.debrief["completion_code"] for each in outcomes)
+    assert (verified.episodes, verified.still_open) == (3 * 6, 0)
+
+
+@pytest.mark.long
+def test_ten_participants_of_a_whole_study_survive_a_kill(spawn, tmp_path):
+    """10 x (15 + 30) at 21x21, some of whom leave, and a kill -9 in the middle."""
+    sizes = {"size": 21, "warm_up": 15, "ranked": 30, "players": 10, "break_every": 10}
+    study = freeze(tmp_path / "studies", **sizes)
+    outcomes, _ = check_whole_study(spawn, tmp_path, study, 10, 15_000, seed=11, leaving=0.2)
+    stages = Counter(each.stage for each in outcomes)
+    assert set(stages) == {"complete", "left"}
+
+
+def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
+    study = freeze(tmp_path / "studies", size=7, ranked=4)
+    simulation = Simulation(server.url, study, 6, seed=4, leaving=1.0)
+    assert {each.stage for each in simulation.result()} == {"left"}
+    path = tmp_path / "playground.db"
+    stages = Counter(stage for (stage,) in rows(path, "SELECT stage FROM participants"))
+    assert stages["withdrawn"] > 0 < stages["ranked"]
+    assert stages.total() == stages["withdrawn"] + stages["ranked"]
+    check_database(path, study, simulation.moves, kills=0)
+    assert any(trial.outcome is None for trial in load(path, study.name).trials)
+
+
+def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
+    freeze(tmp_path / "studies")
+    with pytest.raises(SystemExit) as left:
+        main(["simulate", "--study", "small", "--url", server.url, "--speed", "1e6"])
+    said = capsys.readouterr()
+    assert left.value.code in (0, None), said.err
+    assert said.out.count("complete") == 2  # as many as the study plans
+    assert "moves; act to frame in ms: p50" in said.out
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
+def test_the_noise_is_the_share_of_random_moves(noise):
+    grid = ["@" + "." * 8, *["." * 9] * 5, "." * 8 + "?"]
+    frame = {"grid": grid}
+    quiet, noisy = NoisyPolicy("frontier-cost", 0.0, 6), NoisyPolicy("frontier-cost", noise, 6, 1)
+    quiet.reset()
+    noisy.reset()
+    wanted = quiet.choose(frame)
+    share = np.mean([noisy.choose(frame) != wanted for _ in range(400)])
+    assert share == pytest.approx(noise / 2, abs=0.08)  # two moves are valid in the corner
+
+
+def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
+    study = freeze(tmp_path / "studies")
+
+    def refused(**rest):
+        """What the command says, which must be one line."""
+        given = {"study": study.name, "url": server.url, **rest}
+        with pytest.raises(SystemExit) as left:
+            main(["simulate", *(f"--{name}={value}" for name, value in given.items())])
+        assert left.value.code in (1, 2)
+        said = capsys.readouterr().err
+        assert "Traceback" not in said
+        return said
+
+    assert "there is no such study here" in refused(study="nobody")
+    assert "start one with `marsexplorer serve`" in refused(url="http://127.0.0.1:9")
+    assert "nothing answers GET /prefix/api/studies" in refused(url=f"{server.url}/prefix")
+    for url in ("localhost:8000", "http://"):
+        assert "must be like http://127.0.0.1:8000" in refused(url=url)
+    assert 'no policy "nobodys"' in refused(policy="nobodys")
+    Folder(tmp_path / "studies").close(study.name)
+    assert "is closed" in refused()
+
+
+def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_path):
+    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
+    simulation = Simulation(server.url, study, 2, seed=6, speed=400)
+    simulation.reaches(30)
+    Folder(tmp_path / "studies").close(study.name)
+    with pytest.raises(RefusedError, match="closed"):
+        simulation.result()
+
+
+def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
+    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
+    server = spawn()
+    simulation = Simulation(server.url, study, 1, seed=6, speed=400, wait_s=0.5)
+    simulation.reaches(10)
+    server.kill()
+    with pytest.raises(ServerAwayError, match="has been away"):
+        simulation.result()
