@@ -38,7 +38,7 @@ test-paper: $(PAPER)/.test ## the tests of the paper's experiments, where tiansh
 	$(PAPER)/bin/python -m pytest tests/marsexplorer/paper
 
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
-	$(BIN)/python -m pytest -m bench -s -p no:cacheprovider --timeout 3600
+	$(BIN)/python -m pytest tests research -m bench -s -p no:cacheprovider --timeout 3600
 
 check: $(DEV) ## format, lint, types and layers
 	$(BIN)/ruff format --check .

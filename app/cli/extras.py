@@ -50,7 +50,6 @@ EXTRA_OF_COMMAND = {
     "refine": "train",
     "sweep": "ray",
     "paper": "train",
-    "bench": "train",
     "study": "study",
     "simulate": "study",
     "report": "study",

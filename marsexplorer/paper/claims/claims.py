@@ -69,7 +69,7 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "fast": settled(
         "467,804 steps per CPU second through `gymnasium.make` ([results](results.md#speed-of-the-environment))",
         REPRODUCED,
-        "marsexplorer bench",
+        "python -m research.speed",
     ),
     "manual": settled(
         "people drive the rover in a browser, by arrow keys too", REPRODUCED, "marsexplorer serve"

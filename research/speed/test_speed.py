@@ -1,16 +1,14 @@
 """The measuring code: what it plays is what it says, and the command prints and writes every figure."""
 
 import json
-import os
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from marsexplorer import compiled
-from marsexplorer.bench import core, decisions, figures, peers, start
 from marsexplorer.config import EnvConfig
+from research.speed import core, decisions, figures, peers
 
 SMALL = EnvConfig.of("random", (5, 7))
 
@@ -88,46 +86,6 @@ def test_frozen_lake_is_always_there():
     assert figure.value > 1000
 
 
-def first_step(**env):
-    """Return what a process writes to stderr from its first import to its first step."""
-    command = [sys.executable, "-c", start.FIRST_STEP]
-    return subprocess.run(
-        command, env=os.environ | env, capture_output=True, text=True, check=True
-    ).stderr
-
-
-@pytest.mark.timeout(120)
-def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    with subprocess.Popen(
-        [sys.executable, "-c", start.FIRST_STEP], env=env, stderr=subprocess.PIPE, text=True
-    ) as cold:
-        assert "compiling the rules" in cold.stderr.readline()
-        cold.kill()
-    first_step()  # in the cache of this checkout there is everything from now on
-    assert first_step() == ""
-
-
-@pytest.mark.long
-def test_a_cold_start_says_it_once_and_leaves_nothing_to_compile(tmp_path):
-    said = [first_step(NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
-    assert said[0].count("compiling the rules") == 1
-    assert len(said[0].splitlines()) == 1
-    assert said[1] == ""
-
-
-def test_compiling_for_long_is_said_once(capsys, monkeypatch):
-    monkeypatch.setattr(compiled, "NOTICE_AFTER_S", 0.01)
-    notice = compiled.CompilationNotice()
-    for _ in range(2):
-        for _ in range(2):  # one compilation inside another
-            notice.on_start(None)
-        notice._timer.join()
-        for _ in range(2):
-            notice.on_end(None)
-    assert capsys.readouterr().err.splitlines() == [compiled.NOTICE]
-
-
 def test_a_move_of_a_network_takes_less_in_a_stack_than_alone_and_a_rule_has_no_stack():
     alone, together = decisions.decide("ppo-priced", 12)
     assert 0 < together.value < alone.value
@@ -149,7 +107,7 @@ def test_json_carries_every_figure():
 @pytest.mark.long
 def test_the_command_prints_the_table_and_writes_it(tmp_path):
     out = tmp_path / "speed.json"
-    command = [sys.executable, "-m", "app.cli", "bench", "--quick", "--json", str(out)]
+    command = [sys.executable, "-m", "research.speed", "--quick", "--json", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "Million steps per CPU second" in done.stdout
     assert "8,192" in done.stdout

@@ -1,6 +1,6 @@
 """How many people may play at five moves a second before the server's 99th percentile passes 20 ms, on one core.
 
-    python -m tests.benchmarks.most_players [--seconds 10] [--most 900] [--bound 20]
+    python -m research.speed.most_players [--seconds 10] [--most 900] [--bound 20]
 
 The server runs on one core. The players are simulated by this process on another one, which measures its own lag: how much
 later than due a timer of 10 ms is served. Where that is too much it could not tell a slow server from its own slowness, so it

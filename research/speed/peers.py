@@ -1,7 +1,7 @@
 """Other environments in the same run: whichever are installed, each in a process of its own, random moves, resets
 included; ours with valid moves, for blind ones end an episode after four steps.
 
-`python -m marsexplorer.bench.peers NAME SECONDS` prints steps and CPU seconds of one of them.
+`python -m research.speed.peers NAME SECONDS` prints steps and CPU seconds of one of them.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from marsexplorer.bench.core import moves_of, replay
-from marsexplorer.bench.figures import Figure
 from marsexplorer.config import EnvConfig
+from research.speed.core import moves_of, replay
+from research.speed.figures import Figure
 
 PATIENCE_S = 120.0
 """How long a peer may take in all before it counts as failed."""
@@ -100,26 +100,6 @@ def envpool() -> Callable[[], int]:
     return play_some
 
 
-def pufferlib(module: str, name: str, num_envs: int) -> Callable[[], int]:
-    """Make an environment of PufferLib's Ocean, written in C; every agent of every board counts."""
-    from importlib import import_module
-
-    envs = getattr(import_module(module), name)(num_envs=num_envs)
-    envs.reset()
-    moves = (
-        np.random.default_rng(0)
-        .integers(0, envs.single_action_space.n, (20, envs.num_agents))
-        .astype(np.int32)
-    )
-
-    def play_some() -> int:
-        for row in moves:
-            envs.step(row)
-        return int(moves.size)
-
-    return play_some
-
-
 def ours(num: int) -> Callable[[], int]:
     """Make MarsExplorer through Gymnasium, uint8 codes, random valid moves: one environment, or a stack."""
     import gymnasium
@@ -146,18 +126,6 @@ PEERS = (
     Peer("MiniGrid FourRooms", "minigrid", "minigrid", minigrid),
     Peer("Crafter", "crafter", "crafter", crafter),
     Peer("EnvPool FrozenLake, 1,024", "envpool", "envpool", envpool),
-    Peer(
-        "PufferLib snake, 4,096",
-        "pufferlib",
-        "pufferlib",
-        lambda: pufferlib("pufferlib.ocean.snake.snake", "Snake", 16),
-    ),
-    Peer(
-        "PufferLib grid, 1,024",
-        "pufferlib",
-        "pufferlib",
-        lambda: pufferlib("pufferlib.ocean.grid.grid", "Grid", 1024),
-    ),
 )
 
 
@@ -176,7 +144,7 @@ def measure(peer: Peer, seconds: float) -> Figure:
         "-W",
         "ignore",
         "-m",
-        "marsexplorer.bench.peers",
+        "research.speed.peers",
         peer.name,
         str(seconds),
     ]

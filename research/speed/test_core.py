@@ -2,11 +2,11 @@
 
 import pytest
 
-from marsexplorer.bench import core
-from marsexplorer.bench.peers import PEERS, measure
-from marsexplorer.bench.start import first_steps
 from marsexplorer.config import LEVELS, EnvConfig
 from marsexplorer.terrain import attempts
+from research.speed import core
+from research.speed.peers import PEERS, measure
+from research.speed.start import first_steps
 
 pytestmark = pytest.mark.bench
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 
-from marsexplorer.bench.figures import Figure
+from research.speed.figures import Figure
 
 FIRST_STEP = """
 import time

@@ -7,8 +7,10 @@ import pytest
 
 from app.simulate import occupancy_codes
 from marsexplorer import policies
+from tests.support import servers
 from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
+spawn = servers.spawn  # the fixture
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 
 PRESSES = 300

@@ -1,21 +1,21 @@
-"""The command `marsexplorer bench`: measure how fast the environment is on this machine, and others that are installed."""
+"""The command `python -m research.speed`: measure how fast the environment is on this machine, and others that are installed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from app.cli.console import PATH, print_table, progress, reason
+from marsexplorer.files import write_whole
+from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
+from research.speed import core, decisions, peers, start
+from research.speed.figures import Figure, to_json
 
-if TYPE_CHECKING:
-    from marsexplorer.bench.figures import Figure
 
-
-@click.command(short_help="Measure how fast the environment is here.")
+@click.command()
 @click.option(
     "--quick",
     is_flag=True,
@@ -38,20 +38,17 @@ def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> Non
 
     With --policy, CPU milliseconds a move on 21x21 and 84x84: alone, and for a network also in a stack of 32 boards.
 
-    Other environments are measured when they are installed: pip install minigrid crafter envpool pufferlib
+    Other environments are measured when they are installed: pip install minigrid crafter envpool
 
     \b
     Examples:
-      marsexplorer bench
-      marsexplorer bench --quick --json speed.json
-      marsexplorer bench --policy ppo-priced --policy frontier-priced
+      python -m research.speed
+      python -m research.speed --quick --json speed.json
+      python -m research.speed --policy ppo-priced --policy frontier-priced
     """
     if json_path is None:
         _print_figures(_measure(quick, policies))
         return
-    from marsexplorer.bench.figures import to_json
-    from marsexplorer.files import write_whole
-
     try:
         with write_whole(json_path) as file:
             figures = _measure(quick, policies)
@@ -67,9 +64,6 @@ def _measure(quick: bool, names: tuple[str, ...]) -> list[Figure]:
     """Measure every figure, one after the other so that none disturbs another, and return them."""
     measures: list[Callable[[], Figure | list[Figure]]]
     if names:
-        from marsexplorer.bench import decisions
-        from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
-
         try:
             for name in names:
                 load(name)
@@ -77,8 +71,6 @@ def _measure(quick: bool, names: tuple[str, ...]) -> list[Figure]:
             raise click.ClickException(str(error)) from error
         measures = [*decisions.measures(names, (21, 84))]
     else:
-        from marsexplorer.bench import core, peers, start
-
         measures = [*core.measures(quick), lambda: start.first_steps(quick)]
         measures += [partial(peers.measure, peer, 0.5 if quick else 2.0) for peer in peers.PEERS]
     figures: list[Figure] = []
@@ -134,3 +126,7 @@ def _target(figure: Figure) -> str:
     if figure.target is None:
         return ""
     return f"{'at most' if figure.at_most else 'at least'} {figure.target:,g}"
+
+
+if __name__ == "__main__":
+    bench()

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 
 from marsexplorer import policies
-from marsexplorer.bench.figures import Figure
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies.network.model import Net, NetworkPolicy
+from research.speed.figures import Figure
 
 STACK = 32
 """Boards that a network decides together."""

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.bench.figures import Figure
 from marsexplorer.compiled import kernel
 from marsexplorer.config import EnvConfig
 from marsexplorer.observation import is_valid
 from marsexplorer.world import Worlds
+from research.speed.figures import Figure
 
 SIZES = (21, 42, 84)
 STACKS = (1, 64, 1024, 8192)

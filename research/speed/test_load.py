@@ -131,7 +131,7 @@ def test_a_move_takes_the_server_under_five_milliseconds(tmp_path):
 
 
 def test_a_generator_that_is_starved_itself_reports_nothing(tmp_path, monkeypatch):
-    from tests.benchmarks import most_players
+    from research.speed import most_players
 
     monkeypatch.setattr(most_players, "MOST_LAG_MS", -1.0)  # no timer is early
     cores = os.sched_getaffinity(0)

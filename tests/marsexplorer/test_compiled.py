@@ -1,0 +1,57 @@
+"""Compiling takes long once: it is said once, and nothing is left to compile."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from marsexplorer import compiled
+
+FIRST_STEP = """
+import gymnasium
+import marsexplorer
+env = gymnasium.make("MarsExplorer-v0")
+env.reset(seed=0)
+env.step(1)
+"""
+
+
+def first_step(**env):
+    """Return what a process writes to stderr from its first import to its first step."""
+    command = [sys.executable, "-c", FIRST_STEP]
+    return subprocess.run(
+        command, env=os.environ | env, capture_output=True, text=True, check=True
+    ).stderr
+
+
+@pytest.mark.timeout(120)
+def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", FIRST_STEP], env=env, stderr=subprocess.PIPE, text=True
+    ) as cold:
+        assert "compiling the rules" in cold.stderr.readline()
+        cold.kill()
+    first_step()  # in the cache of this checkout there is everything from now on
+    assert first_step() == ""
+
+
+@pytest.mark.long
+def test_a_cold_start_says_it_once_and_leaves_nothing_to_compile(tmp_path):
+    said = [first_step(NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
+    assert said[0].count("compiling the rules") == 1
+    assert len(said[0].splitlines()) == 1
+    assert said[1] == ""
+
+
+def test_compiling_for_long_is_said_once(capsys, monkeypatch):
+    monkeypatch.setattr(compiled, "NOTICE_AFTER_S", 0.01)
+    notice = compiled.CompilationNotice()
+    for _ in range(2):
+        for _ in range(2):  # one compilation inside another
+            notice.on_start(None)
+        notice._timer.join()
+        for _ in range(2):
+            notice.on_end(None)
+    assert capsys.readouterr().err.splitlines() == [compiled.NOTICE]
