@@ -17,7 +17,6 @@ from fastapi import FastAPI
 from app.admin.health import Health
 from app.admin.login import AdminPassword
 from app.admin.services import AdminServices
-from app.backup.rotation import Backups
 from app.daily.policies import DailyPolicies
 from app.leaderboard.leaderboard import Leaderboard
 from app.monitoring.event_loop import collect_in_quiet_moments, measure_lag, rare_collections
@@ -47,6 +46,7 @@ from app.protection import (
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
+from app.storage.backup import Backups
 from app.storage.checks import quick_check
 from app.storage.database import StoreError, damaged
 from app.storage.store import Store

@@ -64,7 +64,6 @@ EXTRA_OF_COMMAND = {
     "forget": "study",
     "backup": "play",
     "restore": "play",
-    "recover": "study",
     "operator": "play",
 }
 """Command -> the extra that brings all it needs."""

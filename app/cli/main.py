@@ -46,7 +46,6 @@ COMMANDS = {
     "forget": "Erase a participant from a database.",
     "backup": "Copy the database into one verified file while people play.",
     "restore": "Put a backup in the place of the database.",
-    "recover": "Read out what can be read of a damaged database.",
     "operator": "Let operators log in at /admin by name.",
 }
 """Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module."""
@@ -59,7 +58,6 @@ _MODULES = {
     "forget": "database.forget",
     "backup": "database.backup",
     "restore": "database.restore",
-    "recover": "database.recover",
     "operator": "database.operator",
     "evaluate": "training.evaluate",
     "leaderboard": "training.leaderboard",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.storage.connection import reading, rows
+from app.storage.database import reading, rows
 from app.storage.store import Store
 
 _NEWEST = "SELECT at_ms, operator, action, study, status FROM operator_actions ORDER BY number DESC LIMIT ?"

@@ -18,8 +18,7 @@ import pyotp
 from argon2 import PasswordHasher
 from argon2.exceptions import VerifyMismatchError
 
-from app.storage.connection import reading, rows
-from app.storage.database import StoreError, open_database, transaction
+from app.storage.database import StoreError, open_database, reading, rows, transaction
 from app.storage.store import Store
 
 MIN_PASSWORD = 8

@@ -111,7 +111,3 @@ def _check_cause(row: dict[str, Any]) -> Iterator[Finding]:
         yield Finding(
             where, "start of a daily attempt", row["started_ms"], f"a time on {row['day']} (UTC)"
         )
-    if row["version"] == 1:
-        yield Finding(
-            where, "daily attempt", row["day"], "an entry of the chain from before there were any"
-        )

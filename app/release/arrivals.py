@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from app.storage.connection import rows
+from app.storage.database import rows
 from app.storage.forgotten import ARRIVALS, ERASED
 from app.study.flow import Arrivals, with_invitations, with_noted
 from app.study.invitations import Invitation

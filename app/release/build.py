@@ -28,9 +28,8 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_pseudonymized
 from app.release.queries import QUERIES
 from app.release.tables import JsonLines, released_episodes, write_tables
-from app.storage.chain_checks import chain_state
-from app.storage.connection import reading, rows
-from app.storage.database import BUSY_MS, StoreError, transaction
+from app.storage import chain
+from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release, noted_looks
 from app.study.data import LookTaken, load
 from app.study.folder import Advance
@@ -186,7 +185,7 @@ def _new_header(
         )
     last = latest_release(conn, request.study)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    state = chain_state(conn)
+    entries, head = chain.head(conn)
     return ReleaseHeader(
         study=request.study,
         protocol=_protocol(row),
@@ -199,8 +198,8 @@ def _new_header(
         supersedes=_superseded(last) if last else None,
         authors=request.authors or (f"The operators of the study {request.study}",),
         url=request.url,
-        chain_head=state.head if state else None,
-        chain_entries=state.entries if state else 0,
+        chain_head=head or None,
+        chain_entries=entries,
         without_policies=request.without_policies,
         looks=joined_looks(
             request.looks, [LookTaken(**each) for each in noted_looks(conn, request.study)]

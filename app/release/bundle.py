@@ -14,8 +14,7 @@ from app.database_file.lock import take_lock
 from app.release.errors import ReleaseError
 from app.release.header import BUNDLE_DATABASE
 from app.release.manifest import check_files, read_manifest
-from app.storage.connection import reading
-from app.storage.database import StoreError, transaction
+from app.storage.database import StoreError, reading, transaction
 from app.storage.forgotten import learn_counts
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
 from app.storage.releases import ReleaseRow, note_imported_release, note_looks

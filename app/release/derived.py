@@ -14,8 +14,7 @@ from types import MappingProxyType
 
 from app.moves.likeness import EpisodeAgreements
 from app.moves.regret import RegretRow
-from app.storage.connection import rows
-from app.storage.database import transaction
+from app.storage.database import rows, transaction
 from app.study.data import StudyData
 from app.study.policy_episodes import PolicyEpisode
 from marsexplorer.config import ACTIONS, EnvConfig

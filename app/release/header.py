@@ -23,7 +23,7 @@ class ReleaseHeader:
     supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
     rows        rows by table
     left_out    what the release does not hold, counted
-    chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None for one of an earlier schema
+    chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None without an entry
     looks       taken at the study's figures while it was open; `looks.json` holds them
     arrivals    people who are not in it, and invitations
     attestation ranked episodes of people by level; "" stands for those that have none

@@ -18,8 +18,7 @@ from typing import Any
 from app.release.arrivals import arrivals_row
 from app.release.errors import ReleaseError
 from app.storage import chain
-from app.storage.connection import rows, stream
-from app.storage.database import open_database, transaction
+from app.storage.database import open_database, rows, stream, transaction
 from app.storage.forgotten import ERASED
 from app.study.flow import Arrivals
 

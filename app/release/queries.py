@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from app.release.columns import BUNDLE_COLUMNS
-from app.storage.connection import stream
+from app.storage.database import stream
 
 QUERIES = Path(__file__).with_name("queries.sql")
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 from app.release.columns import BUNDLE_COLUMNS, Column
 from app.release.errors import library
 from app.release.queries import select
-from app.storage.connection import rows
+from app.storage.database import rows
 from app.storage.reader import record_of
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, replay

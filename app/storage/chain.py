@@ -7,7 +7,8 @@ head which was printed or published stands for everything up to it. The table `c
 stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by trying: when
 somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
 
-The columns that a hash covers are listed here by version, so that a column of a later schema changes no earlier hash.
+An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not sound: it keeps the hash that
+did not fit, and `verify` goes on reporting it.
 """
 
 from __future__ import annotations
@@ -23,13 +24,6 @@ from typing import Any, Literal, NamedTuple
 
 Kind = Literal["study", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
-
-VERSION = 2
-"""The version of the columns that new entries cover; since version 2 those of an episode cover the daily terrain it is of."""
-
-UNSOUND = 0
-"""The version of an entry whose `hash` was found not to fit the rows: when an earlier schema was upgraded, on a merge, or when
-somebody was forgotten. `verify` goes on reporting it."""
 
 DAY_MS = 86_400_000
 _SALT_BYTES = 32
@@ -75,11 +69,11 @@ _EVENTS = _Part(
     "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms",
     "episode_id = :id AND number >= :first AND number < :until ORDER BY number",
 )
-_PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
-    (1, "study"): (
+_PARTS: dict[Kind, tuple[_Part, ...]] = {
+    "study": (
         _Part("studies", "name, protocol, protocol_hash, commitment, frozen_ms, closed_ms, secret", "name = :id"),
     ),
-    (1, "session"): (
+    "session": (
         _Part("sessions", "id, player_id, owner_id, driver_name, rival_of, created_ms, control", "id = :id"),
         _Part(
             "players",
@@ -88,7 +82,7 @@ _PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
             "ORDER BY id",
         ),
     ),
-    (1, "episode"): (
+    "episode": (
         _Part(
             "episodes",
             "id, session_id, number, level, config, config_hash, seed, seed_chosen, terrain, terrain_hash, terrain_met_before, "
@@ -103,9 +97,15 @@ _PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
         ),
         _Part("study_episodes", "participant_id, phase, trial, terrain", "episode_id = :id"),
         _EVENTS,
+        _Part("daily_attempts", "day, player_id, commitment", "episode_id = :id"),
+        _Part(
+            "daily_terrains",
+            "commitment, day, key, config",
+            "commitment = (SELECT commitment FROM daily_attempts WHERE episode_id = :id)",
+        ),
     ),
-    (1, "events"): (_EVENTS,),
-    (1, "participant"): (
+    "events": (_EVENTS,),
+    "participant": (
         _Part(
             "participants",
             "id, study, player_id, session_id, kind, script, stage, consent_version, consent_ms, joined_ms, completed_ms, "
@@ -117,15 +117,6 @@ _PARTS: dict[tuple[int, Kind], tuple[_Part, ...]] = {
         _Part("players", "id, created_ms", "id = (SELECT player_id FROM participants WHERE id = :id)"),
     ),
 }  # fmt: skip
-_PARTS |= {(2, kind): parts for (_, kind), parts in _PARTS.items()}
-_PARTS[2, "episode"] += (
-    _Part("daily_attempts", "day, player_id, commitment", "episode_id = :id"),
-    _Part(
-        "daily_terrains",
-        "commitment, day, key, config",
-        "commitment = (SELECT commitment FROM daily_attempts WHERE episode_id = :id)",
-    ),
-)
 
 OWNERS: dict[Kind, str] = {
     "study": "SELECT name FROM studies",
@@ -137,11 +128,7 @@ OWNERS: dict[Kind, str] = {
 
 
 def compute(
-    conn: sqlite3.Connection,
-    thing: Thing,
-    salt: bytes,
-    version: int = VERSION,
-    begun: BegunHash | None = None,
+    conn: sqlite3.Connection, thing: Thing, salt: bytes, begun: BegunHash | None = None
 ) -> dict[str, str]:
     """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
 
@@ -149,7 +136,7 @@ def compute(
     """
     covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
     parts = {}
-    for part in _PARTS[version, thing.kind]:
+    for part in _PARTS[thing.kind]:
         if begun is not None and part is _EVENTS and covered["until"] == _BEYOND:
             found, first = begun.found.copy(), begun.until
         else:
@@ -205,17 +192,17 @@ def append(
     """
     thing = Thing(kind, ident, first)
     sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
-        WHERE s.kind = ? AND s.id = ? AND s.first = ? AND c.version = ?"""
-    for (stored,) in select(conn, sql, (*thing, UNSOUND)).fetchall():
+        WHERE s.kind = ? AND s.id = ? AND s.first = ? AND NOT c.is_sound"""
+    for (stored,) in select(conn, sql, thing).fetchall():
         return append_unsound(conn, kind, ident, stored)
     salt = secrets.token_bytes(_SALT_BYTES) if begun is None else begun.salt
     parts = compute(conn, thing, salt, begun=begun)
-    return _append(conn, thing, VERSION, combine(parts), salt, parts)
+    return _append(conn, thing, True, combine(parts), salt, parts)
 
 
 def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
     """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is that entry's hash."""
-    _append(conn, Thing(kind, ident), UNSOUND, stored, secrets.token_bytes(_SALT_BYTES), {})
+    _append(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
 
 
 @contextmanager
@@ -252,7 +239,7 @@ def append_note(
 ) -> None:
     """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
     note = canonical(content).decode().rstrip()
-    _link(conn, kind, VERSION, None, hashlib.sha256(note.encode()).hexdigest(), note)
+    _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
 
 
 def things(conn: sqlite3.Connection) -> set[Thing]:
@@ -276,15 +263,13 @@ def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None
 
     An episode's entries are its own and those of the input events that came after its end.
     """
-    sql = """SELECT s.first, s.salt, s.parts, c.kind, c.version, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
+    sql = """SELECT s.first, s.salt, c.kind, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
     found = select(conn, sql, (ident, kind, _also(kind))).fetchall()
-    for first, salt, _, of, version, stored in found:
-        if (version, of) not in _PARTS or combine(
-            compute(conn, Thing(of, ident, first), salt, version)
-        ) != stored:
+    for first, salt, of, stored in found:
+        if of not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt)) != stored:
             return str(stored or "missing")
-    return None if any(row[3] == kind for row in found) else "missing"
+    return None if any(row[2] == kind for row in found) else "missing"
 
 
 def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
@@ -304,14 +289,14 @@ def _also(kind: Kind) -> Kind:
 def _append(
     conn: sqlite3.Connection,
     thing: Thing,
-    version: int,
+    is_sound: bool,
     hash_: str,
     salt: bytes,
     parts: Mapping[str, str],
 ) -> None:
     sql = "SELECT number FROM chain_salts WHERE kind = ? AND id = ? AND first = ?"
     replaces = select(conn, sql, thing).fetchone()
-    number = _link(conn, thing.kind, version, replaces and replaces[0], hash_, None)
+    number = _link(conn, thing.kind, is_sound, replaces and replaces[0], hash_, None)
     values = (*thing, number, salt, canonical(parts).decode().rstrip())
     conn.execute("INSERT OR REPLACE INTO chain_salts VALUES (?, ?, ?, ?, ?, ?)", values)
 
@@ -319,7 +304,7 @@ def _append(
 def _link(
     conn: sqlite3.Connection,
     kind: str,
-    version: int,
+    is_sound: bool,
     replaces: int | None,
     hash_: str,
     note: str | None,
@@ -327,7 +312,7 @@ def _link(
     """Append an entry and return its number; its time is the day alone, since entries outlive people who are forgotten."""
     last = head(conn)
     now = time.time_ns() // 1_000_000
-    entry = (last.entries + 1, now - now % DAY_MS, kind, version, replaces, hash_, note)
+    entry = (last.entries + 1, now - now % DAY_MS, kind, int(is_sound), replaces, hash_, note)
     conn.execute(
         "INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, link(last.head, entry))
     )

@@ -1,4 +1,4 @@
-"""The database file: recognised or refused before a byte is written, opened, and brought to the newest schema.
+"""The database file: recognised or refused before a byte is written, opened, and read at one moment.
 
 A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the
 file turns to write-ahead logging (WAL), so that it is in the file itself even when the server is killed a moment later.
@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 import sqlite3
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 from app.database_file.errors import StoreError
-from app.database_file.in_use import is_in_use
-from app.storage.migrations import MIGRATIONS, Migration
+from app.database_file.in_use import hold, is_in_use
+from app.storage.schema import SCHEMA, TABLES
 
 
 @contextmanager
@@ -45,10 +46,12 @@ __all__ = [
     "damaged",
     "holds_step",
     "lost_steps",
-    "migrate",
     "open_database",
     "open_read_only",
+    "reading",
     "recognise",
+    "rows",
+    "stream",
     "transaction",
 ]
 
@@ -68,27 +71,25 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def migrate(
-    conn: sqlite3.Connection, path: Path, migrations: Sequence[Migration] = MIGRATIONS
-) -> None:
-    """Bring the database to the newest schema; each migration and its number are one transaction."""
-    _check_version(conn, path, len(migrations))
-    for number in range(_version(conn) + 1, len(migrations) + 1):
-        with transaction(conn):
-            if _version(conn) < number:
-                migrations[number - 1](conn)
-                conn.execute(f"PRAGMA user_version = {number}")
+def create_tables(conn: sqlite3.Connection) -> None:
+    """Make the tables of a new database and give it its number; one that has a number stays as it is."""
+    with transaction(conn):
+        if _schema_of(conn) == 0:
+            for statement in TABLES.split(";\n"):
+                conn.execute(statement)
+            conn.execute(f"PRAGMA user_version = {SCHEMA}")
 
 
-def _version(conn: sqlite3.Connection) -> int:
+def _schema_of(conn: sqlite3.Connection) -> int:
     return int(conn.execute("PRAGMA user_version").fetchone()[0])
 
 
-def _check_version(conn: sqlite3.Connection, path: Path, known: int) -> None:
-    if (found := _version(conn)) > known:
+def _check_schema(conn: sqlite3.Connection, path: Path, *, may_be_new: bool = False) -> None:
+    found = _schema_of(conn)
+    if found != SCHEMA and not (found == 0 and may_be_new):
         raise StoreError(
-            f"{path} has schema {found}, this version knows up to {known}: "
-            "update MarsExplorer Playground or give another --database"
+            f"{path} must have schema {SCHEMA}, got schema {found}: open it with the version of MarsExplorer Playground that "
+            "made it, or give another --database (a new path makes a new one)"
         )
 
 
@@ -174,10 +175,8 @@ def lost_steps(path: Path, step: tuple[str, int]) -> str:
     )
 
 
-def open_database(
-    path: Path, durable: bool = False, migrations: Sequence[Migration] = MIGRATIONS
-) -> Database:
-    """Open the database for writing, recognised, migrated and in WAL mode; it is made when absent."""
+def open_database(path: Path, durable: bool = False) -> Database:
+    """Open the database for writing, recognised and in WAL mode; it is made when absent."""
     check_writable(path)
     try:
         conn = sqlite3.connect(
@@ -188,11 +187,11 @@ def open_database(
     try:
         if path.stat().st_size == 0:
             conn.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        _check_version(conn, path, len(migrations))
+        _check_schema(conn, path, may_be_new=True)
         conn.execute("PRAGMA journal_mode = WAL")
         conn.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
         conn.execute("PRAGMA foreign_keys = ON")
-        migrate(conn, path, migrations)
+        create_tables(conn)
         with transaction(conn):
             conn.execute("SELECT count(*) FROM meta")
         return Database(conn)
@@ -204,11 +203,7 @@ def open_database(
 
 
 def open_read_only(path: Path) -> Database:
-    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours.
-
-    One of an earlier schema, such as that of an earlier release, is read from a copy in memory that has the newest; the file
-    stays as it is.
-    """
+    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours."""
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
@@ -225,8 +220,8 @@ def open_read_only(path: Path) -> Database:
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     try:
-        _check_version(conn, path, len(MIGRATIONS))
-        return Database(conn if _version(conn) == len(MIGRATIONS) else _upgraded_copy(conn, path))
+        _check_schema(conn, path)
+        return Database(conn)
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
@@ -234,26 +229,11 @@ def open_read_only(path: Path) -> Database:
         raise
 
 
-def _upgraded_copy(conn: sqlite3.Connection, path: Path) -> sqlite3.Connection:
-    """Return a copy of the database in memory, with the newest schema and closed to writes; `conn` is closed."""
-    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
-    try:
-        conn.backup(copy)
-        migrate(copy, path)
-        copy.execute("PRAGMA query_only = ON")
-    except BaseException:
-        copy.close()
-        raise
-    finally:
-        conn.close()
-    return copy
-
-
 def damaged(path: Path, found: str) -> str:
     """Return one sentence for a database that is damaged, with the ways out."""
     return (
         f"the database {path} is damaged ({found}): restore it from a backup (marsexplorer restore), read out what can be read "
-        f"(marsexplorer recover {path} --out NEW), or give another --database"
+        f"(sqlite3 {path} .recover | sqlite3 NEW), or give another --database"
     )
 
 
@@ -267,3 +247,37 @@ def _explain(path: Path, error: sqlite3.Error) -> str:
     if "locked" in text:
         return f"{path} is in use by another program: stop it or give another --database"
     return f"cannot open the database {path}: {text}"
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a read-only connection that sees a database as it is at the first query.
+
+    StoreError when the file is not one of ours, and when it turns out to be damaged inside the block.
+    """
+    db = open_read_only(path)
+    release = hold(path)
+    try:
+        conn: sqlite3.Connection = db.conn
+        conn.execute("BEGIN")
+        yield conn
+    except sqlite3.DatabaseError as error:
+        if "malformed" not in str(error) and "not a database" not in str(error):
+            raise
+        raise StoreError(damaged(path, str(error))) from error
+    finally:
+        db.close()
+        release()
+
+
+def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:
+    """Yield a query's rows one at a time, each a dictionary by column."""
+    cursor = conn.execute(sql, values)
+    names = [column[0] for column in cursor.description]
+    for row in cursor:
+        yield dict(zip(names, row, strict=True))
+
+
+def rows(conn: sqlite3.Connection, sql: str, *values: Any) -> list[dict[str, Any]]:
+    """Return a query's rows, each a dictionary by column."""
+    return list(stream(conn, sql, *values))

@@ -18,8 +18,7 @@ from typing import Any
 from app.database_file.lock import take_lock
 from app.storage import chain
 from app.storage.chain import Thing
-from app.storage.connection import reading, rows
-from app.storage.database import StoreError, open_database, transaction
+from app.storage.database import StoreError, open_database, reading, rows, transaction
 from app.storage.forgotten import (
     TRAJECTORY,
     invitation_hash,

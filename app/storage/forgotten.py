@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Mapping
 from typing import Any
 
-from app.storage.connection import rows
+from app.storage.database import rows
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"

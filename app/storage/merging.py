@@ -12,9 +12,7 @@ from typing import Any
 
 from app.storage import chain
 from app.storage.chain import Kind, Thing
-from app.storage.chain_checks import chain_state
-from app.storage.connection import reading, rows, stream
-from app.storage.database import StoreError, open_database, transaction
+from app.storage.database import StoreError, open_database, reading, rows, stream, transaction
 from app.storage.forgotten import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
@@ -133,12 +131,8 @@ def _extend_chain(
     added  what is new in the target
     found  everything of the source that was merged, new or not
     """
-    state = chain_state(source)
-    chain.append_note(
-        target,
-        "merged",
-        {"merged": {"head": state and state.head, "entries": state and state.entries}},
-    )
+    entries, head = chain.head(source)
+    chain.append_note(target, "merged", {"merged": {"head": head, "entries": entries}})
     stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
     unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
     chain.append_all(target, added | unsound.keys(), unsound)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from app.storage.connection import rows
+from app.storage.database import rows
 from app.storage.reader import Reader, utc_day
 from app.storage.store import DAY_MS, Store
 from marsexplorer.config import EnvConfig
@@ -187,9 +187,7 @@ _RESULTS = """SELECT a.episode_id, a.player_id, e.outcome, e.steps, e.discovered
     WHERE a.commitment = ?1 AND e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0
     AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
 _CAUSES = """SELECT a.episode_id, a.day, a.player_id, a.commitment, t.day AS terrain_day, t.key, t.config AS terrain_config,
-    e.seed, e.config, e.seed_chosen, e.assisted, e.started_ms, s.owner_id,
-    (SELECT c.version FROM chain_salts x JOIN chain c USING (number) WHERE x.kind = 'episode' AND x.id = e.id) AS version
-    FROM daily_attempts a JOIN daily_terrains t ON t.commitment = a.commitment JOIN episodes e ON e.id = a.episode_id
+    e.seed, e.config, e.seed_chosen, e.assisted, e.started_ms, s.owner_id FROM daily_attempts a JOIN daily_terrains t ON t.commitment = a.commitment JOIN episodes e ON e.id = a.episode_id
     JOIN sessions s ON s.id = e.session_id ORDER BY a.day, a.episode_id"""
 
 
@@ -268,7 +266,7 @@ def daily_terrains(conn: sqlite3.Connection) -> list[dict[str, Any]]:
 
 
 def daily_causes(conn: sqlite3.Connection) -> list[dict[str, Any]]:
-    """Return for every daily attempt what it follows from, and the `version` of its episode's entry in the chain."""
+    """Return for every daily attempt what it follows from."""
     return rows(conn, _CAUSES)
 
 

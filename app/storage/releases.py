@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from app.storage.connection import rows
+from app.storage.database import rows
 from app.storage.forgotten import LOOKS
 
 

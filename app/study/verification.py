@@ -18,8 +18,8 @@ from pathlib import Path
 
 from app.play.daily_terrain import check_daily
 from app.storage import checks
-from app.storage.chain_checks import ChainState, EarlierHead, chain_state, check_chain, find_head
-from app.storage.connection import is_copy, reading
+from app.storage.checks import ChainState, EarlierHead, chain_state, check_chain, find_head
+from app.storage.database import reading
 from app.storage.resimulation import Finding
 from app.study.checks import check_attestation, check_studies
 from app.study.folder import Advance, Folder
@@ -40,7 +40,7 @@ class Verification:
     episodes, moves   simulated
     still_open        unfinished episodes, not simulated
     findings          what differs; empty when all is well
-    chain             what the chain is; None for a database of an earlier schema
+    chain             what the chain is; None where none was read
     since             what came after an earlier head, where one was given and found
     """
 
@@ -136,10 +136,9 @@ def _check_episodes(
 ) -> Iterator[tuple[int, int, list[Finding]]]:
     """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
 
-    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for. The copy
-    that is read of an earlier schema is made once.
+    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
     """
-    if len(episodes) < PARALLEL_FROM or cores() == 1 or is_copy(conn):
+    if len(episodes) < PARALLEL_FROM or cores() == 1:
         for ident in episodes:
             yield (1, *_check_episode(conn, ident))
         return

@@ -30,7 +30,7 @@ TITLES = {
 FAILED = "The fault is the server's, and it has noted it. Try again in a moment."
 UNREADABLE = (
     "the server's database cannot be read here: whoever runs the server finds the reason in its log, and `marsexplorer verify` "
-    "or `marsexplorer recover` says what is damaged"
+    "says what is damaged"
 )
 _log = logging.getLogger(__name__)
 _PAGE = environment.get_template("error_page.html")

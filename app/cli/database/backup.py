@@ -25,7 +25,7 @@ def backup(file: Path, database: Path | None) -> None:
       marsexplorer backup monday.db
       marsexplorer backup /mnt/backups/lab.db --database lab.db
     """
-    from app.backup.copying import back_up
+    from app.storage.backup import back_up
     from app.storage.database import StoreError
 
     path = database or settings_of().database

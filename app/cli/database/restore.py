@@ -25,7 +25,7 @@ def restore(backup: Path, database: Path | None, yes: bool) -> None:
       marsexplorer restore monday.db
       marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
     """
-    from app.backup.restoring import restore as put_back
+    from app.storage.backup import restore as put_back
     from app.storage.database import StoreError
 
     path = database or settings_of().database

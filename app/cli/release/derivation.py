@@ -47,7 +47,7 @@ def read_bundle(folder: Path) -> Derivation:
     from app.release.derived import read_policy_episodes
     from app.release.header import BUNDLE_DATABASE
     from app.release.manifest import read_manifest
-    from app.storage.connection import reading
+    from app.storage.database import reading
     from app.study.data import load
     from app.study.looks import LOOKS_FILE, with_looks_in
     from app.study.policy_files import FOLDER, PolicyFiles
@@ -98,7 +98,7 @@ def known_moves(made: Derivation, cache: Path, plays_again: bool) -> KnownMoves 
     from app.moves.regret import POLICY
     from app.release.derived import read_agreements, read_regrets
     from app.release.header import BUNDLE_DATABASE
-    from app.storage.connection import reading
+    from app.storage.database import reading
     from app.storage.reader import Reader
     from marsexplorer.policies import PolicyNotFoundError
 

@@ -13,7 +13,7 @@ from app.release.bundle import import_release, verify_bundle
 from app.release.manifest import MANIFEST
 from app.storage.merging import MergeError
 from app.study.verification import verify_database
-from tests.support import earlier
+from tests.support import golden
 
 EPISODES, MOVES = 53, 740
 
@@ -21,7 +21,7 @@ EPISODES, MOVES = 53, 740
 @pytest.fixture
 def studies(tmp_path):
     """A copy of the earlier studies, with the bundle unpacked as `dunes-1`."""
-    folder = earlier.studies(tmp_path)
+    folder = golden.studies(tmp_path)
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
     return folder
 
@@ -44,13 +44,8 @@ def without_release(text):
 
 
 def test_verify_prints_what_it_printed_before(studies, tmp_path, capsys):
-    shutil.copy(earlier.FIXTURES / "databases" / "schema-4.db", studies)
     found = ""
-    for kind, name in (
-        ("--database", "studies-play.db"),
-        ("--dataset", "dunes-1"),
-        ("--database", "schema-4.db"),
-    ):
+    for kind, name in (("--database", "studies-play.db"), ("--dataset", "dunes-1")):
         rest = ("--studies", studies) if kind == "--database" else ()
         found += f"$ marsexplorer verify {kind} {name}{' --studies .' if rest else ''}\n"
         found += printed(capsys, studies, "verify", kind, studies / name, *rest)

@@ -6,7 +6,7 @@ from fnmatch import fnmatch
 import pytest
 
 from app.cli.main import main
-from tests.support import earlier
+from tests.support import golden
 
 ROUNDING = {"rel": 1e-9, "abs": 1e-12}
 """Sums in another order differ in the last bits."""
@@ -81,7 +81,7 @@ def same(one, other, version):
     ("name", "options"), [("report.json", ()), ("report-synthetic.json", ("--synthetic",))]
 )
 def test_the_numbers_of_an_earlier_report_come_out_again(tmp_path, capsys, name, options):
-    folder = earlier.studies(tmp_path)
+    folder = golden.studies(tmp_path)
     where = ("--database", str(folder / "studies-play.db"), "--studies", str(folder))
     with pytest.raises(SystemExit) as left:
         main(

@@ -11,7 +11,7 @@ from app.cli.main import main
 from app.release.bundle import import_release
 from app.report import build
 from app.statistics.exclusion_sets import members, people_of
-from tests.support import earlier
+from tests.support import golden
 from tests.support.made_studies import played, run, study
 
 PARTS = (
@@ -51,7 +51,7 @@ def report_of(database, studies, path, *options):
 
 @pytest.mark.parametrize("options", [(), pytest.param(("--synthetic",), marks=pytest.mark.long)])
 def test_every_figure_of_an_imported_release_is_the_studys(tmp_path, options):
-    folder = earlier.studies(tmp_path)
+    folder = golden.studies(tmp_path)
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
     import_release(folder / "dunes-1", tmp_path / "other.db")
     own = report_of(folder / "studies-play.db", folder, tmp_path / "own.json", *options)

@@ -20,7 +20,6 @@ from app.storage.playground import (
 from app.storage.reader import Reader
 from app.storage.store import Store, StoreError
 from app.study.verification import verify_database
-from tests.support import earlier
 from tests.support.recorded import play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
 from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study
@@ -126,21 +125,6 @@ def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, found)
     change(store.path, "PRAGMA foreign_keys = OFF", harm)
     findings = verify_database(store.path).findings
     assert {"digest" if "digest" in each.what else each.what for each in findings} == found
-
-
-def test_an_episode_of_before_there_were_any_cannot_be_made_a_daily_one(tmp_path):
-    path, _ = earlier.database(5, tmp_path)
-    with closing(Store(path)) as store:
-        terrain = small_terrain(store)
-        (row, *_) = store.query(
-            "SELECT e.id, s.owner_id FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE seed = 11"
-        )
-    assert verify_database(path).findings == ()
-    change(
-        path,
-        f"INSERT INTO daily_attempts VALUES ('{row['id']}', '{DAY}', '{row['owner_id']}', '{terrain.commitment}')",
-    )
-    assert "daily attempt" in {finding.what for finding in verify_database(path).findings}
 
 
 def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):

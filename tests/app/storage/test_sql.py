@@ -1,5 +1,4 @@
-"""SQL stands in `app/storage`, in the release writer, `app/release`, in `app/operators`, which has tables of its own, and in
-`app/backup`, which copies and reads out whole files."""
+"""SQL stands in `app/storage`, in the release writer, `app/release`, and in `app/operators`, which has tables of its own."""
 
 import ast
 import re
@@ -8,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-SPEAKERS = ("app/storage", "app/release", "app/operators", "app/backup")
+SPEAKERS = ("app/storage", "app/release", "app/operators")
 STATEMENT = re.compile(
     r"""\s*(select\s.+\sfrom\s | select\s+1\b | insert\s+(or\s+\w+\s+)?into\s | update\s+(or\s+\w+\s+)?\w+\s+set\s
     | delete\s+from\s | (create|drop)\s+(unique\s+|temp\s+)?(table|index|view|trigger)\s | alter\s+table\s | pragma\s+\w

@@ -7,11 +7,13 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from app.storage import database
 from app.storage.database import APPLICATION_ID, StoreError
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS, StepRow, Store
@@ -345,16 +347,28 @@ def test_a_folder_in_place_of_a_file_is_refused(tmp_path):
         Store(tmp_path)
 
 
-def test_a_newer_schema_is_refused_and_left_as_it_is(tmp_path, path):
+@pytest.mark.parametrize("number", [2, 8])
+def test_another_schema_is_refused_and_left_as_it_is(path, number):
     Store(path).close()
     db = sqlite3.connect(path)
-    db.execute("PRAGMA user_version = 99")
+    db.execute(f"PRAGMA user_version = {number}")
     db.close()
     before = path.read_bytes()
     for opening in (Store, Reader.open):
-        with pytest.raises(StoreError, match=r"schema 99, this version knows up to \d+: update"):
+        with pytest.raises(
+            StoreError, match=f"must have schema 1, got schema {number}: open it with"
+        ):
             opening(path)
     assert path.read_bytes() == before
+
+
+def test_tables_that_cannot_all_be_made_are_not_made_at_all(path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(database, "TABLES", "CREATE TABLE half (a);\nnonsense;\n")
+        with pytest.raises(StoreError, match="cannot open"):
+            Store(path)
+    with closing(Store(path)) as store:
+        assert not store.query("SELECT name FROM sqlite_master WHERE name = 'half'")
 
 
 @pytest.mark.parametrize("keep", [20, 90, 600, 4096, 9000])

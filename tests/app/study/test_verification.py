@@ -10,6 +10,7 @@ from app.cli.main import main
 from app.play.attestation import COPIED
 from app.storage import chain
 from app.storage.checks import PlayedEpisode
+from app.storage.database import create_tables
 from app.study import verification
 from app.study.checks import check_attestation
 from app.study.verification import verify_database
@@ -76,10 +77,7 @@ FREE = {("sessions", "pace_mode"), ("sessions", "moves_per_second")}
 
 def columns():
     conn = sqlite3.connect(":memory:", isolation_level=None)
-    from app.storage.migrations import MIGRATIONS
-
-    for migration in MIGRATIONS:
-        migration(conn)
+    create_tables(conn)
     found = [
         (table, row[1], row[2])
         for table in ONE_ROW

@@ -15,7 +15,7 @@ from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
-from tests.support import earlier
+from tests.support import golden
 from tests.support.policy_files import flat_weights, sb3_description, write_sb3
 from tests.support.stored_studies import freeze, play_study
 
@@ -206,7 +206,7 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
 def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derived(
     reproduce, tmp_path
 ):
-    folder = earlier.studies(tmp_path)
+    folder = golden.studies(tmp_path)
     shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
     code, said, err = reproduce(folder / "dunes-1")
     assert (code, err) == (0, "")

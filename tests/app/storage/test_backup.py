@@ -12,11 +12,9 @@ from contextlib import closing
 
 import pytest
 
-from app.backup import copying
-from app.backup.copying import back_up
-from app.backup.restoring import restore
-from app.backup.rotation import Backups, StoppedError
 from app.cli.main import main
+from app.storage import backup
+from app.storage.backup import Backups, StoppedError, back_up, restore
 from app.storage.checks import quick_check
 from app.storage.database import StoreError
 from app.storage.store import Store
@@ -65,7 +63,7 @@ def test_a_backup_holds_every_step_that_was_committed_before_it(tmp_path):
 
 
 def test_a_backup_is_of_one_moment_while_a_server_writes(tmp_path, monkeypatch):
-    monkeypatch.setattr(copying, "PAGES", 1)
+    monkeypatch.setattr(backup, "PAGES", 1)
     path, copy = tmp_path / "play.db", tmp_path / "copy.db"
     with closing(Store(path)) as store:
         for seed in range(12):
@@ -100,7 +98,7 @@ def test_a_backup_overwrites_nothing_and_leaves_nothing_when_it_is_ended(databas
 
 LIMITED = """import resource, signal, sys
 from pathlib import Path
-from app.backup.copying import back_up
+from app.storage.backup import back_up
 from app.storage.database import StoreError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
@@ -205,6 +203,50 @@ def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server
     ):
         with pytest.raises(StoreError, match=sentence):
             restore(wrong, database, "now")
+
+
+def leaf_pages(path, table):
+    """Return the pages of a table's rows in their order, as the shell of SQLite names them."""
+    sql = f"SELECT pageno FROM dbstat WHERE name = '{table}' AND pagetype = 'leaf' ORDER BY path"
+    return [int(number) for number in run_sqlite(path, sql).split()]
+
+
+def run_sqlite(path, command, text=None):
+    """Return what the shell of SQLite prints on a database; skip where there is none that can do this."""
+    shell = shutil.which("sqlite3")
+    if shell is None:
+        pytest.skip("sqlite3 is not installed: no damaged file is read out here")
+    words = [shell, str(path), *([command] if command else [])]
+    done = subprocess.run(words, input=text, capture_output=True, text=True, timeout=60)
+    if (
+        done.returncode and "logic error" in done.stderr
+    ) or "no such table: sqlite_dbpage" in done.stderr:
+        pytest.skip(
+            "this sqlite3 was built without .recover, as that of Debian 12: no damaged file is read out here"
+        )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_sqlite_reads_out_a_damaged_file_and_verify_names_what_is_missing(tmp_path):
+    path, new = tmp_path / "play.db", tmp_path / "new.db"
+    with closing(Store(path)) as store:
+        played = [play(store, seed=seed, explore=True).id for seed in range(60)]
+    pages = leaf_pages(path, "steps")
+    run_sqlite(new, None, run_sqlite(path, ".recover"))
+    assert verify_database(new).findings == (), "a whole file comes out as it is"
+    new.unlink()
+    damage(path, pages[len(pages) // 2] - 1)
+    assert quick_check(path) != "ok"
+    run_sqlite(new, None, run_sqlite(path, ".recover"))
+    assert quick_check(new) == "ok"
+    found = verify_database(new)
+    harmed = {each.where.removeprefix("episode ") for each in found.findings}
+    assert found.episodes == 60
+    assert harmed <= set(played)
+    assert 0 < len(harmed) <= 60 * 2 / len(pages)
+    with closing(Store(new)) as store:
+        play(store, seed=5_000)
 
 
 def test_the_commands_say_what_they_did(database, tmp_path, capsys):
