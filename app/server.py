@@ -27,10 +27,9 @@ from app.monitoring.requests import NotedRoute, ObservedRequests
 from app.moves.service import Regrets
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
-from app.play.player_tokens import PlayerTokens
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
-from app.play.sources import Sources
+from app.play.sources import PlayerTokens, Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
 from app.protection import (

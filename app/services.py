@@ -11,8 +11,8 @@ from app.leaderboard.leaderboard import Leaderboard
 from app.moves.service import Regrets
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
-from app.play.player_tokens import PlayerTokens
 from app.play.ranked import PageBoards
+from app.play.sources import PlayerTokens
 from app.play.spectators import Spectators
 from app.protection import Protection
 from app.replay.service import Replays

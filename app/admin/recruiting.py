@@ -7,7 +7,7 @@ from typing import Any
 from app.storage.reader import Reader
 from app.study.folder import Study
 from app.study.invitations import Invitations, state_of, token_of, uses_of
-from app.study.supervision import code_of, valid_until_ms
+from app.study.recruitment import code_of, valid_until_ms
 
 
 def recruiting(

@@ -1,11 +1,22 @@
-"""A policy that drives a session: it waits for its turn, decides off the event loop, and moves like anyone else."""
+"""Policies that drive sessions: an agent waits for its turn, decides off the event loop, and moves like anyone else.
+
+`DecisionQueue` decides for many of them on one thread; boards that share a network are decided together.
+`ExpectedDiscoveries` says what a look from each cell is expected to show: the numbers that the frontier rules, the planner and
+`ppo` weigh. They follow from the observation alone, so nothing of the terrain is in them: unknown cells are taken to hide
+nothing. They are worked out for whoever asks, once for each frame, and never for a board that a person plays.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
+import time
+from collections import defaultdict
 from collections.abc import Callable
+from concurrent.futures import Executor
 from contextlib import suppress
+from dataclasses import dataclass
 from math import nan
 from typing import Protocol, runtime_checkable
 
@@ -14,12 +25,146 @@ from numpy.typing import NDArray
 
 from app.database_file.errors import WriteRefusedError
 from app.database_file.write_queue import NOTICE_S
-from app.play.decision_queue import DecisionQueue, SlowDecisionError
 from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
 from app.play.session import Move, RefusedError, Session
 from app.storage.store import EpisodeRow, StoreError
+from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy, goal_of
+from marsexplorer.policies.kernels.visibility import VisibilityMap
+from marsexplorer.policies.network.batch import act_many, shared_net
+
+MAX_BATCH = 64
+"""Boards decided in one call at most: some 10 ms."""
+
+DECISION_S = 10.0
+"""Seconds that a decision may take unless a server's settings say otherwise."""
+
+THREADS = 4
+"""One thread that decides, and those that may be left with a decision that takes too long: nothing can end it."""
+
+
+class SlowDecisionError(Exception):
+    """A decision took longer than it may; the policy that makes it must not be asked again."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    policy: Policy
+    observation: NDArray[np.uint8]
+    owner: str
+    answer: asyncio.Future[int]
+
+
+class DecisionQueue:
+    """Decides for every agent on one thread: more threads would only take the interpreter from the event loop more often.
+
+    Boards that ask while it is busy, or in the same turn of the event loop, and share a network are decided in one call of
+    it. Otherwise the owner whose boards have had the least time is served first, and of each owner's boards the one that asked
+    first: thirty large boards of one player or of many keep a small one waiting for one of their decisions, not for thirty.
+    A decision that takes longer than `decision_s` seconds is given up, and the next is made beside it.
+
+    threads  at least THREADS workers, so that one is free while others are left with decisions that took too long
+    """
+
+    def __init__(self, threads: Executor, decision_s: float = DECISION_S) -> None:
+        self._threads, self._decision_s = threads, decision_s
+        self._waiting: list[_Request] = []
+        self._used_s: defaultdict[str, float] = defaultdict(float)
+        self._left: set[asyncio.Future[list[int | Exception]]] = set()
+        self._serving: asyncio.Task[None] | None = None
+
+    def __len__(self) -> int:
+        """Return how many boards wait for a decision that nobody is working on."""
+        return len(self._waiting)
+
+    async def act(self, policy: Policy, observation: NDArray[np.uint8], owner: str = "") -> int:
+        """Return the policy's action for observation uint8[rows, cols], or raise what the policy raised.
+
+        SlowDecisionError when it took too long. A board whose asker was cancelled may still be decided; its answer is dropped.
+        """
+        answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        if owner not in self._used_s:  # whoever is new begins beside those who have had the least
+            self._used_s[owner] = min(self._used_s.values(), default=0.0)
+        self._waiting.append(_Request(policy, observation, owner, answer))
+        if self._serving is None:
+            self._serving = asyncio.create_task(self._serve(), name="decisions")
+        return await answer
+
+    async def _serve(self) -> None:
+        try:
+            while self._waiting:
+                await asyncio.sleep(0)  # let every board that asks in this turn of the loop join
+                await self._answer(self._next_batch())
+        finally:
+            self._serving = None
+            least = min(
+                self._used_s.values(), default=0.0
+            )  # who has had no more than the others is as new
+            self._used_s = defaultdict(
+                float, {owner: s for owner, s in self._used_s.items() if s > least}
+            )
+
+    def _next_batch(self) -> list[_Request]:
+        """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
+        next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
+        first = shared_net(next_one.policy)
+        chosen: list[_Request] = [next_one]
+        left: list[_Request] = []
+        for request in self._waiting:
+            if request is next_one:
+                continue
+            is_same = (
+                first is not None
+                and len(chosen) < MAX_BATCH
+                and shared_net(request.policy) is first
+            )
+            (chosen if is_same else left).append(request)
+        self._waiting = left
+        return chosen
+
+    async def _answer(self, batch: list[_Request]) -> None:
+        policies, observations = (
+            [request.policy for request in batch],
+            [request.observation for request in batch],
+        )
+        began = time.monotonic()
+        answers: list[int | Exception]
+        try:
+            answers = await self._decide(policies, observations)
+        except Exception as error:
+            answers = [error] * len(batch)
+        share_s = (time.monotonic() - began) / len(batch)
+        for request, answer in zip(batch, answers, strict=True):
+            self._used_s[request.owner] += share_s
+            if request.answer.done():
+                continue
+            if isinstance(answer, Exception):
+                request.answer.set_exception(answer)
+            else:
+                request.answer.set_result(answer)
+
+    async def _decide(
+        self, policies: list[Policy], observations: list[NDArray[np.uint8]]
+    ) -> list[int | Exception]:
+        """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
+        deciding = asyncio.get_running_loop().run_in_executor(
+            self._threads, act_many, policies, observations
+        )
+        done, _ = await asyncio.wait([deciding], timeout=self._decision_s)
+        if done:
+            return list(deciding.result())
+        self._left.add(deciding)
+        deciding.add_done_callback(self._note_end)
+        if len(self._left) >= THREADS:
+            await asyncio.wait(self._left, return_when=asyncio.FIRST_COMPLETED)
+        raise SlowDecisionError(f"a decision took longer than {self._decision_s:g} s")
+
+    def _note_end(self, deciding: asyncio.Future[list[int | Exception]]) -> None:
+        self._left.discard(deciding)
+        if not deciding.cancelled():
+            deciding.exception()
+
 
 DEFAULT_MOVES_PER_SECOND = 8.0
 """Of a policy's board until somebody changes its pace, and of a rival whose player's episode has ended."""
@@ -202,3 +347,35 @@ def replay_decisions(policy: Policy, row: EpisodeRow, actions: bytes) -> None:
     for action in actions:
         policy.act(episode.codes.copy())
         episode.step(action)
+
+
+class ExpectedDiscoveries:
+    """The newest answer of one session."""
+
+    def __init__(self) -> None:
+        self._asked: tuple[str, int] | None = None
+        self._answer = ""
+        self._map: VisibilityMap | None = None
+
+    def of(self, session: Session) -> str:
+        """Return the message about the newest frame; PermissionError on a board that a person plays."""
+        if session.is_human or session.participation is not None:
+            raise PermissionError(
+                "what a look is expected to show is told of a policy's own board alone"
+            )
+        episode, asked = session.episode, (session.current.id, session.episode.steps)
+        if asked != self._asked:
+            self._asked, self._answer = asked, self._encode(session.current.id, episode)
+        return self._answer
+
+    def _encode(self, episode_id: str, episode: Episode) -> str:
+        shape, radius = episode.codes.shape, episode.config.sensor_radius
+        if self._map is None or (self._map.shape, self._map.radius) != (shape, radius):
+            self._map = VisibilityMap(shape, radius)
+        visited = np.zeros(shape, np.uint8)
+        visited[tuple(np.array(episode.path).T)] = 1
+        new_cells = self._map.expected_everywhere(episode.codes, visited)
+        places = np.argwhere(new_cells)
+        cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
+        message = {"kind": "expected", "episode": episode_id, "step": episode.steps, "cells": cells}
+        return json.dumps(message, separators=(",", ":"))

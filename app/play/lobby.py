@@ -14,9 +14,8 @@ from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, n
 from dataclasses import replace
 from functools import partial
 
-from app.play.agent import DEFAULT_MOVES_PER_SECOND, Agent
+from app.play.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
 from app.play.attestation import Attested
-from app.play.decision_queue import DECISION_S, THREADS, DecisionQueue
 from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
 from app.play.paired_board import BoardGroup
 from app.play.policy_catalogue import PolicyCatalogue

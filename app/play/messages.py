@@ -24,8 +24,7 @@ from pydantic import (
     model_validator,
 )
 
-from app.play.sizes import Size
-from app.play.validation import describe_errors
+from app.play.validation import Size, describe_errors
 from marsexplorer.config import ACTIONS, ALL_LEVELS, MAP, MAX_SEED
 from marsexplorer.episode import Episode
 

@@ -1,4 +1,5 @@
-"""Where a server takes its ids, its seeds and the time from, and the ids by which its boards are watched."""
+"""Where a server takes its ids, its seeds and the time from, how it signs players' ids, and the ids by which its boards are
+watched."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from itsdangerous import BadSignature, Signer
 
 from app.storage.playground import session_of_row, sessions_after
 from app.storage.reader import now_ms
@@ -108,3 +110,21 @@ _DIGITS = frozenset("0123456789abcdef")
 def _prefix(watch_id: str) -> int:
     """Return the first 64 bits of an id for watching."""
     return int(watch_id[:16], 16)
+
+
+class PlayerTokens:
+    """Signs players' ids and reads them back; `secret` is the database's, so that tokens outlive a restart."""
+
+    def __init__(self, secret: str) -> None:
+        self._signer = Signer(secret, salt="mars-player")
+
+    def sign(self, player_id: str) -> str:
+        """Return the token of a player."""
+        return self._signer.sign(player_id).decode()
+
+    def read(self, token: str) -> str | None:
+        """Return the player's id in a token; None when this server did not sign it."""
+        try:
+            return self._signer.unsign(token).decode()
+        except (BadSignature, UnicodeError):
+            return None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.play.messages import NewEpisode, NewSession
-from app.play.sizes import MAX_API_SIDE
+from app.play.validation import MAX_API_SIDE
 from app.storage.store import EpisodeRow
 from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain

@@ -24,9 +24,8 @@ from app.storage.study_rows import Participant, Phase, Stage, TrialRow
 from app.study.folder import Folder, Study
 from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.recruitment import Arrival, Recruitment
+from app.study.recruitment import Arrival, Recruitment, supervise
 from app.study.seeds import TUTORIAL_SEED, order
-from app.study.supervision import supervise
 from marsexplorer.config import CORE_VERSION
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]

@@ -22,8 +22,7 @@ from pydantic import (
 )
 
 from app.play.attestation import Attestation
-from app.play.sizes import MAX_API_SIDE
-from app.play.validation import describe_errors
+from app.play.validation import MAX_API_SIDE, describe_errors
 from app.study.texts import CONSENT, questions
 from marsexplorer.config import CORE_VERSION, EnvConfig
 

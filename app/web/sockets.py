@@ -11,7 +11,7 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from app.play.expected import ExpectedDiscoveries
+from app.play.agent import ExpectedDiscoveries
 from app.play.lobby import UnknownSessionError
 from app.play.messages import (
     Act,

@@ -16,8 +16,7 @@ from app.study.debrief import NoTerrainError, Shown, own_trial
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.recruitment import Arrival
-from app.study.supervision import supervised_until_ms
+from app.study.recruitment import Arrival, supervised_until_ms
 from app.study.templates import placeholder_values
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary

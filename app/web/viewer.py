@@ -8,7 +8,7 @@ from fastapi.responses import RedirectResponse, Response
 from app.play.lobby import UnknownSessionError
 from app.protection import viewer_policy
 from app.viewer3d.client_page import ClientPage
-from app.viewer3d.view_options import ViewOptions
+from app.viewer3d.scene import ViewOptions
 from app.web.access import services_of, visible_session
 from app.web.sockets import UNKNOWN_SESSION
 

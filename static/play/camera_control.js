@@ -1,7 +1,7 @@
 // @ts-check
 // The camera of the 3-D views: the whole map or behind the rover, and effects on or off. The choice holds for both boards.
 
-/** A board with a longer side, cells, is followed until somebody chooses (app/viewer3d/view_options.py). */
+/** A board with a longer side, cells, is followed until somebody chooses (app/viewer3d/scene.py). */
 export const LARGE_SIDE = 30;
 
 /**

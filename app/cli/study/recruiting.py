@@ -130,7 +130,7 @@ def supervise(name: str, studies: Path | None) -> None:
     valid until the end of the following one. Whoever knows it can type it anywhere: type it yourself, unseen.
     """
     from app.study.files import now_ms
-    from app.study.supervision import code_of, valid_until_ms
+    from app.study.recruitment import code_of, valid_until_ms
 
     with study_errors():
         study = folder_of(studies).study(name)

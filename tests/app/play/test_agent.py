@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
-from app.play.decision_queue import DecisionQueue
+from app.play.agent import DecisionQueue
 from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode

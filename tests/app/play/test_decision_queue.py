@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from app.play.decision_queue import THREADS, DecisionQueue, SlowDecisionError
+from app.play.agent import THREADS, DecisionQueue, SlowDecisionError
 from app.play.policy_catalogue import PolicyCatalogue
 from app.settings import Limits
 from tests.support.servers import eventually

@@ -16,8 +16,16 @@ from app.study.data import load
 from app.study.folder import Folder
 from app.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
 from app.study.protocol import StudyError, parse_protocol
-from app.study.recruitment import NO_ID, NO_INVITATION, REVOKED, USED, WRONG_INVITATION
-from app.study.supervision import DAY_MS, MAX_WRONG_CODES, code_of
+from app.study.recruitment import (
+    DAY_MS,
+    MAX_WRONG_CODES,
+    NO_ID,
+    NO_INVITATION,
+    REVOKED,
+    USED,
+    WRONG_INVITATION,
+    code_of,
+)
 from tests.support.study import Person, freeze
 
 YES = {"version": "1", "agree": True}

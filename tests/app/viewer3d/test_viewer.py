@@ -13,13 +13,10 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.play.channel import Channel
-from app.viewer3d.camera import FOV, TILT, camera_for
+from app.play.session import Channel
 from app.viewer3d.models import dashes
-from app.viewer3d.scene import Scene
-from app.viewer3d.textures import fog, soil
-from app.viewer3d.view_options import ViewOptions
-from app.viewer3d.viewer import Viewer, keep_scene
+from app.viewer3d.scene import Scene, ViewOptions, fog, soil
+from app.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
 from app.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
