@@ -4,7 +4,7 @@ Everything follows from the protocol's assumed standard deviations of steps to 9
 questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
 minus first third), and does a policy differ from the people on these terrains (t test over players, at the level of the first
 step of Holm's method; the report's test is for other terrains too, which takes a little of the power).
-`python -m app.statistics.planning` compares the first with the report's own test in simulated studies.
+`research.methods.flat_power` compares the first with the report's own test in simulated studies.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import click
 import numpy as np
 import scipy
 
-from app.statistics.learning import LEVEL, assess_learning
+from app.statistics.learning import LEVEL
 from app.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
 from app.statistics.sequential import ALPHA
 from app.study.protocol import Protocol, assumed_sds
@@ -219,40 +218,3 @@ def _fewest(power: Callable[[int], float]) -> int | None:
 def _whole(effect: float, protocol: Protocol) -> float:
     """Return the effect in whole steps, at most as many as an episode has."""
     return float(min(math.ceil(effect), protocol.env_config.limit))
-
-
-def simulate_flat_power(protocol: Protocol, studies: int, rng: np.random.Generator) -> float:
-    """Return the share of simulated flat studies that the report's own test (`assess_learning`) calls within the margin."""
-    player_sd, episode_sd = planned_sds(protocol)
-    shape = (studies, protocol.players, protocol.ranked)
-    tables = player_sd * rng.standard_normal((*shape[:2], 1)) + episode_sd * rng.standard_normal(
-        shape
-    )
-    margin = protocol.equivalence_margin
-    verdicts = [assess_learning("steps", table, margin).verdict for table in tables]
-    return sum(verdict in ("flat", "changed, within the margin") for verdict in verdicts) / studies
-
-
-@click.command()
-@click.option("--studies", type=click.IntRange(min=10), default=500, show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
-def main(studies: int, seed: int) -> None:
-    """Print, for the default protocol, the power of the learning test at some margins: computed, and simulated."""
-    from app.study.protocol import default_protocol
-    from marsexplorer.config import EnvConfig
-
-    click.echo(
-        "| players | margin (steps) | computed (%) | simulated (%) |\n| ---: | ---: | ---: | ---: |"
-    )
-    for players in (5, 10, 20, 30):
-        base = default_protocol("plan", EnvConfig(), players=players)
-        for margin in (5.0, derived_margin(base) or 0.0):
-            protocol = base.model_copy(update={"equivalence_margin": margin})
-            rng = np.random.default_rng([seed, players, round(margin)])
-            simulated = simulate_flat_power(protocol, studies, rng)
-            computed = plan_study(protocol).comparisons[0].power
-            click.echo(f"| {players} | {margin:g} | {100 * computed:.1f} | {100 * simulated:.1f} |")
-
-
-if __name__ == "__main__":
-    main()

@@ -2,43 +2,15 @@
 
 from dataclasses import replace
 
-import numpy as np
-import pytest
-
 from app.moves.analysis import MoveAnalysis
-from app.moves.likeness import FEWEST_MOVES, find_likeness, human_likeness, mean_agreement
-from app.moves.likeness_rates import Player, agreements_of
+from app.moves.likeness import find_likeness, human_likeness, mean_agreement
 from app.report import build
 from app.statistics.exclusion_sets import members, people_of
 from app.storage.reader import Reader
 from app.study.data import load
-from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.agreement import Agreement
 from tests.support.made_studies import played, study
 from tests.support.stored_studies import freeze, play_study
-
-CONFIG = EnvConfig("random", 13, 17)
-
-
-@pytest.fixture(scope="module")
-def people():
-    rng = np.random.default_rng(3)
-    styles = ("frontier-cost", "frontier-utility")
-    slips = (0.1, 0.15, 0.2, 0.12, 0.3, 0.08, 0.18, 0.25)
-    return {
-        f"person {number}": agreements_of(CONFIG, Player(styles[number % 2], slip), 8, rng)
-        for number, slip in enumerate(slips)
-    }
-
-
-@pytest.mark.parametrize("style", ["frontier-cost", "frontier-utility"])
-def test_a_program_stands_out_and_slipping_people_do_not(people, style):
-    program = agreements_of(CONFIG, Player(style, 0.0), 8, np.random.default_rng(0))
-    found = find_likeness({"program": program, **people})
-    assert {each.participant for each in found if each.stands_out} == {"program"}
-    own = next(each for each in found if (each.participant, each.policy) == ("program", style))
-    assert own.share == 1
-    assert own.moves == program[style].moves > FEWEST_MOVES
 
 
 def test_somebody_far_above_the_others_stands_out_without_being_exact():

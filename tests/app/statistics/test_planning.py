@@ -11,7 +11,6 @@ from app.statistics.planning import (
     difference_power,
     flat_power,
     plan_study,
-    simulate_flat_power,
 )
 from app.study.protocol import default_protocol
 from marsexplorer.config import EnvConfig
@@ -30,14 +29,11 @@ def test_five_steps_are_seen_by_hardly_any_flat_study_of_ten_players():
     assert learning.power < 0.001
     assert learning.players > 100
     assert learning in plan.underpowered
-    assert (
-        simulate_flat_power(protocol(equivalence_margin=5.0), 100, np.random.default_rng(1)) < 0.03
-    )
     assert policies.power == pytest.approx(0.8, abs=0.05)
 
 
 @pytest.mark.parametrize("players", [5, 12])
-def test_the_derived_margin_is_reached_by_the_reports_own_test(players):
+def test_the_derived_margin_is_the_least_that_is_seen(players):
     margin = derived_margin(protocol(players=players))
     planned = protocol(players=players, equivalence_margin=margin)
     computed = plan_study(planned).comparisons[0]
@@ -46,9 +42,6 @@ def test_the_derived_margin_is_reached_by_the_reports_own_test(players):
     assert (
         plan_study(protocol(players=players, equivalence_margin=margin - 2)).comparisons[0].power
         < 0.8
-    )
-    assert simulate_flat_power(planned, 150, np.random.default_rng(2)) == pytest.approx(
-        computed.power, abs=0.09
     )
 
 

@@ -2,24 +2,29 @@
 
 import pytest
 
-from app.simulate.effort_rates import effort_rate, play_courses
-from app.simulate.population import RANDOM_MOVES, SIMULATED_POPULATIONS
 from app.storage.reader import Reader
 from app.study.data import load
 from app.study.plausibility import effort_labels
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.evaluation.random_reference import random_mean_known
+from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import StudyRecorder, freeze
 
 CONFIG = EnvConfig("random", 17, 22)
 
 
-def test_random_movers_are_labelled_and_people_are_not():
-    assert effort_rate(CONFIG, RANDOM_MOVES, 100, seed=1) >= 0.95
-    assert effort_rate(CONFIG, SIMULATED_POPULATIONS["skilled"], 100, seed=1) == 0
-    assert effort_rate(CONFIG, SIMULATED_POPULATIONS["mixed"], 100, seed=1) <= 0.03
+def course_of(policy, seed):
+    """Return the cells known after each move of a policy's episode."""
+    return play_episode(load_policy(policy), CONFIG, seed).discoveries[1:]
+
+
+def test_random_movers_are_labelled_and_who_explores_is_not():
+    seeds = range(7 * 10**12, 7 * 10**12 + 20)
+    assert sum(makes_no_effort(CONFIG, course_of("random", seed)) for seed in seeds) >= 19
+    assert not any(makes_no_effort(CONFIG, course_of("frontier-cost", seed)) for seed in seeds)
 
 
 def test_few_moves_say_nothing():
@@ -50,7 +55,7 @@ def test_the_bound_is_the_same_each_time_and_rises():
 
 @pytest.mark.parametrize(("version", "expected"), [("1", ()), ("2", ("no effort",))])
 def test_version_1_of_the_rules_keeps_its_meaning(version, expected):
-    moves = [{"discovered": known} for known in play_courses(CONFIG, RANDOM_MOVES, 1, seed=0)[0]]
+    moves = [{"discovered": known} for known in course_of("random", 7 * 10**12)]
     assert effort_labels(version, CONFIG, moves) == expected
 
 
@@ -65,17 +70,6 @@ def test_a_studys_episodes_are_labelled_by_the_version_of_its_protocol(tmp_path,
     (trial,) = load(reader, study.name).trials
     reader.close()
     assert ("no effort" in trial.labels) == labelled
-
-
-@pytest.mark.long
-def test_the_rates_of_the_documents():
-    """`python -m app.simulate.effort_rates` prints them."""
-    config = EnvConfig()
-    stated = {"random": 0.992, "skilled": 0.0, "mixed": 0.002, "clumsy": 0.021}  # docs/report.md
-    for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
-        assert effort_rate(config, population, 2000, seed=0) == pytest.approx(
-            stated[population.name], abs=0.001
-        )
 
 
 def test_what_can_be_discovered_is_all_of_a_building():

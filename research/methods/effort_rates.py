@@ -1,21 +1,21 @@
-"""How often the label `no effort` is given to random movers and to people who slip: `python -m app.simulate.effort_rates`."""
+"""How often the label `no effort` is given to random movers and to people who slip: `python -m research.methods.effort_rates`."""
 
 from __future__ import annotations
 
 import click
 import numpy as np
 
-from app.simulate.decisions import DecisionKernel
-from app.simulate.population import (
-    RANDOM_MOVES,
-    SIMULATED_POPULATIONS,
-    SimulatedPopulation,
-    draw_players,
-)
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.evaluation.effort import makes_no_effort
 from marsexplorer.rules import DISCOVERED
 from marsexplorer.world import Worlds, positions
+from research.methods.simulated_players import (
+    RANDOM_MOVES,
+    SIMULATED_POPULATIONS,
+    DecisionKernel,
+    SimulatedPopulation,
+    draw_players,
+)
 
 FIRST_SEED = 7 * 10**12
 """Of the terrains: other ones than those of the check's own random episodes."""

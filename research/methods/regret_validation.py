@@ -1,4 +1,4 @@
-"""What mean regret measures, on players whose slips are known: `python -m app.moves.regret_validation`.
+"""What mean regret measures, on players whose slips are known: `python -m research.methods.regret_validation`.
 
 A synthetic player follows the shipped policy and, with a probability of its own, makes a random valid move instead. Printed are
 Spearman's rank correlation of that probability with the player's mean regret, and how often the interval of a report covers

@@ -1,0 +1,82 @@
+"""Regret, the effort check and the planned power on players whose truth is known."""
+
+import numpy as np
+import pytest
+
+from app.statistics.planning import derived_margin, plan_study
+from app.study.protocol import default_protocol
+from marsexplorer.config import RUNNING, EnvConfig
+from marsexplorer.world import Worlds, positions
+from research.methods.effort_rates import effort_rate
+from research.methods.flat_power import simulate_flat_power
+from research.methods.regret_validation import SLIP_RATES, SlipPool, measure_slips
+from research.methods.simulated_players import (
+    RANDOM_MOVES,
+    SIMULATED_POPULATIONS,
+    DecisionKernel,
+)
+
+
+def test_who_slips_more_regrets_more():
+    pool = measure_slips(EnvConfig("random", 11, 13), (0.0, 0.5), replicates=2, terrains=4, seed=0)
+    assert pool.regret[1].mean(1).min() > pool.regret[0].mean(1).max()
+    assert pool.rank_correlation() > 0.8  # two players of each rate: the rates are tied
+
+
+def test_coverage_counts_the_studies_that_hold_the_true_mean():
+    regret = np.random.default_rng(0).normal(50, 10, (4, 3, 6)) + 20 * np.arange(4)[:, None, None]
+    pool = SlipPool((0.0, 0.1, 0.2, 0.3), regret)
+    assert 0.9 < pool.coverage(10, 400, np.random.default_rng(1)) < 1
+    flat = SlipPool((0.0, 0.1), np.full((2, 3, 6), 7.0))
+    assert flat.coverage(5, 10, np.random.default_rng(1)) == 1
+
+
+@pytest.mark.long
+def test_slip_rates_and_mean_regret_rank_alike_and_the_interval_covers():
+    """The figures of docs/evaluation.md."""
+    pool = measure_slips(EnvConfig(), SLIP_RATES, replicates=3, terrains=30, seed=0)
+    assert pool.rank_correlation() >= 0.9
+    for players in (10, 20):
+        assert 0.93 <= pool.coverage(players, 2000, np.random.default_rng(players)) <= 0.98
+
+
+def test_random_movers_are_labelled_and_people_are_not():
+    config = EnvConfig("random", 17, 22)
+    assert effort_rate(config, RANDOM_MOVES, 100, seed=1) >= 0.95
+    assert effort_rate(config, SIMULATED_POPULATIONS["skilled"], 100, seed=1) == 0
+    assert effort_rate(config, SIMULATED_POPULATIONS["mixed"], 100, seed=1) <= 0.03
+
+
+@pytest.mark.long
+def test_the_effort_rates_of_the_documents():
+    stated = {"random": 0.992, "skilled": 0.0, "mixed": 0.002, "clumsy": 0.021}  # docs/report.md
+    for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
+        found = effort_rate(EnvConfig(), population, 2000, seed=0)
+        assert found == pytest.approx(stated[population.name], abs=0.001)
+
+
+@pytest.mark.parametrize("players", [5, 12])
+def test_the_reports_own_test_sees_the_derived_margin_as_often_as_planned(players):
+    base = default_protocol("plan", EnvConfig(), players=players)
+    planned = base.model_copy(update={"equivalence_margin": derived_margin(base)})
+    computed = plan_study(planned).comparisons[0].power
+    simulated = simulate_flat_power(planned, 150, np.random.default_rng(2))
+    assert simulated == pytest.approx(computed, abs=0.09)
+
+
+def outcomes_of(slip, crash, boards=40):
+    """Play so many boards with one style to the end, and return their outcomes."""
+    worlds = Worlds(EnvConfig.of("random", 9), boards)
+    worlds.start(np.arange(boards))
+    kernel = DecisionKernel((9, 9), 6, boards)
+    style = np.full(boards, slip), np.full(boards, crash), np.arange(boards, dtype=np.uint64)
+    moves = np.zeros(boards, np.int64)
+    while (running := np.equal(worlds.outcomes, RUNNING)).any():
+        worlds.step(kernel.decide(worlds.codes, positions(worlds.scalars), running, style, moves))
+        moves += running
+    return worlds.outcomes
+
+
+def test_who_never_slips_explores_and_who_always_crashes_collides():
+    assert (outcomes_of(0.0, 0.0) == 1).all()
+    assert np.isin(outcomes_of(0.0, 1.0), (2, 3)).all()
