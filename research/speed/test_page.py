@@ -10,7 +10,7 @@ from marsexplorer import policies
 from tests.support import servers
 from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
-spawn = servers.spawn  # the fixture
+limits, spawn = servers.limits, servers.spawn  # fixtures
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 
 PRESSES = 300
