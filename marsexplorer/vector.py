@@ -37,9 +37,8 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     Takes what MarsExplorer takes besides render_mode, and
 
-    num_threads  threads that share each step; more than one pays for stacks of thousands, where cores are idle
-    out          memory for the observations: a NumPy array, a torch tensor, or anything with DLPack, of the dtype and shape
-                 [num_envs, rows, cols] of the observations, in the processor's memory
+    out  memory for the observations: a NumPy array, a torch tensor, or anything with DLPack, of the
+         dtype and shape [num_envs, rows, cols] of the observations, in the processor's memory
 
     An environment that ends begins at once on the seed that follows its own (same-step autoreset): its last observation and
     info are `info["final_obs"][i]` and the columns of `info["final_info"]`, where `info["_final_obs"]` is True. `reset(seed=s)`
@@ -61,7 +60,6 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         beta: float = 0.99,
         max_steps: int | None = None,
         observation: str = "float32",
-        num_threads: int = 1,
         out: Any = None,
     ) -> None:
         self.num_envs = num_envs
@@ -77,7 +75,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._out = (
             None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
         )
-        self._worlds = Worlds(self.config, num_envs, num_threads, self._out if self._raw else None)
+        self._worlds = Worlds(self.config, num_envs, self._out if self._raw else None)
         self._seeds: list[int] | None = None
         self._info = self._columns(
             self._worlds.shares, self._worlds.scalars, np.ones(num_envs, np.bool_)
@@ -152,10 +150,6 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def terrain(self, index: int) -> NDArray[np.bool_]:
         """Return the true map of one environment: bool[rows, cols], True where blocked."""
         return self._worlds.terrain(index)
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """End the threads."""
-        self._worlds.close()
 
     def _observe(self) -> NDArray[Any]:
         """Return the observations of the worlds as they stand."""

@@ -29,7 +29,6 @@ from marsexplorer.rules import (
     AT_START,
     CELLS,
     DISCOVERED,
-    ENOUGH,
     HEAD,
     NO_SEED,
     OUTCOME,
@@ -44,10 +43,6 @@ from marsexplorer.rules import (
     step_all,
     step_autoreset,
 )
-from marsexplorer.sharing import ThreadPool
-
-ADDED_SCALARS = (CELLS, ENOUGH)
-"""Scalars that records did not have while all cells counted; checkpoints of training hold such records."""
 
 
 class Worlds:
@@ -58,20 +53,17 @@ class Worlds:
     outcomes  uint8[num], codes of `config.OUTCOMES` after the last step
     shares    float64[2 num], coverage and score of each world, and last_shares of each that ended: see `step_described`
 
-    The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for two threads at once;
-    `num_threads` of its own share each step that starts the next episodes. They bring most to stacks of thousands.
-    `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
+    The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for
+    two threads at once; several stacks step at once in as many threads, as the rules release the
+    interpreter's lock. `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
     """
 
     def __init__(
         self,
         config: EnvConfig,
         num: int = 1,
-        num_threads: int = 1,
         codes: NDArray[np.uint8] | None = None,
     ) -> None:
-        if num_threads < 1:
-            raise ValueError(f"num_threads must be at least 1, got {num_threads}")
         self.config = config
         self.num = num
         words = row_words(config.cols, config.sensor_radius)
@@ -97,10 +89,9 @@ class Worlds:
         self.shares, self.last_shares = np.zeros(2 * num), np.zeros(2 * num)
         self.ended = np.zeros(num, np.bool_)
         self._which = np.zeros(num, np.int64)
-        self._num_threads = num_threads
 
     def copy(self) -> Worlds:
-        """Return the same worlds as they stand, which go on by themselves; for a stack without threads of its own.
+        """Return the same worlds as they stand, which go on by themselves.
 
         The two share scratch space: not for two threads at once.
         """
@@ -180,11 +171,6 @@ class Worlds:
         """
         if self.config.discoverable_only:
             self._step_and_start(actions)
-        elif self._pool is not None:
-            terminated, truncated = np.empty((2, self.num), np.bool_)
-            self._listed_after(
-                self._pool.step(actions, self.rewards, terminated, truncated), actions
-            )
         else:
             self._listed_after(step_autoreset(actions, *self._arrays), actions)
         return self.rewards
@@ -218,9 +204,6 @@ class Worlds:
             )
             terminated[:] = self.ended & ~truncated
             which = np.flatnonzero(self.outcomes)
-        elif self._pool is not None:
-            count = self._pool.step(actions, rewards, terminated, truncated, values)
-            return self._listed_after(count, actions)
         else:
             count = step_described(actions, rewards, terminated, truncated, *self._described_arrays)
             which = self._listed_after(count, actions)
@@ -278,18 +261,6 @@ class Worlds:
             self._which,
         )
 
-    @cached_property
-    def _pool(self) -> ThreadPool | None:
-        """The threads that share each step, where there are several."""
-        if self._num_threads == 1:
-            return None
-        return ThreadPool(self._num_threads, self.num, self._described_arrays)
-
-    def close(self) -> None:
-        """End the threads of the stack, which makes no further steps."""
-        if self._pool is not None:
-            self._pool.close()
-
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """Return copies of the worlds of these indices: all that changes with a step.
 
@@ -299,17 +270,8 @@ class Worlds:
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 
     def put(self, which: NDArray[np.intp], taken: dict[str, NDArray[Any]]) -> None:
-        """Put worlds that `take` returned, also that of an earlier version, in the places of the worlds of these indices."""
-        records = taken["records"]
-        if records.shape[1] == self._record - len(ADDED_SCALARS):
-            added = np.broadcast_to(
-                np.array([self.config.n, self.config.target], np.uint64),
-                (len(records), len(ADDED_SCALARS)),
-            )
-            records = np.hstack(
-                [records[:, : ADDED_SCALARS[0]], added, records[:, ADDED_SCALARS[0] :]]
-            )
-        self._state.reshape(self.num, -1)[which] = records
+        """Put worlds that `take` returned in the places of the worlds of these indices."""
+        self._state.reshape(self.num, -1)[which] = taken["records"]
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
 
     @property

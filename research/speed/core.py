@@ -180,36 +180,6 @@ def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple
     return median(ratios), median(shares)
 
 
-def shared_step_ratio(num: int = 8192, rounds: int = 120, repeats: int = 7) -> tuple[float, float]:
-    """Return how many times as fast gymnasium.make_vec steps with num_threads=2, and the CPU time it takes over one thread's.
-
-    The first goes by the clock; the second is 1 where waking and waiting cost nothing. uint8 codes, both in turn.
-    """
-    import gymnasium
-
-    moves = moves_of(EnvConfig(), num, rounds)
-    stacks = [
-        gymnasium.make_vec(
-            "MarsExplorer-v0", num, "vector_entry_point", observation="uint8", num_threads=count
-        )
-        for count in (1, 2)
-    ]
-    ratios, costs = [], []
-    for _ in range(repeats):
-        spent = []
-        for envs in stacks:
-            envs.reset(seed=0)
-            began, worked = time.perf_counter(), time.process_time()
-            for row in moves:
-                envs.step(row)
-            spent.append((time.perf_counter() - began, time.process_time() - worked))
-        (alone, alone_cpu), (shared, shared_cpu) = spent
-        ratios.append(alone / shared)
-        costs.append(shared_cpu / alone_cpu)
-    stacks[1].close()
-    return median(ratios), median(costs)
-
-
 def bytes_of_a_world(config: EnvConfig) -> float:
     """Return the memory that a world takes without its observation, in bytes."""
     base = Worlds(config, 100).scalars.base
@@ -271,15 +241,6 @@ def threads(repeats: int) -> Figure:
     )
 
 
-def shared_step(repeats: int) -> Figure:
-    """Return what num_threads=2 brings, which says little unless two cores are idle."""
-    ratio, cost = shared_step_ratio(repeats=repeats)
-    note = f"{cost:.2f} of the CPU time; two idle cores are needed"
-    return Figure(
-        "threads", "make_vec, 8,192, num_threads=2 over 1", ratio, "times", target=1.7, note=note
-    )
-
-
 def memory(side: int) -> Figure:
     """Return the bytes a world takes without its observation."""
     taken, limit = bytes_of_a_world(EnvConfig.of("random", side)), 1500.0 if side == 21 else None
@@ -302,6 +263,5 @@ def measures(quick: bool = False) -> list[Callable[[], Figure]]:
         *(partial(made, observation, steps // 40, repeats) for observation in ("uint8", "float32")),
         *(partial(made_vector, is_blind, 3 if quick else 7) for is_blind in (False, True)),
         partial(threads, 3 if quick else 7),
-        partial(shared_step, 3 if quick else 7),
         *(partial(memory, side) for side in SIZES),
     ]
